@@ -1,0 +1,40 @@
+"""sucre_bench: a dataset yields scenes, a method restores a view, a metric scores it, the bench compares.
+
+    import sucre_bench as sb
+
+    scene = next(sb.load_scenes("colmap", root="dive/"))
+    result = sb.restore("gray_world", scene, scene["a.png"])
+    rows = sb.score(result, scene["a.png"], metrics=["psi"])
+"""
+
+from __future__ import annotations
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+# Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
+_HOME = {
+    "sucre_bench.api": ("load_scenes", "restore", "score"),
+    "sucre_bench.errors": ("InputError", "PluginError", "SolveError", "SucreBenchError"),
+    "sucre_bench.plugins": ("dataset", "method", "metric", "load_file"),
+    "sucre_bench.progress": ("track",),
+    "sucre_bench.scene": ("Arrays", "Camera", "Chart", "Pixels", "Restoration", "Scene", "Score", "View", "Water"),
+}
+_MODULE = {name: module for module, names in _HOME.items() for name in names}
+
+__all__ = [*_MODULE, "__version__"]  # noqa: PLE0604
+
+if TYPE_CHECKING:
+    from sucre_bench.api import load_scenes, restore, score
+    from sucre_bench.errors import InputError, PluginError, SolveError, SucreBenchError
+    from sucre_bench.plugins import dataset, load_file, method, metric
+    from sucre_bench.progress import track
+    from sucre_bench.scene import Arrays, Camera, Chart, Pixels, Restoration, Scene, Score, View, Water
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _MODULE:
+        raise AttributeError(f"module 'sucre_bench' has no attribute '{name}'")
+    return getattr(import_module(_MODULE[name]), name)

@@ -1,0 +1,77 @@
+"""Encodings, and how a restored image is brought to the screen.
+
+A display normalisation has a name that is kept with each score: "none" clips to [0, 1]; "stretch-1-99" clips
+every channel at its percentiles 1 and 99 and maps those to 0 and 1 (SUCRe, sec. 4.2; any two percentiles may be
+named); "gray-world" scales every channel to the mean of all (Buchsbaum 1980).
+"""
+
+from __future__ import annotations
+
+import re
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array, Encoding
+
+__all__ = ["check_display", "display", "gray_world", "srgb_decode", "srgb_encode", "stretch", "to_8bit"]
+
+
+def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
+    """Return the picture to show and to score: (H, W, 3) float32 in [0, 1], gamma-encoded, NaN where no colour.
+
+    image: (H, W, 3), any range, NaN = no colour, encoded as `encoding` says; how: a normalisation's name.
+    Raises InputError for an unknown name.
+    """
+    check_display(how)
+    valid = np.isfinite(image).all(axis=-1)
+    shown = np.full(image.shape, np.nan, dtype=np.float32)
+    if not valid.any():
+        return shown
+    pixels = np.asarray(image[valid], dtype=np.float64)  # (P, 3)
+    if how == "gray-world":
+        pixels = gray_world(pixels)
+    elif how != "none":
+        low, high = (float(p) for p in how.split("-")[1:])
+        pixels = stretch(pixels, low, high)
+    pixels = pixels.clip(0, 1)
+    shown[valid] = srgb_encode(pixels) if encoding == "linear" else pixels
+    return shown
+
+
+def check_display(how: str) -> None:
+    """Raise InputError unless `how` names a display normalisation."""
+    parts = re.fullmatch(r"stretch-(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)", how)
+    if how in ("none", "gray-world") or (parts and 0 <= float(parts[1]) < float(parts[2]) <= 100):
+        return
+    raise InputError(f"display '{how}': unknown; use none, gray-world or stretch-LOW-HIGH such as stretch-1-99")
+
+
+def stretch(pixels: Array, low: float = 1, high: float = 99) -> Array:
+    """Map each channel's percentiles low and high to 0 and 1, clipped (P, 3); a constant channel is only clipped."""
+    bottom, top = np.percentile(pixels, [low, high], axis=0)
+    flat = top - bottom < 1e-6
+    scaled = (pixels - np.where(flat, 0, bottom)) / np.where(flat, 1, top - bottom)
+    return np.asarray(scaled.clip(0, 1))
+
+
+def gray_world(pixels: Array) -> Array:
+    """Scale each channel (P, 3) to the mean of all channels; a channel whose mean is not positive is left alone."""
+    mean = pixels.mean(axis=0)
+    usable = mean > 1e-6
+    return np.asarray(pixels * np.where(usable, mean.mean() / np.where(usable, mean, 1), 1))
+
+
+def srgb_decode(encoded: Array) -> Array:
+    """sRGB transfer function inverted, [0, 1] -> linear [0, 1] (IEC 61966-2-1)."""
+    return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)
+
+
+def srgb_encode(linear: Array) -> Array:
+    """sRGB transfer function, linear [0, 1] -> [0, 1] (IEC 61966-2-1)."""
+    return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
+
+
+def to_8bit(shown: Array) -> np.ndarray:
+    """Round a picture in [0, 1] to uint8; pixels without colour become black (SUCRe's convention)."""
+    return np.asarray(np.nan_to_num(shown, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)

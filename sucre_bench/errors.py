@@ -1,0 +1,32 @@
+"""What can go wrong for a user. A message reads ``place: fault; remedy`` and fits on one line."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable
+
+__all__ = ["InputError", "PluginError", "SolveError", "SucreBenchError", "did_you_mean"]
+
+
+class SucreBenchError(Exception):
+    """The base of every error that is the user's to mend; the command line prints it as one line."""
+
+
+class InputError(SucreBenchError):
+    """A file, folder, option or name that was given is wrong."""
+
+
+class PluginError(SucreBenchError):
+    """A method, dataset or metric does not import, or does not keep its side of the contract."""
+
+
+class SolveError(SucreBenchError):
+    """An estimation has no meaningful answer on this input."""
+
+
+def did_you_mean(word: str, known: Iterable[str]) -> str:
+    """Return ``"did you mean 'x'? "`` when a known name is near, and always what there is."""
+    names = sorted(known)
+    near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
+    hint = f"did you mean '{near[0]}'? " if near else ""
+    return f"{hint}known: {', '.join(names) or 'none'}"

@@ -1,0 +1,1 @@
+"""Several views of one scene: projecting between them, and finding the observations of each pixel."""

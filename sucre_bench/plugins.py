@@ -1,0 +1,380 @@
+"""Methods, datasets and metrics are plugins: a decorated frozen dataclass in a file of its own.
+
+The decorators only attach what they are told to the class; `discover` looks for such classes in the
+folders methods/, datasets/ and metrics/, in the entry-point group ``sucre_bench.plugins``, and in files the
+user names. A plugin that does not import is kept with its reason and harms nobody else. Importing a plugin must
+be cheap: heavy packages are named in ``requires`` and imported where they are used.
+"""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+import math
+import pkgutil
+import re
+import sys
+import textwrap
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from dataclasses import MISSING, dataclass, field, fields, is_dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any, Literal, Protocol, TypeVar, get_args, get_origin, get_type_hints
+
+from sucre_bench.errors import InputError, PluginError, did_you_mean
+from sucre_bench.scene import Array, Restoration, Scene, Score, View
+
+__all__ = [
+    "Broken",
+    "Dataset",
+    "Method",
+    "Metric",
+    "Option",
+    "Plugin",
+    "create",
+    "dataset",
+    "discover",
+    "find",
+    "load_file",
+    "method",
+    "metric",
+    "missing_needs",
+    "missing_packages",
+    "options",
+    "source_hash",
+]
+
+Kind = Literal["method", "dataset", "metric"]
+KINDS: tuple[Kind, ...] = get_args(Kind)
+NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth"})
+
+# Import name -> what pip calls it, where the two differ.
+_PACKAGE = {
+    "cv2": "opencv-python-headless",
+    "skimage": "scikit-image",
+    "colour": "colour-science",
+    "hydra": "hydra-core",
+    "PIL": "Pillow",
+}
+
+
+class Method(Protocol):
+    """Restores a view of a scene. Must not alter its inputs, and must give NaN where it has no colour."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration: ...
+
+
+class Dataset(Protocol):
+    """Yields scenes. Raises InputError, naming the file and the remedy, when the data are not as expected."""
+
+    def scenes(self) -> Iterable[Scene]: ...
+
+
+class Metric(Protocol):
+    """Scores a restoration.
+
+    restored.image is what the method computed; shown is the picture made of it, (H, W, 3) in [0, 1],
+    gamma-encoded, NaN where there is no colour. Yields nothing where the view has nothing to score.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterable[Score]: ...
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """What is known of a plugin without running it.
+
+    needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
+    to the screen (methods); unit, better, range, variants, default (metrics): see `metric`.
+    """
+
+    kind: Kind
+    name: str
+    cls: type[Any]
+    needs: frozenset[str] = frozenset()
+    requires: tuple[str, ...] = ()
+    cites: str = ""
+    licence: str = ""
+    display: str = "none"
+    unit: str = ""
+    better: Literal["higher", "lower"] = "higher"
+    range: tuple[float, float] = (-math.inf, math.inf)
+    variants: Mapping[str, str] = field(default_factory=dict)
+    default: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """The first sentence of the class's docstring."""
+        return (inspect.getdoc(self.cls) or "").split("\n\n")[0].replace("\n", " ")
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A plugin module that does not import: where it is, and why."""
+
+    name: str
+    reason: str
+
+
+_C = TypeVar("_C", bound=type[Any])
+
+
+def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
+    needs = frozenset(needs)
+    if needs - NEEDS:
+        raise PluginError(f"{kind}: unknown needs {sorted(needs - NEEDS)}; {did_you_mean(min(needs - NEEDS), NEEDS)}")
+
+    def attach(cls: _C) -> _C:
+        if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+            raise PluginError(f"{cls.__qualname__}: not a frozen dataclass; put @dataclass(frozen=True) under @{kind}")
+        cls.__plugin__ = Plugin(kind, name or _snake_case(cls.__name__), cls, needs, **about)
+        return cls
+
+    return attach
+
+
+def method(
+    *,
+    name: str = "",
+    needs: Iterable[str] = (),
+    requires: Iterable[str] = (),
+    cites: str = "",
+    licence: str = "",
+    display: str = "none",
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``restore(scene, view)`` a restorer.
+
+    name: default the class's in snake_case; needs: of "depth", "poses", "reference", "charts", "truth";
+    requires: import names of packages it uses when it runs; cites, licence: of the method it implements;
+    display: the normalisation its result is shown and scored with, see `sucre_bench.colour.display`.
+    """
+    return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, display=display)
+
+
+def dataset(
+    *, name: str = "", requires: Iterable[str] = (), cites: str = "", licence: str = ""
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``scenes()`` a dataset. licence: of the data."""
+    return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence)
+
+
+def metric(
+    *,
+    variants: Mapping[str, str],
+    unit: str,
+    better: Literal["higher", "lower"],
+    range: tuple[float, float],
+    name: str = "",
+    needs: Iterable[str] = (),
+    default: Iterable[str] = (),
+    requires: Iterable[str] = (),
+    cites: str = "",
+    licence: str = "",
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
+
+    variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
+    unit: as printed; better: "higher" or "lower"; range: of possible values.
+    """
+    chosen = tuple(default) or tuple(variants)[:1]
+    about = {"unit": unit, "better": better, "range": range, "variants": dict(variants), "default": chosen}
+    return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
+
+
+def _snake_case(name: str) -> str:
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
+
+
+# -- finding them ------------------------------------------------------------------------------------------
+
+
+_files: dict[Path, ModuleType] = {}
+
+
+def load_file(path: str | Path) -> None:
+    """Add the plugins of one Python file. PluginError when it is not there or does not import."""
+    path = Path(path).resolve()
+    if path in _files:
+        return
+    if not path.is_file():
+        raise PluginError(f"{path}: no such plugin file; give the path of a .py file")
+    spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}", path)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"{path}: not a Python file; give the path of a .py file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module.__name__] = module  # dataclasses look their module up there
+    try:
+        spec.loader.exec_module(module)
+    except Exception as fault:
+        del sys.modules[module.__name__]
+        raise PluginError(f"{path}: does not import, {_one_line(fault)}; mend the file") from fault
+    if not _plugins_in(module):
+        raise PluginError(f"{path}: holds no plugin; decorate a class with @method, @dataset or @metric")
+    _files[path] = module
+    discover.cache_clear()
+
+
+@functools.cache
+def discover(kind: Kind) -> dict[str, Plugin | Broken]:
+    """Return every plugin of a kind by name, sorted, with the broken ones among them.
+
+    Raises PluginError when two plugins have one name.
+    """
+    found: dict[str, Plugin | Broken] = {}
+    for entry in _everywhere(kind):
+        if isinstance(entry, Plugin) and entry.kind != kind:
+            continue
+        other = found.get(entry.name)
+        if other is not None:
+            raise PluginError(f"two {kind}s are called '{entry.name}': {_where(other)} and {_where(entry)}; rename one")
+        found[entry.name] = entry
+    return dict(sorted(found.items()))
+
+
+def _everywhere(kind: Kind) -> Iterator[Plugin | Broken]:
+    package = importlib.import_module(f"sucre_bench.{kind}s")
+    for info in pkgutil.iter_modules(package.__path__):
+        if not info.name.startswith("_"):
+            yield from _try(info.name, lambda name=info.name: importlib.import_module(f"{package.__name__}.{name}"))
+    for entry in importlib.metadata.entry_points(group="sucre_bench.plugins"):
+        yield from _try(entry.name, entry.load)
+    for module in _files.values():
+        yield from _plugins_in(module)
+
+
+def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
+    try:
+        loaded = load()
+    except Exception as fault:
+        return [Broken(name, _one_line(fault))]
+    if hasattr(loaded, "__plugin__"):
+        return [loaded.__plugin__]
+    return list(_plugins_in(loaded))
+
+
+def _plugins_in(module: ModuleType) -> list[Plugin]:
+    """The decorated classes a module (or a folder's own modules) defines, imported ones left out."""
+    inside = (module.__name__, module.__name__ + ".")
+    classes = [c for c in vars(module).values() if isinstance(c, type) and "__plugin__" in vars(c)]
+    return [c.__plugin__ for c in classes if c.__module__ == inside[0] or c.__module__.startswith(inside[1])]
+
+
+def find(kind: Kind, name: str) -> Plugin:
+    """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
+    known = discover(kind)
+    plugin = known.get(name)
+    if plugin is None:
+        raise InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
+    if isinstance(plugin, Broken):
+        raise PluginError(f"{kind} '{name}': does not import, {plugin.reason}; mend it or leave it out")
+    return plugin
+
+
+def _where(plugin: Plugin | Broken) -> str:
+    return str(inspect.getsourcefile(plugin.cls)) if isinstance(plugin, Plugin) else f"'{plugin.name}'"
+
+
+def _one_line(fault: BaseException) -> str:
+    return f"{type(fault).__name__}: {' '.join(str(fault).split())}"
+
+
+# -- using them --------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Option:
+    """A field of a plugin: its name, type, default (dataclasses.MISSING when it must be given) and what it says."""
+
+    name: str
+    type: Any
+    default: Any
+    help: str
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words a Literal admits; empty for any other type."""
+        return get_args(self.type) if get_origin(self.type) is Literal else ()
+
+
+def options(cls: type[Any]) -> list[Option]:
+    """Return a plugin's fields, with the docstring under each as its help."""
+    hints, said = get_type_hints(cls), _field_docs(cls)
+    return [Option(f.name, hints[f.name], _default(f), said.get(f.name, "")) for f in fields(cls) if f.init]
+
+
+def _default(f: Any) -> Any:
+    return f.default if f.default_factory is MISSING else f.default_factory()
+
+
+def _field_docs(cls: type[Any]) -> dict[str, str]:
+    """The string under an annotated name in a class body documents it, as in every documentation generator."""
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):
+        try:
+            body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
+        except (OSError, TypeError):
+            continue  # made in a console: it has no source
+        for above, below in zip(body, body[1:], strict=False):
+            if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
+                said = below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+                if isinstance(said, str) and said:
+                    docs[above.target.id] = " ".join(said.split())
+    return docs
+
+
+def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
+    """Make the plugin with these options.
+
+    Raises InputError for an unknown option, a missing one, or a word a Literal does not admit; a plugin's own
+    __post_init__ may raise it too.
+    """
+    known = {o.name: o for o in options(plugin.cls)}
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(f"{plugin.kind} '{plugin.name}': no option '{name}'; {did_you_mean(name, known)}")
+        if known[name].choices and value not in known[name].choices:
+            hint = did_you_mean(str(value), known[name].choices)
+            raise InputError(f"{plugin.name}.{name}: '{value}' is not a choice; {hint}")
+    missing = [o.name for o in known.values() if o.default is MISSING and o.name not in values]
+    if missing:
+        raise InputError(f"{plugin.name}.{missing[0]}: must be given; add {plugin.kind}.{missing[0]}=...")
+    return plugin.cls(**values)
+
+
+def missing_packages(plugin: Plugin) -> str:
+    """Return the line that installs what a plugin requires and this machine lacks; empty when nothing is missing."""
+    absent = [name for name in plugin.requires if importlib.util.find_spec(name) is None]
+    return f"pip install {' '.join(_PACKAGE.get(name, name) for name in absent)}" if absent else ""
+
+
+def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
+    """Return what a plugin needs and a scene does not offer, in words; empty when nothing is missing."""
+    absent = sorted(plugin.needs - has)
+    return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
+
+
+_ENGINE = ("scene.py", "colour.py", "multiview")
+
+
+def source_hash(plugin: Plugin) -> str:
+    """Return a hash of the source that makes a plugin's results: its file or folder, and the engine's numerics."""
+    engine = Path(__file__).parent
+    own = Path(inspect.getsourcefile(plugin.cls) or __file__)
+    top = engine / f"{plugin.kind}s"
+    if own.parent != top and own.resolve().parent != top.resolve() and (own.parent / "__init__.py").exists():
+        own = own.parent  # a folder of its own
+    return _hash_files((own, *(engine / name for name in _ENGINE)))
+
+
+@functools.cache
+def _hash_files(places: tuple[Path, ...]) -> str:
+    digest = hashlib.blake2b(digest_size=6)
+    for place in places:
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

@@ -1,0 +1,52 @@
+"""Progress that any plugin may report, and the command line may show.
+
+``for x in track(items, "pairing")`` costs nothing unless somebody is watching: the command line installs a
+watcher, a library user or a test has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Sized
+from contextlib import contextmanager
+from contextvars import ContextVar
+from typing import Protocol, TypeVar
+
+__all__ = ["Watcher", "track", "watched_by"]
+
+T = TypeVar("T")
+
+
+class Watcher(Protocol):
+    """Shows progress: `started` begins a line of work, `advanced` moves it on, `finished` ends it."""
+
+    def started(self, what: str, total: int | None) -> int: ...
+    def advanced(self, line: int) -> None: ...
+    def finished(self, line: int) -> None: ...
+
+
+_watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
+
+
+@contextmanager
+def watched_by(watcher: Watcher) -> Iterator[None]:
+    """Show the progress of everything inside."""
+    token = _watcher.set(watcher)
+    try:
+        yield
+    finally:
+        _watcher.reset(token)
+
+
+def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+    """Yield the items, reporting each one that is done. what: a word or two; total: when items has no len()."""
+    watcher = _watcher.get()
+    if watcher is None:
+        yield from items
+        return
+    line = watcher.started(what, len(items) if isinstance(items, Sized) else total)
+    try:
+        for item in items:
+            yield item
+            watcher.advanced(line)
+    finally:
+        watcher.finished(line)

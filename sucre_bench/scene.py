@@ -1,0 +1,245 @@
+"""Scenes and views: what a dataset yields and a method restores.
+
+Conventions. Pixel coordinates are (x, y) with the top-left corner of the image at (0, 0), so that pixel
+(column u, row v) has its centre at (u + 0.5, v + 0.5). Cameras look along +z, x right, y down.
+``depth`` is planar, along the optical axis; ``distance`` is Euclidean, from the camera's centre. Both in
+metres, 0 where unknown. The last axis of an image is colour, in RGB order.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol
+
+import numpy as np
+import numpy.typing as npt
+from cachetools import LRUCache, cached
+
+from sucre_bench.errors import InputError, did_you_mean
+
+__all__ = [
+    "Array",
+    "Arrays",
+    "Camera",
+    "Chart",
+    "Encoding",
+    "Mask",
+    "Pixels",
+    "Restoration",
+    "Scene",
+    "Score",
+    "View",
+    "Water",
+]
+
+Array = npt.NDArray[np.floating[Any]]
+Mask = npt.NDArray[np.bool_]
+Encoding = Literal["gamma", "linear"]
+Plane = Literal["rgb", "depth", "reference"]
+
+# Decoded planes kept for reuse, so that a method may say `view.rgb` five times without five decodes,
+# and a 5,000-image dive still does not fill the memory.
+_KEPT_BYTES = 768 << 20
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera without distortion.
+
+    K: (3, 3) float64 intrinsic matrix in pixels, pixel centres at +0.5; width, height: image size in pixels.
+    """
+
+    K: Array
+    width: int
+    height: int
+
+
+@dataclass(frozen=True, eq=False)
+class Water:
+    """The water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 5).
+
+    veiling_light: (3,) B, in image intensity; attenuation: (3,) beta, 1/m; backscatter: (3,) gamma, 1/m. RGB.
+    """
+
+    veiling_light: Array
+    attenuation: Array
+    backscatter: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Chart:
+    """A colour chart seen in a view.
+
+    name: unique in the view, the same chart has the same name in every view;
+    kind: the layout and reference colours, "dgk" or "colorchecker24";
+    corners: (4, 2) float64 pixels, the chart's frame: top left, top right, bottom right, bottom left,
+    as the chart is read (not as it lies in the image).
+    """
+
+    name: str
+    kind: str
+    corners: Array
+
+
+class Pixels(Protocol):
+    """Where a view's pixels come from; asked only when they are needed."""
+
+    def load(self, plane: Plane) -> Array | None:
+        """Return "rgb" (H, W, 3), "depth" (H, W) metres or "reference" (H, W, 3), float32; None if there is none.
+
+        Raises InputError naming the file when it cannot be read.
+        """
+        ...
+
+
+@dataclass(frozen=True, eq=False)
+class Arrays:
+    """Pixels already in memory: rgb (H, W, 3) in [0, 1]; optional depth (H, W) metres; optional reference (H, W, 3)."""
+
+    rgb: Array
+    depth: Array | None = None
+    reference: Array | None = None
+
+    def load(self, plane: Plane) -> Array | None:
+        values: Array | None = getattr(self, plane)
+        return None if values is None else np.array(values, dtype=np.float32)  # a copy: it will be locked
+
+
+@dataclass(frozen=True, eq=False)
+class View:
+    """One image of a scene.
+
+    name: path relative to the image folder, unique in the scene;
+    pixels: where rgb, depth and reference come from;
+    camera, cam_from_world: (4, 4) float64 rigid transform; None when unknown;
+    charts: the colour charts seen in it; encoding: of rgb and reference, "gamma" (sRGB-like) or "linear".
+
+    The image planes below are float32, read-only, decoded when asked for and kept only for a while.
+    """
+
+    name: str
+    pixels: Pixels
+    camera: Camera | None = None
+    cam_from_world: Array | None = None
+    charts: Sequence[Chart] = ()
+    encoding: Encoding = "gamma"
+
+    @property
+    def rgb(self) -> Array:
+        """(H, W, 3) float32 in [0, 1], encoded as `encoding` says."""
+        rgb = _plane(self.pixels, "rgb")
+        if rgb is None:
+            raise InputError(f"{self.name}: the view has no image; every view needs one")
+        return rgb
+
+    @property
+    def has_depth(self) -> bool:
+        """Whether the view has a depth map (reads it)."""
+        return _plane(self.pixels, "depth") is not None
+
+    @property
+    def depth(self) -> Array:
+        """(H, W) float32 metres along the optical axis, 0 = unknown. InputError when the view has none."""
+        depth = _plane(self.pixels, "depth")
+        if depth is None:
+            raise InputError(f"{self.name}: the view has no depth map; this needs one")
+        return depth
+
+    @property
+    def distance(self) -> Array:
+        """(H, W) float32 metres from the camera's centre, 0 = unknown: ||K^-1 (u + .5, v + .5, 1) d||."""
+        from sucre_bench.multiview.geometry import distance_map
+
+        if self.camera is None:
+            raise InputError(f"{self.name}: the view has no camera; distance needs one")
+        return distance_map(self.camera, self.depth)
+
+    @property
+    def reference(self) -> Array | None:
+        """(H, W, 3) float32, the scene as it looks without water, or None."""
+        return _plane(self.pixels, "reference")
+
+    @property
+    def valid(self) -> Mask:
+        """(H, W) bool: pixels with depth; all of them where the view has no depth map."""
+        depth = _plane(self.pixels, "depth")
+        return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else depth > 0
+
+
+@cached(LRUCache(_KEPT_BYTES, getsizeof=lambda a: 0 if a is None else a.nbytes), lock=threading.Lock())
+def _plane(pixels: Pixels, plane: Plane) -> Array | None:
+    values = pixels.load(plane)
+    if values is not None:
+        values.setflags(write=False)  # what one method may not do to the next
+    return values
+
+
+@dataclass(frozen=True, eq=False)
+class Scene:
+    """Views of one place in one water.
+
+    name: unique in its dataset; views: in capture order; water: the true water, where known;
+    has: what the scene offers, of "depth", "poses", "reference", "charts", "truth" (at least one view has it);
+    data_id: a short hash of the data, equal exactly where the data are equal.
+    """
+
+    name: str
+    views: Sequence[View]
+    has: frozenset[str]
+    water: Water | None = None
+    data_id: str = ""
+
+    def __getitem__(self, name: str) -> View:
+        for view in self.views:
+            if view.name == name:
+                return view
+        raise InputError(f"{self.name}: no view named '{name}'; {_few(name, [v.name for v in self.views])}")
+
+    def __iter__(self) -> Iterator[View]:
+        return iter(self.views)
+
+    def __len__(self) -> int:
+        return len(self.views)
+
+
+def _few(name: str, names: list[str]) -> str:
+    """A dive has thousands of names: list them only when that fits on the line."""
+    return did_you_mean(name, names) if len(names) <= 12 else did_you_mean(name, names).split("known:")[0] + (
+        f"the scene has {len(names)} views, {names[0]} to {names[-1]}"
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class Restoration:
+    """What a method makes of a view.
+
+    image: (H, W, 3) float in the view's encoding; may leave [0, 1]; NaN where the method gives no colour;
+    water: as estimated; confidence: (H, W), posterior standard deviation or the method's own measure;
+    info: anything worth keeping: cost, iterations, "device".
+    """
+
+    image: Array
+    water: Water | None = None
+    confidence: Array | None = None
+    info: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def valid(self) -> Mask:
+        """(H, W) bool: pixels where the method gives all three colours."""
+        return np.isfinite(self.image).all(axis=-1)
+
+
+@dataclass(frozen=True)
+class Score:
+    """One number a metric gives.
+
+    region: "image", a chart's name, or "<chart>/<patch>"; n_pixels: how many pixels it is made of;
+    coverage: the share of the region's pixels that it is made of, 0 to 1.
+    """
+
+    value: float
+    region: str = "image"
+    n_pixels: int = 0
+    coverage: float = 1.0
