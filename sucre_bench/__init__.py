@@ -1,10 +1,10 @@
 """sucre_bench: a dataset yields scenes, a method restores a view, a metric scores it, the bench compares.
 
-    import sucre_bench as sb
+import sucre_bench as sb
 
-    scene = next(sb.load_scenes("colmap", root="dive/"))
-    result = sb.restore("gray_world", scene, scene["a.png"])
-    rows = sb.score(result, scene["a.png"], metrics=["psi"])
+scene = next(sb.load_scenes("colmap", root="dive/"))
+result = sb.restore("gray_world", scene, scene["a.png"])
+rows = sb.score(result, scene["a.png"], metrics=["psi"])
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ _HOME = {
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
-__all__ = [*_MODULE, "__version__"]  # noqa: PLE0604
+__all__ = [*_MODULE, "__version__"]
 
 if TYPE_CHECKING:
     from sucre_bench.api import load_scenes, restore, score

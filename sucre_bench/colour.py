@@ -28,7 +28,7 @@ def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
     shown = np.full(image.shape, np.nan, dtype=np.float32)
     if not valid.any():
         return shown
-    pixels = np.asarray(image[valid], dtype=np.float64)  # (P, 3)
+    pixels: Array = np.asarray(image[valid], dtype=np.float64)  # (P, 3)
     if how == "gray-world":
         pixels = gray_world(pixels)
     elif how != "none":

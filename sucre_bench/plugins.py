@@ -15,6 +15,7 @@ import importlib
 import importlib.metadata
 import importlib.util
 import inspect
+import itertools
 import math
 import pkgutil
 import re
@@ -51,7 +52,8 @@ __all__ = [
 
 Kind = Literal["method", "dataset", "metric"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
-NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth"})
+# What a scene may offer; "restoration" is what a metric needs that makes no sense on just any picture.
+NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth", "restoration"})
 
 # Import name -> what pip calls it, where the two differ.
 _PACKAGE = {
@@ -132,7 +134,9 @@ def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Cal
     def attach(cls: _C) -> _C:
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
             raise PluginError(f"{cls.__qualname__}: not a frozen dataclass; put @dataclass(frozen=True) under @{kind}")
-        cls.__plugin__ = Plugin(kind, name or _snake_case(cls.__name__), cls, needs, **about)
+        cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
+            kind, name or _snake_case(cls.__name__), cls, needs, **about
+        )
         return cls
 
     return attach
@@ -156,9 +160,7 @@ def method(
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, display=display)
 
 
-def dataset(
-    *, name: str = "", requires: Iterable[str] = (), cites: str = "", licence: str = ""
-) -> Callable[[_C], _C]:
+def dataset(*, name: str = "", requires: Iterable[str] = (), cites: str = "", licence: str = "") -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``scenes()`` a dataset. licence: of the data."""
     return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence)
 
@@ -240,7 +242,7 @@ def _everywhere(kind: Kind) -> Iterator[Plugin | Broken]:
     package = importlib.import_module(f"sucre_bench.{kind}s")
     for info in pkgutil.iter_modules(package.__path__):
         if not info.name.startswith("_"):
-            yield from _try(info.name, lambda name=info.name: importlib.import_module(f"{package.__name__}.{name}"))
+            yield from _try(info.name, functools.partial(importlib.import_module, f"{package.__name__}.{info.name}"))
     for entry in importlib.metadata.entry_points(group="sucre_bench.plugins"):
         yield from _try(entry.name, entry.load)
     for module in _files.values():
@@ -261,7 +263,9 @@ def _plugins_in(module: ModuleType) -> list[Plugin]:
     """The decorated classes a module (or a folder's own modules) defines, imported ones left out."""
     inside = (module.__name__, module.__name__ + ".")
     classes = [c for c in vars(module).values() if isinstance(c, type) and "__plugin__" in vars(c)]
-    return [c.__plugin__ for c in classes if c.__module__ == inside[0] or c.__module__.startswith(inside[1])]
+    return [
+        c.__dict__["__plugin__"] for c in classes if c.__module__ == inside[0] or c.__module__.startswith(inside[1])
+    ]
 
 
 def find(kind: Kind, name: str) -> Plugin:
@@ -319,9 +323,11 @@ def _field_docs(cls: type[Any]) -> dict[str, str]:
             body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
         except (OSError, TypeError):
             continue  # made in a console: it has no source
-        for above, below in zip(body, body[1:], strict=False):
+        for above, below in itertools.pairwise(body):
             if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
-                said = below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+                said = (
+                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+                )
                 if isinstance(said, str) and said:
                     docs[above.target.id] = " ".join(said.split())
     return docs

@@ -11,17 +11,18 @@ from contextlib import contextmanager
 from contextvars import ContextVar
 from typing import Protocol, TypeVar
 
-__all__ = ["Watcher", "track", "watched_by"]
+__all__ = ["Watcher", "is_watched", "say", "track", "watched_by"]
 
 T = TypeVar("T")
 
 
 class Watcher(Protocol):
-    """Shows progress: `started` begins a line of work, `advanced` moves it on, `finished` ends it."""
+    """Shows progress: `started` begins a line of work, `advanced` moves it on, `finished` ends it; `said` is text."""
 
     def started(self, what: str, total: int | None) -> int: ...
     def advanced(self, line: int) -> None: ...
     def finished(self, line: int) -> None: ...
+    def said(self, text: str) -> None: ...
 
 
 _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
@@ -35,6 +36,18 @@ def watched_by(watcher: Watcher) -> Iterator[None]:
         yield
     finally:
         _watcher.reset(token)
+
+
+def is_watched() -> bool:
+    """Whether somebody is watching."""
+    return _watcher.get() is not None
+
+
+def say(text: str) -> None:
+    """Tell whoever is watching, at once."""
+    watcher = _watcher.get()
+    if watcher is not None:
+        watcher.said(text)
 
 
 def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:

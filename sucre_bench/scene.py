@@ -165,7 +165,7 @@ class View:
     def valid(self) -> Mask:
         """(H, W) bool: pixels with depth; all of them where the view has no depth map."""
         depth = _plane(self.pixels, "depth")
-        return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else depth > 0
+        return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else np.asarray(depth > 0)
 
 
 @cached(LRUCache(_KEPT_BYTES, getsizeof=lambda a: 0 if a is None else a.nbytes), lock=threading.Lock())
@@ -206,8 +206,11 @@ class Scene:
 
 def _few(name: str, names: list[str]) -> str:
     """A dive has thousands of names: list them only when that fits on the line."""
-    return did_you_mean(name, names) if len(names) <= 12 else did_you_mean(name, names).split("known:")[0] + (
-        f"the scene has {len(names)} views, {names[0]} to {names[-1]}"
+    return (
+        did_you_mean(name, names)
+        if len(names) <= 12
+        else did_you_mean(name, names).split("known:")[0]
+        + (f"the scene has {len(names)} views, {names[0]} to {names[-1]}")
     )
 
 
@@ -228,7 +231,7 @@ class Restoration:
     @property
     def valid(self) -> Mask:
         """(H, W) bool: pixels where the method gives all three colours."""
-        return np.isfinite(self.image).all(axis=-1)
+        return np.asarray(np.isfinite(self.image).all(axis=-1))
 
 
 @dataclass(frozen=True)

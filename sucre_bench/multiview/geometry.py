@@ -1,15 +1,19 @@
-"""Pinhole geometry: pixels to rays, points and back (SUCRe, eq. 6 and 7).
+"""Pinhole geometry: pixels to rays, points and back (SUCRe, eq. 4 and 5).
 
-Pixel centres are at +0.5. A rigid transform is (4, 4), ``cam_from_world`` maps world points to the camera's frame.
+Pixel coordinates are (x, y) with pixel centres at +0.5. A rigid transform is (4, 4); ``cam_from_world`` maps world
+points to the camera's frame. Functions compute in the floating type of the points they are given.
 """
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench.scene import Array, Camera
 
-__all__ = ["distance_map", "pixel_rays", "project", "relative_pose"]
+__all__ = ["distance_map", "pixel_rays", "project", "relative_pose", "transform", "unproject"]
 
 
 def pixel_rays(camera: Camera) -> Array:
@@ -25,9 +29,21 @@ def distance_map(camera: Camera, depth: Array) -> Array:
     return np.asarray(np.linalg.norm(pixel_rays(camera), axis=-1) * depth, dtype=np.float32)
 
 
+def unproject(camera: Camera, xy: Array, depth: Array) -> Array:
+    """Return the points (..., 3), in the camera's frame, at pixel coordinates (..., 2) and planar depth (...,)."""
+    K_inv = np.linalg.inv(camera.K).astype(depth.dtype)
+    return np.asarray((xy.astype(depth.dtype, copy=False) @ K_inv[:, :2].T + K_inv[:, 2]) * depth[..., None])
+
+
 def relative_pose(to_cam_from_world: Array, from_cam_from_world: Array) -> Array:
     """Return the (4, 4) transform from one camera's frame to another's."""
     return np.asarray(to_cam_from_world @ np.linalg.inv(from_cam_from_world))
+
+
+def transform(pose: npt.NDArray[Any], points: Array) -> Array:
+    """Return the points (..., 3) moved by a (4, 4) rigid transform."""
+    pose = pose.astype(points.dtype)
+    return np.asarray(points @ pose[:3, :3].T + pose[:3, 3])
 
 
 def project(camera: Camera, points: Array) -> tuple[Array, Array]:
@@ -36,6 +52,6 @@ def project(camera: Camera, points: Array) -> tuple[Array, Array]:
     Points at or behind the camera's plane (Z <= 0) get NaN coordinates.
     """
     z = points[..., 2]
-    with np.errstate(divide="ignore", invalid="ignore"):
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         xy = np.where((z > 0)[..., None], points[..., :2] / z[..., None], np.nan)
     return xy @ np.asarray(camera.K[:2, :2].T, dtype=points.dtype) + np.asarray(camera.K[:2, 2], dtype=points.dtype), z

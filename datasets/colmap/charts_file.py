@@ -1,0 +1,81 @@
+"""Reads charts.json: where colour charts lie in the images.
+
+    {"kind": "dgk", "images": {"sub/a.png": {"chart1": [[x, y], [x, y], [x, y], [x, y]],
+                                             "chart2": {"kind": "colorchecker24", "corners": [...]}}}}
+
+Corners are pixels of the image as stored, of the chart's frame: top left, top right, bottom right, bottom left as the
+chart is read. "kind" holds for charts that do not say theirs; without it they are "dgk".
+"""
+
+from __future__ import annotations
+
+import difflib
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.scene import Array, Chart
+
+__all__ = ["read_charts"]
+
+
+def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, tuple[Chart, ...]]:
+    """Return the charts of each image that has some; none when the file is not there.
+
+    sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, when the file is not
+    of the format above, or names an image that is not there, an unknown kind, or corners that are no chart in the image.
+    """
+    if not path.is_file():
+        return {}
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as fault:
+        raise InputError(f"{path}: is not JSON ({fault}); mend it there") from fault
+    images = content.get("images") if isinstance(content, dict) else None
+    if not isinstance(images, dict) or not all(isinstance(charts, dict) for charts in images.values()):
+        raise InputError(f'{path}: no charts by image; write {{"images": {{"a.png": {{"chart1": [[x, y], ...]}}}}}}')
+    for name in images:
+        if name not in sizes:
+            near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
+            raise InputError(
+                f"{path}: '{name}' is not an image of the model; write names as there, such as '{near[0]}'"
+            )
+    usual = content.get("kind", "dgk")
+    return {
+        name: tuple(
+            _chart(f"{path}: {name}, {chart}", chart, entry, usual, sizes[name]) for chart, entry in charts.items()
+        )
+        for name, charts in images.items()
+        if charts
+    }
+
+
+def _chart(place: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:
+    from sucre_bench.charts import KINDS
+
+    if isinstance(entry, dict):
+        kind, entry = entry.get("kind", kind), entry.get("corners")
+    if kind not in KINDS:
+        raise InputError(f"{place}: chart kind '{kind}' is unknown; {did_you_mean(str(kind), KINDS)}")
+    try:
+        corners = np.array(entry, dtype=np.float64)
+    except (TypeError, ValueError):
+        corners = np.empty(0)
+    if corners.shape != (4, 2) or not np.isfinite(corners).all():
+        raise InputError(f"{place}: not four corners; give [x, y] of top left, top right, bottom right, bottom left")
+    if (corners < 0).any() or (corners > size).any():
+        raise InputError(f"{place}: a corner is outside of the image of {size[0]}x{size[1]}; give pixels of that image")
+    if not _clockwise(corners):
+        raise InputError(f"{place}: corners are out of order; give top left, top right, bottom right, bottom left")
+    return Chart(name, kind, corners)
+
+
+def _clockwise(corners: Array) -> bool:
+    """Whether every corner turns right (y down): a chart seen from its front, however it lies."""
+    edge = np.roll(corners, -1, axis=0) - corners
+    following = np.roll(edge, -1, axis=0)
+    return bool((edge[:, 0] * following[:, 1] > edge[:, 1] * following[:, 0]).all())

@@ -1,0 +1,140 @@
+"""Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
+
+Of the image ``sub/a.jpg`` the map is ``sub/depth_a`` or ``sub/a`` in the depth folder, or else ``depth_a`` or ``a`` at its
+top, as .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too) or .npy (float metres).
+A map that may belong to two images is given to neither.
+"""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Iterable
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from sucre_bench.datasets.colmap.rgb import decode, same_shape
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array
+
+__all__ = ["find_depths", "read_depth"]
+
+_FARTHEST_M = 1000.0
+
+
+def find_depths(folder: Path, names: Iterable[str]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Return the depth map of each image that has one, and for each image whose map is ambiguous what is wrong.
+
+    names: of the images, relative to the image folder. A folder that is not there holds no maps. Raises InputError when
+    it holds maps, but none of these images'.
+    """
+    there = _files_by_stem(folder)
+    claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
+    nearest: dict[str, str] = {}
+    for name in names:
+        for rank, stem in enumerate(_stems(name)):
+            if stem in there:
+                claims[stem].append((rank, name))
+                nearest.setdefault(name, stem)
+    if there and not claims:
+        example = f"depth_{PurePosixPath(next(iter(names))).stem}.png"
+        raise InputError(f"{folder}: no depth map is named after an image; name them like {example}")
+
+    found, faults = {}, {}
+    for name, stem in nearest.items():
+        closest = min(claims[stem])[0]
+        owners = sorted(owner for rank, owner in claims[stem] if rank == closest)
+        files = sorted(there[stem])
+        if name not in owners:
+            continue  # it is another image's own map
+        if len(owners) > 1:
+            fault = f"may belong to {owners[0]} or {owners[1]}"
+            faults[name] = f"{folder / files[0]}: {fault}; put depth maps into sub-folders as the images are"
+        elif len(files) > 1:
+            faults[name] = f"{folder / files[0]}: {Path(files[1]).name} is there as well; keep one of them"
+        else:
+            found[name] = folder / files[0]
+    return found, faults
+
+
+def _stems(name: str) -> list[str]:
+    """Where an image's depth map may be, the closest name first, without suffix."""
+    path = PurePosixPath(name)
+    places = [path.parent] if path.parent == PurePosixPath() else [path.parent, PurePosixPath()]
+    return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", path.stem)]
+
+
+def _files_by_stem(folder: Path) -> dict[str, list[str]]:
+    files = defaultdict(list)
+    for place, _, names in os.walk(folder, followlinks=True):
+        for name in names:
+            path = (Path(place) / name).relative_to(folder)
+            if path.suffix.lower() in _READERS:
+                files[path.with_suffix("").as_posix()].append(path.as_posix())
+    return files
+
+
+def read_depth(path: Path, size: tuple[int, int]) -> Array:
+    """Return a depth map (H, W) float32 in metres, 0 = unknown, at `size` (width, height) by the nearest value.
+
+    Raises InputError when it cannot be read, is not one channel of the type its format should have, is empty,
+    negative or farther than 1 km, or its shape is not the image's.
+    """
+    import cv2
+
+    depth = _READERS[path.suffix.lower()](path)
+    depth[~np.isfinite(depth)] = 0
+    if (depth < 0).any():
+        raise InputError(f"{path}: depth {depth.min():g} m is negative; write 0 where there is no depth")
+    farthest = depth.max(initial=0)
+    if farthest == 0:
+        raise InputError(f"{path}: no pixel has a depth; make the map again, or remove it")
+    if farthest > _FARTHEST_M:
+        raise InputError(f"{path}: depth up to {farthest:.0f} m, it looks like millimetres; divide by 1000")
+    height, width = depth.shape
+    if (width, height) == size:
+        return depth
+    if not same_shape((width, height), size):
+        fault = f"is {width}x{height}, a size that cannot match its image's {size[0]}x{size[1]}"
+        raise InputError(f"{path}: {fault}; make it from the undistorted image")
+    return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
+
+
+def _read_png(path: Path) -> Array:
+    import cv2
+
+    millimetres = decode(path, cv2.IMREAD_UNCHANGED)
+    if millimetres.dtype != np.uint16 or millimetres.ndim != 2:
+        raise InputError(f"{path}: is {_kind(millimetres)}; expected 16-bit millimetres in one channel")
+    return np.asarray(millimetres.astype(np.float32) / 1000)
+
+
+def _read_tiff(path: Path) -> Array:
+    import cv2
+    import tifffile
+
+    try:
+        return _metres(tifffile.imread(path), path)
+    except (OSError, ValueError, RuntimeError):  # a compression that tifffile needs another package for
+        return _metres(decode(path, cv2.IMREAD_UNCHANGED), path)
+
+
+def _read_npy(path: Path) -> Array:
+    try:
+        return _metres(np.load(path, allow_pickle=False), path)
+    except (OSError, ValueError, EOFError) as fault:
+        raise InputError(f"{path}: cannot be read, {fault}; write it again with numpy.save") from fault
+
+
+def _metres(values: np.ndarray, path: Path) -> Array:
+    if values.dtype.kind != "f" or values.ndim != 2:
+        raise InputError(f"{path}: is {_kind(values)}; expected float metres in one channel (16-bit millimetres: .png)")
+    return values.astype(np.float32)
+
+
+def _kind(values: np.ndarray) -> str:
+    return f"{values.dtype} of shape {'x'.join(map(str, values.shape))}"
+
+
+_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy}

@@ -1,0 +1,205 @@
+"""Reads the cameras and poses of a COLMAP sparse model, binary or text.
+
+Only cameras.{bin,txt} and images.{bin,txt} are read: the 2-D points of an image are stepped over and the 3-D points
+left alone, so a dive of thousands of images takes a moment. The files are read here, and not by pycolmap, because that
+never returns from an images.bin or points3D.bin that was cut short, and takes a camera from a cut cameras.bin.
+Rigs and frames (COLMAP 3.12 on) change nothing: images.* holds the pose of every registered image all the same.
+Source of the format: https://colmap.github.io/format.html
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+import struct
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array, Camera
+
+__all__ = ["Posed", "read_model"]
+
+# By their number in cameras.bin. Beyond the first two the name serves the message only.
+_CAMERA_MODELS = (
+    *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"),
+    *("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"),
+    *("SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR"),
+)
+_PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
+_REMEDY = "copy the model again, or export it with 'colmap model_converter'"
+
+
+@dataclass(frozen=True, eq=False)
+class Posed:
+    """A registered image: its name, its camera at the size the model says, cam_from_world (4, 4) float64."""
+
+    name: str
+    camera: Camera
+    cam_from_world: Array
+
+
+# A row of either file as it stands there, before it is checked.
+_CameraRow = tuple[int, str, int, int, tuple[float, ...]]  # id, model, width, height, parameters
+_ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera id, name
+
+
+def read_model(sparse: Path, images: Path) -> list[Posed]:
+    """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
+
+    images: the image folder, which the advice on distorted cameras names. Raises InputError when there is no model,
+    or it cannot be read, is empty, has a distorted camera, or an image name that is double or leaves the folder.
+    """
+    cameras_file, images_file = _find(sparse)
+    binary = cameras_file.suffix == ".bin"
+    cameras: dict[int, Camera] = {}
+    for number, model, width, height, parameters in _rows(cameras_file, _binary_cameras if binary else _text_cameras):
+        place = f"{cameras_file}: camera {number}"
+        if model not in _PARAMETERS:
+            undistort = f"colmap image_undistorter --image_path {images} --input_path {cameras_file.parent}"
+            to = f"--output_path {sparse.parent / 'undistorted'} --output_type COLMAP"
+            raise InputError(f"{place} is {model}, only pinhole cameras can be used; undistort: {undistort} {to}")
+        cameras[number] = Camera(_intrinsics(parameters, width, height, place), width, height)
+
+    posed: dict[str, Posed] = {}
+    for pose, number, name in _rows(images_file, _binary_images if binary else _text_images):
+        place = f"{images_file}: image '{name}'"
+        path = PurePosixPath(name)
+        if not name or "\0" in name or path.is_absolute() or ".." in path.parts:
+            raise InputError(f"{place} is outside of the image folder; names must be relative to {images}")
+        if name in posed:
+            raise InputError(f"{place} is there twice; every image needs a name of its own, rename and export again")
+        if number not in cameras:
+            raise InputError(f"{place} has camera {number}, which {cameras_file.name} does not hold; {_REMEDY}")
+        posed[name] = Posed(name, cameras[number], _rigid(pose, place))
+    if not posed:
+        raise InputError(f"{images_file}: no image is registered; run 'colmap mapper' on more, overlapping images")
+    return [posed[name] for name in sorted(posed)]
+
+
+def _find(sparse: Path) -> tuple[Path, Path]:
+    for folder in (sparse, sparse / "0"):
+        for suffix in (".bin", ".txt"):
+            both = folder / f"cameras{suffix}", folder / f"images{suffix}"
+            if all(path.is_file() for path in both):
+                return both
+    fault = "holds no COLMAP model" if sparse.is_dir() else "no such folder"
+    raise InputError(f"{sparse}: {fault}; put cameras.bin and images.bin (or .txt) there, or name it with sparse=...")
+
+
+def _intrinsics(parameters: tuple[float, ...], width: int, height: int, place: str) -> Array:
+    focal_x, focal_y, x, y = parameters if len(parameters) == 4 else (parameters[0], *parameters)
+    fine = width > 0 and height > 0 and focal_x > 0 and focal_y > 0 and all(map(math.isfinite, parameters))
+    if not fine:
+        raise InputError(f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}")
+    return np.array([[focal_x, 0, x], [0, focal_y, y], [0, 0, 1]], dtype=np.float64)
+
+
+def _rigid(pose: tuple[float, ...], place: str) -> Array:
+    """Return (4, 4) from the quaternion w, x, y, z and translation that take a world point to the camera's frame."""
+    length = math.hypot(*pose[:4])
+    if not (all(map(math.isfinite, pose)) and length > 0):
+        raise InputError(f"{place} has no usable pose; {_REMEDY}")
+    w, x, y, z = (q / length for q in pose[:4])
+    rigid = np.eye(4)
+    rigid[:3, :3] = [
+        [1 - 2 * (y * y + z * z), 2 * (x * y - w * z), 2 * (x * z + w * y)],
+        [2 * (x * y + w * z), 1 - 2 * (x * x + z * z), 2 * (y * z - w * x)],
+        [2 * (x * z - w * y), 2 * (y * z + w * x), 1 - 2 * (x * x + y * y)],
+    ]
+    rigid[:3, 3] = pose[4:]
+    return rigid
+
+
+def _rows(path: Path, read: Any) -> Iterator[Any]:
+    """Run one of the readers below; whatever it trips over becomes one line about the file."""
+    rows = read(path)
+    while True:
+        try:
+            row = next(rows)
+        except StopIteration:
+            return
+        except OSError as fault:
+            raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+        except (struct.error, ValueError, IndexError) as fault:
+            raise InputError(f"{path}: breaks off or is not a COLMAP file ({fault}); {_REMEDY}") from fault
+        yield row
+
+
+# -- binary: little-endian, no padding ---------------------------------------------------------------------
+
+
+class _Cursor:
+    """A place in a binary file that moves on as values are read."""
+
+    def __init__(self, path: Path) -> None:
+        with path.open("rb") as file:
+            self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._at = 0
+
+    def take(self, layout: str) -> tuple[Any, ...]:
+        values = struct.unpack_from("<" + layout, self._data, self._at)
+        self._at += struct.calcsize("<" + layout)
+        return values
+
+    def take_text(self) -> str:
+        end = self._data.find(b"\0", self._at)
+        if end < 0:
+            raise ValueError("a name does not end")
+        text = self._data[self._at : end].decode()
+        self._at = end + 1
+        return text
+
+    def skip(self, size: int) -> None:
+        self._at += size
+        if self._at > len(self._data):
+            raise ValueError("the points of an image break off")
+
+
+def _binary_cameras(path: Path) -> Iterator[_CameraRow]:
+    cursor = _Cursor(path)
+    for _ in range(cursor.take("Q")[0]):
+        number, code, width, height = cursor.take("IiQQ")
+        if not 0 <= code < len(_CAMERA_MODELS):
+            raise ValueError(f"camera model {code} is unknown")
+        model = _CAMERA_MODELS[code]
+        yield number, model, width, height, cursor.take(f"{_PARAMETERS.get(model, 0)}d")
+
+
+def _binary_images(path: Path) -> Iterator[_ImageRow]:
+    cursor = _Cursor(path)
+    for _ in range(cursor.take("Q")[0]):
+        _, *pose, camera = cursor.take("I7dI")
+        name = cursor.take_text()
+        cursor.skip(24 * cursor.take("Q")[0])  # x, y (2 d) and the 3-D point's id (Q)
+        yield tuple(pose), camera, name
+
+
+# -- text --------------------------------------------------------------------------------------------------
+
+
+def _text_cameras(path: Path) -> Iterator[_CameraRow]:
+    with path.open(encoding="utf-8") as lines:
+        for line in lines:
+            if (words := line.split()) and words[0][0] != "#":
+                parameters = tuple(map(float, words[4:]))
+                if len(parameters) != _PARAMETERS.get(words[1], len(parameters)):
+                    raise ValueError(f"camera {words[0]} has {len(parameters)} parameters")
+                yield int(words[0]), words[1], int(words[2]), int(words[3]), parameters
+
+
+def _text_images(path: Path) -> Iterator[_ImageRow]:
+    """Two lines an image; the second holds its points, and is there, empty, when it has none."""
+    with path.open(encoding="utf-8") as lines:
+        for line in lines:
+            if not line.strip() or line.startswith("#"):
+                continue
+            words = line.strip().split(maxsplit=9)  # the name is the rest: it may hold spaces
+            points = next(lines, "").rsplit(maxsplit=1)
+            if points and not points[-1].lstrip("-").isdigit():
+                raise ValueError(f"after image '{words[-1]}' stands no line of points, not even an empty one")
+            yield tuple(map(float, words[1:8])), int(words[8]), words[9]

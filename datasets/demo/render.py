@@ -1,0 +1,133 @@
+"""Pictures and depth maps of the made seabed without water, and which charts a view shows.
+
+One ray through the centre of a pixel finds its surface and depth; its colour is the mean over the pixel's footprint on
+that surface's plane. So a pixel never mixes two surfaces, and belongs to the depth it is given.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.datasets.demo.boards import Board
+from sucre_bench.datasets.demo.terrain import Terrain, triangles
+from sucre_bench.datasets.demo.texture import Texture, sample
+from sucre_bench.errors import InputError
+from sucre_bench.multiview.geometry import pixel_rays, project
+from sucre_bench.scene import Array, Camera, Chart
+
+__all__ = ["Surfaces", "build", "render", "visible_charts"]
+
+_GRAZING = 0.2  # cosine; at flatter angles a footprint is not drawn out any longer
+_PATCH_PX = 4.0  # a chart with smaller patches is not worth listing
+_TOLERANCE = 0.01  # of the depth, between a chart and what the ray meets
+
+
+@dataclass(frozen=True, eq=False)
+class Surfaces:
+    """All there is to see: the ray caster, whose geometry number i is painted with textures[i]."""
+
+    caster: Any
+    textures: tuple[Texture, ...]
+    boards: tuple[Board, ...]
+
+
+def build(terrain: Terrain, near: Texture, far: Texture, boards: Sequence[Board]) -> Surfaces:
+    """Return the seabed and the boards, ready to be seen; near: the seabed's texture where it reaches, far: elsewhere.
+
+    InputError where Open3D does not load.
+    """
+    try:
+        import open3d
+    except (ImportError, OSError) as fault:
+        raise InputError(
+            f"dataset demo: Open3D does not load ({fault}); pip install open3d, and on Debian or Ubuntu "
+            "apt-get install libusb-1.0-0 libgl1 libegl1 libx11-6 libudev1 libidn2-0"
+        ) from fault
+    caster = open3d.t.geometry.RaycastingScene()
+    vertices, faces, ground = triangles(terrain)
+    inside = near.covers(ground)
+    quad = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
+    meshes = [(vertices, faces[inside]), (vertices, faces[~inside]), *((board.outline, quad) for board in boards)]
+    for corners, triples in meshes:
+        caster.add_triangles(open3d.core.Tensor(corners.astype(np.float32)), open3d.core.Tensor(triples))
+    return Surfaces(caster, (near, far, *(board.texture for board in boards)), tuple(boards))
+
+
+def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[Array, Array]:
+    """Return the scene without water (H, W, 3) in [0, 1], gamma-encoded, and its depth (H, W), metres; both float32."""
+    world_from_cam = cam_from_world[:3, :3].T
+    centre = (-world_from_cam @ cam_from_world[:3, 3]).astype(np.float32)
+    rays = (pixel_rays(camera) @ world_from_cam.T).astype(np.float32).reshape(-1, 3)
+    hits = _cast(surfaces, centre, rays)
+    depth, normal = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
+    surface = hits["geometry_ids"].numpy()
+
+    # The plane that a neighbouring ray is cut with: the surface's, tilted towards the camera where it is grazed.
+    towards = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
+    facing = (normal * towards).sum(axis=1)
+    normal = normal + np.maximum(_GRAZING - facing, 0)[:, None] * towards
+    along = (normal * rays).sum(axis=1)
+    sides = []
+    for step in (world_from_cam @ np.linalg.inv(camera.K))[:, :2].T.astype(np.float32):
+        sides.append(depth[:, None] * (step - rays * ((normal @ step) / along)[:, None]))
+
+    reference = np.zeros_like(rays)
+    points = centre + rays * depth[:, None]
+    for number, texture in enumerate(surfaces.textures):
+        here = np.flatnonzero(surface == number)
+        at, right, down = (values.take(here, axis=0) @ texture.axes.T for values in (points, *sides))
+        reference[here] = sample(texture, at, right, down)
+    seen = np.isfinite(depth)
+    depth = np.where(seen, depth, 0).reshape(camera.height, camera.width)
+    return reference.reshape(camera.height, camera.width, 3), depth
+
+
+def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[Chart, ...]:
+    """Return the charts that a view shows whole, from their front, unhidden, with patches of at least 4 pixels."""
+    charts = []
+    for board in surfaces.boards:
+        corners, _ = project(camera, _to_camera(cam_from_world, board.corners))
+        inside = (corners > 0).all() and (corners < (camera.width, camera.height)).all()
+        if inside and _front(corners) and _large(board, camera, cam_from_world):
+            if _unhidden(surfaces, board, cam_from_world):
+                charts.append(Chart(board.site.name, board.site.kind, corners))
+    return tuple(charts)
+
+
+def _cast(surfaces: Surfaces, centre: Array, rays: Array) -> Any:
+    """Cast rays (P, 3) whose component along the optical axis is 1, so that t_hit is the planar depth."""
+    import open3d
+
+    lines = np.empty((len(rays), 6), dtype=np.float32)
+    lines[:, :3], lines[:, 3:] = centre, rays
+    return surfaces.caster.cast_rays(open3d.core.Tensor(lines))
+
+
+def _to_camera(cam_from_world: Array, points: Array) -> Array:
+    return np.asarray(points @ cam_from_world[:3, :3].T + cam_from_world[:3, 3])
+
+
+def _front(corners: Array) -> bool:
+    """Clockwise in the image (y down), as the chart is read; seen from behind it would be mirrored."""
+    (ax, ay), (bx, by) = corners[2] - corners[0], corners[3] - corners[1]
+    return bool(ax * by - ay * bx > 0)
+
+
+def _large(board: Board, camera: Camera, cam_from_world: Array) -> bool:
+    patches, _ = project(camera, _to_camera(cam_from_world, board.patches))  # (N, 4, 2)
+    sides = np.linalg.norm(np.roll(patches, -1, axis=1) - patches, axis=-1)
+    return bool(sides.min() >= _PATCH_PX)
+
+
+def _unhidden(surfaces: Surfaces, board: Board, cam_from_world: Array) -> bool:
+    """Whether rays to the chart's corners and to the centre of each patch meet nothing before the chart."""
+    targets = np.concatenate([board.corners, board.patches.mean(axis=1)])
+    seen = _to_camera(cam_from_world, targets)
+    centre = -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
+    rays = (targets - centre) / seen[:, 2:]
+    met = _cast(surfaces, centre, rays)["t_hit"].numpy()
+    return bool((np.abs(met - seen[:, 2]) < _TOLERANCE * seen[:, 2]).all())

@@ -1,0 +1,77 @@
+"""Waters of known colour, and what they make of an image.
+
+The model works on gamma-encoded intensities, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 5), with z the
+distance from the camera. The presets are chosen by eye to look like photographs, from clear ocean to turbid coast.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+
+from sucre_bench.scene import Array, Camera, Water
+
+__all__ = ["LAMP", "WATERS", "Lamp", "Preset", "apply", "lamp_light"]
+
+Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
+
+
+def _water(B: tuple[float, ...], beta: tuple[float, ...], gamma: tuple[float, ...]) -> Water:
+    return Water(np.array(B), np.array(beta), np.array(gamma))
+
+
+WATERS: dict[Preset, Water] = {
+    "clear": _water((0.05, 0.28, 0.43), (0.26, 0.07, 0.05), (0.19, 0.11, 0.10)),
+    "coastal": _water((0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)),
+    "turbid": _water((0.23, 0.45, 0.34), (0.56, 0.26, 0.34), (0.42, 0.32, 0.36)),
+    "deep_sea": _water((0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)),
+}
+
+
+@dataclass(frozen=True, eq=False)
+class Lamp:
+    """The only light there is: fixed to the camera, brightest along its axis.
+
+    lamp_from_cam: (4, 4) rigid transform; covariance: (2, 2) of the Gaussian lobe in the lamp's own image plane
+    (x / z, y / z), so unitless.
+    """
+
+    lamp_from_cam: Array
+    covariance: Array
+
+
+# A lamp 25 cm above the camera and 15 cm to its left, turned towards the middle of the picture.
+LAMP = Lamp(
+    np.array([[0.9992, 0.0, -0.0400, 0.15], [0.0, 0.9982, 0.0600, 0.25], [0.0400, -0.0600, 0.9974, 0.0], [0, 0, 0, 1]]),
+    np.array([[0.26, 0.02], [0.02, 0.18]]),
+)
+
+
+def apply(J: Array, z: Array, water: Water) -> Array:
+    """Return the image I (..., 3) of colours J (..., 3) through z (...) metres of water, float64."""
+    B, beta, gamma = water.veiling_light, water.attenuation, water.backscatter
+    z = np.asarray(z, dtype=np.float64)[..., None]
+    return np.asarray(J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
+
+
+def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
+    """Return the lamp's light (...,) in [0, 1] at points (..., 3) of the camera's frame, and its way to them, metres."""
+    seen = points @ lamp.lamp_from_cam[:3, :3].T + lamp.lamp_from_cam[:3, 3]
+    plane = seen[..., :2] / seen[..., 2:]
+    lobe = np.exp(-0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane))
+    return np.where(seen[..., 2] > 0, lobe, 0), np.linalg.norm(seen, axis=-1)
+
+
+def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
+    """Return what the camera records in a preset's water, before noise.
+
+    J: (H, W, 3) the scene without water; rays: (H, W, 3) camera rays with third component 1; depth: (H, W) metres.
+    """
+    points = np.asarray(rays * depth[..., None], dtype=np.float64)
+    distance = np.linalg.norm(points, axis=-1)
+    if preset != "deep_sea":
+        return apply(J, distance, WATERS[preset])
+    light, way = lamp_light(LAMP, points)
+    return light[..., None] * apply(J, distance + way, WATERS[preset])

@@ -1,0 +1,28 @@
+"""Gray-world white balance (Buchsbaum 1980, A spatial processor model for object colour perception)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import Restoration, Scene, View, method
+
+
+@method(cites="Buchsbaum 1980")
+@dataclass(frozen=True)
+class GrayWorld:
+    """Scale every channel so that all three have the same mean over valid pixels.
+
+    Valid are pixels with depth, all of them where there is no depth: open water is not asked to be gray. A channel
+    that is black throughout is left black.
+    """
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, scaled; it may exceed 1."""
+        valid = view.valid
+        pixels = view.rgb[valid] if valid.any() else view.rgb.reshape(-1, 3)
+        mean = pixels.mean(axis=0, dtype=np.float64)
+        lit = mean > 1e-6
+        gain = np.where(lit, mean.mean() / np.where(lit, mean, 1), 1)
+        return Restoration(view.rgb * gain.astype(np.float32), info={"gain": gain.tolist()})

@@ -1,0 +1,38 @@
+"""Contrast stretch, channel by channel: the display normalisation of SUCRe's tables, alone."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.errors import InputError
+
+
+@method()
+@dataclass(frozen=True)
+class HistogramStretch:
+    """Map two percentiles of each channel, over valid pixels, to 0 and 1, and clip.
+
+    Valid are pixels with depth, all of them where there is no depth. A constant channel is left as it is.
+    """
+
+    low: float = 1.0
+    """The percentile that becomes 0."""
+
+    high: float = 99.0
+    """The percentile that becomes 1."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.low < self.high <= 100:
+            raise InputError(f"histogram_stretch: low={self.low}, high={self.high}; use 0 <= low < high <= 100")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, stretched to [0, 1]."""
+        valid = view.valid
+        pixels = view.rgb[valid] if valid.any() else view.rgb.reshape(-1, 3)
+        bottom, top = np.percentile(pixels, [self.low, self.high], axis=0).astype(np.float32)
+        flat = top - bottom < 1e-6
+        stretched = (view.rgb - np.where(flat, 0, bottom)) / np.where(flat, 1, top - bottom)
+        return Restoration(stretched.clip(0, 1).astype(np.float32))

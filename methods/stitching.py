@@ -1,0 +1,32 @@
+"""Stitching the closest observations together (SUCRe, supplementary material: SUCRe vs. image stitching)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import Restoration, Scene, View, method
+
+
+@method(needs={"depth", "poses"}, cites="Boittiaux et al. 2024, SUCRe, supplementary material")
+@dataclass(frozen=True)
+class Stitching:
+    """Give every pixel the colour of its closest observation among all views; no water model.
+
+    Pixels without depth have no colour. Of equally close observations, the first in the scene's order counts.
+    """
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the stitched image, NaN where the view has no depth. Raises SolveError when it has none at all."""
+        from sucre_bench.multiview.observations import observe
+
+        observations = observe(view, scene.views)
+        nearest = np.full(len(observations.pixels), np.inf, dtype=np.float32)
+        colours = np.empty((3, len(nearest)), dtype=np.float32)
+        for n, part in observations.slots():
+            closer = observations.distance[part] < nearest[:n]
+            nearest[:n][closer] = observations.distance[part][closer]
+            colours[:, :n][:, closer] = observations.intensity(part)[:, closer]
+        info = {"n_observations": len(observations), "n_views": len(observations.views)}
+        return Restoration(observations.image(colours), info=info)

@@ -1,0 +1,139 @@
+"""Colour charts: the angle between measured and expected patches (psi), and their CIEDE2000 difference (de00).
+
+Both score the shown picture, in [0, 1] and gamma-encoded. A chart yields one score named after it, the mean over its
+patches, and one per patch, "<chart>/<number>-<name>". Where a patch has no value (no pixel with a colour; for psi also
+a median of exactly black, which has no direction) its score is NaN with coverage 0 and the chart's mean goes without
+it: the chart's coverage, the share of the patches' pixels behind its value, tells so.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.charts import Patch, PatchReading, measure
+from sucre_bench.plugins import metric
+from sucre_bench.scene import Array, Chart, Restoration, Score, View
+
+__all__ = ["De00", "Psi", "angle_deg", "ciede2000", "lab_d50", "srgb_of_lab_d50"]
+
+
+@metric(
+    needs={"charts"},
+    requires=["cv2", "colour"],
+    unit="deg",
+    better="lower",
+    range=(0, 180),
+    cites="Berman et al. 2021",
+    variants={
+        "colour": "the chromatic patches against the sRGB list (SUCRe's; DGK: patches 7-18)",
+        "colour-lab": "the chromatic patches against the maker's Lab list, taken to sRGB and clipped to its gamut",
+        "gray": "the gray patches against pure gray (Berman's)",
+        "all": "all patches against the sRGB list",
+    },
+)
+@dataclass(frozen=True)
+class Psi:
+    """Mean angle in RGB between measured and expected chart patches, degrees (psi-bar).
+
+    It sees hue and saturation, not brightness. SUCRe averages it over the colour patches, Berman et al. over the grays.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per chart and per patch."""
+        for chart in view.charts:
+            readings = [r for r in measure(shown, chart) if variant == "all" or r.patch.colour != (variant == "gray")]
+            expected = np.array([_expected_rgb(r.patch, variant) for r in readings])
+            yield from _scores(chart, readings, angle_deg(np.array([r.rgb for r in readings]), expected))
+
+
+@metric(
+    needs={"charts"},
+    requires=["cv2", "colour"],
+    unit="dE00",
+    better="lower",
+    range=(0, np.inf),
+    cites="Sharma et al. 2005",
+    variants={
+        "lab": "the chromatic patches against the maker's Lab list",
+        "srgb": "the chromatic patches against the sRGB list",
+    },
+)
+@dataclass(frozen=True)
+class De00:
+    """Mean CIEDE2000 difference between measured and expected chart patches.
+
+    Both are compared in CIE Lab under D50, the white of the maker's list; sRGB is brought there from D65 by Bradford's
+    adaptation. Neither Sea-thru nor SUCRe says which list is meant: on the unrestored Sea-thru charts the two means are
+    within .3 of each other (35.3 and 35.5), single patches up to 11 apart.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per chart and per patch."""
+        for chart in view.charts:
+            readings = [r for r in measure(shown, chart) if r.patch.colour]
+            expected = [r.patch.lab if variant == "lab" else lab_d50(np.array(r.patch.srgb)) for r in readings]
+            measured = lab_d50(np.array([r.rgb for r in readings]))
+            yield from _scores(chart, readings, ciede2000(measured, np.array(expected)))
+
+
+def angle_deg(a: Array, b: Array) -> Array:
+    """Return the angle between colours a and b (..., 3), degrees; NaN where one is black or not a number.
+
+    Source: SUCRe, the definition of psi-bar.
+    """
+    norms = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
+    cosine = (a * b).sum(axis=-1) / np.where(norms > 0, norms, np.nan)
+    return np.asarray(np.degrees(np.arccos(cosine.clip(-1, 1))))  # rounding may lift it above 1
+
+
+def ciede2000(a: Array, b: Array) -> Array:
+    """Return CIEDE2000 between CIE Lab colours a and b (..., 3), k_L = k_C = k_H = 1 (Sharma et al. 2005)."""
+    import colour
+
+    return np.asarray(colour.delta_E(a, b, method="CIE 2000"))
+
+
+def lab_d50(srgb: Array) -> Array:
+    """Return CIE Lab under D50 of gamma-encoded sRGB (..., 3) in [0, 1], adapted from D65 by Bradford's transform."""
+    import colour
+
+    white = _d50()
+    XYZ = colour.sRGB_to_XYZ(srgb, illuminant=white, chromatic_adaptation_transform="Bradford")
+    return np.asarray(colour.XYZ_to_Lab(XYZ, white))
+
+
+def srgb_of_lab_d50(lab: Array) -> Array:
+    """Return gamma-encoded sRGB of CIE Lab under D50 (..., 3), clipped to [0, 1]: a picture shows no more."""
+    import colour
+
+    XYZ = colour.Lab_to_XYZ(lab, _d50())
+    srgb = colour.XYZ_to_sRGB(XYZ, illuminant=_d50(), chromatic_adaptation_transform="Bradford")
+    return np.asarray(srgb).clip(0, 1)
+
+
+def _d50() -> Array:
+    import colour
+
+    observers: Mapping[str, Mapping[str, Array]] = colour.CCS_ILLUMINANTS
+    return observers["CIE 1931 2 Degree Standard Observer"]["D50"]
+
+
+def _expected_rgb(patch: Patch, variant: str) -> Array:
+    if variant == "gray":
+        return np.ones(3)
+    return srgb_of_lab_d50(np.array(patch.lab)) if variant == "colour-lab" else np.array(patch.srgb)
+
+
+def _scores(chart: Chart, readings: Sequence[PatchReading], values: Array) -> Iterator[Score]:
+    """One score for the chart, then one for each patch."""
+    known = np.isfinite(values)
+    used = np.array([r.n_pixels for r in readings]) * known
+    seen = np.array([r.coverage for r in readings]) * known
+    value = float(values[known].mean()) if known.any() else np.nan
+    yield Score(value, chart.name, int(used.sum()), float(seen.mean()))
+    for reading, score, n, coverage in zip(readings, values, used, seen, strict=True):
+        region = f"{chart.name}/{reading.patch.number}-{reading.patch.name}"
+        yield Score(float(score), region, int(n), float(coverage))

@@ -1,0 +1,59 @@
+"""How far a restoration reaches: the share of pixels given a colour (coverage), and of impossible ones (negative)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.plugins import metric
+from sucre_bench.scene import Array, Restoration, Score, View
+
+__all__ = ["Coverage", "Negative"]
+
+_CHANNELS = {"red": 0, "green": 1, "blue": 2}
+
+
+@metric(
+    unit="share",
+    better="higher",
+    range=(0, 1),
+    variants={"image": "of all pixels of the image", "depth": "of the pixels with depth; nothing without a depth map"},
+)
+@dataclass(frozen=True)
+class Coverage:
+    """Share of pixels that the method gives a colour."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield one score, NaN where there is no pixel to cover; its n_pixels and coverage are those looked at."""
+        if variant == "depth" and not view.has_depth:
+            return
+        given = restored.valid
+        asked = view.depth > 0 if variant == "depth" else np.ones_like(given)
+        value = float(given[asked].mean()) if asked.any() else np.nan
+        yield Score(value, n_pixels=int(asked.sum()), coverage=float(asked.mean()))
+
+
+@metric(
+    unit="share",
+    better="lower",
+    range=(0, 1),
+    variants={
+        "any": "of pixels with a colour, in any channel",
+        "red": "in the red channel",
+        "green": "in the green channel",
+        "blue": "in the blue channel",
+    },
+)
+@dataclass(frozen=True)
+class Negative:
+    """Share of coloured pixels whose computed intensity is negative, which no scene's is; a stretch hides it."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield one score, NaN where no pixel has a colour."""
+        valid = restored.valid
+        negative = restored.image[valid] < 0  # (P, 3)
+        hit = negative.any(axis=-1) if variant == "any" else negative[:, _CHANNELS[variant]]
+        value = float(hit.mean()) if valid.any() else np.nan
+        yield Score(value, n_pixels=int(valid.sum()), coverage=float(valid.mean()))

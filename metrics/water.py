@@ -1,0 +1,49 @@
+"""How well the water is estimated, where the true water is known (made scenes)."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.plugins import metric
+from sucre_bench.scene import Array, Restoration, Score, View
+from sucre_bench.scene import Water as TrueWater
+
+__all__ = ["Water"]
+
+
+@metric(
+    needs={"truth"},
+    unit="relative",
+    better="lower",
+    range=(0, np.inf),
+    default=["attenuation", "backscatter", "veiling_light"],
+    variants={
+        "attenuation": "of beta, 1/m",
+        "backscatter": "of gamma, 1/m",
+        "veiling_light": "of B",
+    },
+)
+@dataclass(frozen=True)
+class Water:
+    """Relative error of the estimated water, |estimate - truth| / truth: the mean of the channels, and each channel.
+
+    The true water is `restored.info["true_water"]`, a `scene.Water`, which the engine puts there after the method has
+    run. A channel whose true value is 0 has no relative error: NaN, and the mean goes without it.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score for the image and one per channel; nothing where the method estimates no water."""
+        truth: TrueWater | None = restored.info.get("true_water")
+        if restored.water is None or truth is None:
+            return
+        estimate = np.asarray(getattr(restored.water, variant), dtype=np.float64)
+        true = np.asarray(getattr(truth, variant), dtype=np.float64)
+        error = np.abs(estimate - true) / np.where(true > 0, true, np.nan)
+        n, coverage = int(restored.valid.sum()), float(restored.valid.mean())
+        known = error[true > 0]
+        yield Score(float(known.mean()) if known.size else np.nan, "image", n, coverage)
+        for channel, value in zip(("red", "green", "blue"), error, strict=True):
+            yield Score(float(value), f"image/{channel}", n, coverage)

@@ -1,0 +1,77 @@
+"""The bench from Python: load scenes, restore a view, score the result."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import plugins, results
+from sucre_bench.colour import display
+from sucre_bench.config import metric_choices
+from sucre_bench.errors import InputError
+from sucre_bench.run import Measured, measured_restore, score_rows
+from sucre_bench.scene import Restoration, Scene, View
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["load_scenes", "restore", "score"]
+
+
+def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
+    """Yield the scenes of a dataset. options: as in Hydra, e.g. root="dive/".
+
+    Raises InputError for an unknown name or option, and for data that are not as expected.
+    """
+    yield from plugins.create(plugins.find("dataset", name), options).scenes()
+
+
+def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Restoration:
+    """Restore a view. method: a name with its options, or a method object.
+
+    `info` of the result also says how it came about: method, options, display, seconds, peak_mb.
+    Raises InputError where the scene lacks what the method needs, PluginError for a result that breaks the contract.
+    """
+    if isinstance(method, str):
+        method = plugins.create(plugins.find("method", method), options)
+    plugin: plugins.Plugin = method.__plugin__
+    if absent := plugins.missing_needs(plugin, scene.has):
+        raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
+    measured = measured_restore(method, plugin.name, scene, view)
+    about = {
+        "method": plugin.name,
+        "options": {"name": plugin.name, "display": plugin.display, **asdict(method)},
+        "display": plugin.display,
+        "seconds": measured.seconds,
+        "peak_mb": measured.peak_mb,
+        "scene": scene.name,
+        "data_id": scene.data_id,
+        "code": plugins.source_hash(plugin),
+    }
+    restoration = measured.restoration
+    return replace(restoration, info={**restoration.info, **about})
+
+
+def score(
+    result: Restoration, view: View, metrics: Sequence[str], how: str | None = None, dataset: str = ""
+) -> pd.DataFrame:
+    """Score a restoration: the long table's columns (`sucre_bench.results.Row`), a row a score.
+
+    metrics: "name", "name:variant" or "name:all"; how: the display normalisation, default the method's own.
+    A metric the view cannot give is a row with status "skipped" and the reason.
+    """
+    info = result.info
+    options, options_id = results.fingerprint(info.get("options", {}))
+    shown = display(result.image, how or info.get("display", "none"), view.encoding)
+    base = results.Row(
+        dataset=dataset, scene=info.get("scene", ""), view=view.name, method=info.get("method", ""),
+        options=options, options_id=options_id,
+        metric="seconds", variant="wall", region="image", value=float("nan"), unit="s", better="lower",
+        n_pixels=int(result.valid.sum()), coverage=float(result.valid.mean()), status="ok", reason="",
+        seconds=info.get("seconds", float("nan")), peak_mb=info.get("peak_mb", float("nan")),
+        device=str(info.get("device", "cpu")), seed=int(info.get("options", {}).get("seed", 0)),
+        code=info.get("code", ""), data_id=info.get("data_id", ""), time=results.now(),
+    )  # fmt: skip
+    measured = Measured(result, base.seconds, base.peak_mb)
+    return results.frame(score_rows(measured, shown, view, metric_choices(metrics), base))

@@ -1,0 +1,220 @@
+"""The command line. Everything heavy is imported by the command that needs it: help and lists answer at once."""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+import sucre_bench
+from sucre_bench.errors import SucreBenchError
+
+if TYPE_CHECKING:
+    from sucre_bench.sweep import Fault, Outcome
+
+__all__ = ["cli", "main"]
+
+
+def main() -> None:
+    """Run the command line; an expected fault is one line on stderr and exit code 2."""
+    try:
+        cli(standalone_mode=False)
+    except click.exceptions.Abort:
+        sys.exit(130)
+    except click.ClickException as fault:
+        fault.show()
+        sys.exit(fault.exit_code)
+    except click.exceptions.Exit as ended:
+        sys.exit(ended.exit_code)
+    except SucreBenchError as fault:
+        for line in str(fault).splitlines():
+            click.secho(f"error: {line}", fg="red", err=True)
+        sys.exit(2)
+    except KeyboardInterrupt:
+        sys.exit(130)
+    except BrokenPipeError:
+        sys.stderr.close()
+        sys.exit(141)
+
+
+@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.version_option(sucre_bench.__version__, prog_name="sucre-bench")
+def cli() -> None:
+    """Compare methods that restore the colours of underwater images.
+
+    \b
+    sucre-bench run dataset=demo method=gray_world
+    sucre-bench run -m dataset=colmap dataset.root=dive/ method=underwater,sucre_paper out=results
+    sucre-bench compare results
+    sucre-bench score restored/ --reference truth/
+    """
+
+
+@cli.command(context_settings={"ignore_unknown_options": True})
+@click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
+@click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
+@click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with plugins of your own.")
+@click.option("--cfg", is_flag=True, help="Print the configuration and stop.")
+def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool) -> None:
+    """Restore views of a dataset with a method, and score them.
+
+    \b
+    sucre-bench run dataset=colmap dataset.root=DIR method=sucre_paper views=[a.png] out=DIR
+    sucre-bench run -m method=underwater,gray_world,stitching,sucre_paper every=4
+    sucre-bench run -m method=sucre_paper method.steps=50,200 hydra/launcher=joblib
+
+    Overrides are Hydra's, key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their
+    options follow a dot. Also: out=FOLDER, views=[NAME,...] or a .txt list, every=N, first=N, seed=N,
+    overwrite=missing|always|never, save=display|full, tracking.uri=URI or off, report=false.
+
+    What is done is not done again: the same command goes on where it was stopped.
+    """
+    from sucre_bench import plugins, sweep
+
+    stray = [word for word in overrides if word.startswith("-")]
+    if stray:
+        raise click.UsageError(f"no option {stray[0]}; see sucre-bench run --help")
+    if cfg:
+        from sucre_bench import config
+
+        for file in plugin_files:
+            plugins.load_file(file)
+        click.echo(config.jobs(overrides, multirun).jobs[0].config, nl=False)
+        return
+    outcome = sweep.run(overrides, multirun, plugin_files)
+    _show_outcome(outcome, page=not any(word == "report=false" for word in overrides))
+    sys.exit(outcome.exit_code)
+
+
+def _show_outcome(outcome: Outcome, page: bool) -> None:
+    """Tables, what failed and why, the counts, and where everything is."""
+    from sucre_bench import compare, console, report
+
+    if (outcome.rows["status"] == "ok").any():
+        for table in compare.compare(outcome.rows):
+            console.out.print(compare.render(table, "terminal", console.out.width))
+    for colour, kind, faults in (
+        ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
+        ("yellow", "skipped", outcome.skipped),
+    ):
+        for line in _grouped(faults):
+            click.secho(f"{kind}  {line}", fg=colour)
+    if outcome.interrupted:
+        click.echo("stopped; the same command goes on from here")
+    made = f" ({outcome.cached} cached)" if outcome.cached else ""
+    scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
+    click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")
+    if outcome.failed or outcome.scores_failed:
+        click.echo(f"log      {outcome.out / 'logs' / 'failures.log'}")
+    click.echo(f"results  {outcome.out}")
+    if page and len(outcome.rows):
+        click.echo(f"page     {report.write(outcome.out, outcome.rows)}")
+
+
+def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
+    """A line a reason; many views that share one are counted."""
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    for fault in faults:
+        by_reason.setdefault((fault.where, fault.reason), []).append(fault.view)
+    for (where, reason), views in by_reason.items():
+        which = views[0] if len(views) == 1 else f"{len(views)} views"
+        yield f"{where} / {which}: {reason}"
+
+
+@cli.command()
+@click.argument("images", type=click.Path(path_type=Path))
+@click.option("--reference", type=click.Path(path_type=Path), help="Folder with the same names, or one image.")
+@click.option("--metrics", default="", metavar="A,B", help="Names, name:variant or name:all; default all that apply.")
+@click.option("--format", "how", type=click.Choice(["terminal", "csv", "json"]), default="terminal", show_default=True)
+@click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
+@click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with metrics of your own.")
+def score(
+    images: Path, reference: Path | None, metrics: str, how: str, file: Path | None, plugin_files: tuple[str, ...]
+) -> None:
+    """Score a folder of images (or one image) with any metric, in any published variant.
+
+    \b
+    sucre-bench score restored/
+    sucre-bench score restored/ --reference truth/ --metrics psnr,ssim:all
+    sucre-bench score restored/ --metrics uciqe:all,uiqm:all --csv scores.csv
+    """
+    from sucre_bench import console, plugins, results, scoring
+
+    for plugin in plugin_files:
+        plugins.load_file(plugin)
+    with console.live():
+        rows = scoring.score_folder(images, reference, [m for m in metrics.split(",") if m])
+    if file:
+        results.write_atomically(file, rows.to_csv(index=False).encode())
+    if how == "csv":
+        click.echo(rows.to_csv(index=False), nl=False)
+    elif how == "json":
+        click.echo(rows.to_json(orient="records", indent=1))
+    else:
+        console.out.print(scoring.summary(rows))
+    failed = rows[rows["status"] == "failed"]
+    for _, row in failed.iterrows():
+        click.secho(f"failed  {row['view']}: {row['metric']}: {row['reason']}", fg="red", err=True)
+    sys.exit(1 if len(failed) else 0)
+
+
+@cli.command("list")
+@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments"]))
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with plugins of your own.")
+def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
+    """List what there is, what it needs, and whether it is installed."""
+    from sucre_bench import listing, plugins
+
+    for file in plugin_files:
+        plugins.load_file(file)
+    click.echo(listing.as_json(what) if as_json else listing.as_text(what, colour=sys.stdout.isatty()))
+
+
+@cli.command()
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--by", type=click.Choice(["method", "view", "region"]), default="method", show_default=True)
+@click.option("--metric", "metrics", multiple=True, metavar="NAME[:VARIANT]", help="Only these; may be repeated.")
+@click.option(
+    "--format",
+    "how",
+    type=click.Choice(["terminal", "md", "latex", "csv", "json"]),
+    default="terminal",
+    show_default=True,
+)
+def compare(folders: Sequence[Path], by: Any, metrics: Sequence[str], how: Any) -> None:
+    """One table over one or more output folders, with 95 % intervals.
+
+    \b
+    sucre-bench compare results
+    sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
+    """
+    from sucre_bench import compare, console
+
+    for table in compare.compare(compare.load(folders), metrics, by):
+        if how == "terminal":
+            console.out.print(compare.render(table, how, console.out.width))
+            for line in compare.verdicts(table) if by == "method" else []:
+                click.echo(line)
+        else:
+            click.echo(compare.render(table, how), nl=False)
+
+
+@cli.command("report")
+@click.argument("folder", type=click.Path(path_type=Path))
+def report_(folder: Path) -> None:
+    """Write FOLDER/report/index.html, a page that opens from disk."""
+    from sucre_bench import report, results
+
+    click.echo(report.write(folder, results.read(folder)))
+
+
+@cli.command()
+def doctor() -> None:
+    """Say what is installed, what is missing, and what that disables."""
+    from sucre_bench import doctor
+
+    sys.exit(doctor.show())

@@ -1,0 +1,77 @@
+"""Where everything is kept under an output folder.
+
+restored/<dataset>/<method label>/[<scene>/]<view stem>.png   what a method made of a view (and .npz with save=full)
+views/<dataset>/[<scene>/]<view stem>.jpg                     the view itself, for people to look at
+references/<dataset>/[<scene>/]<view stem>.jpg                the scene without water, where it is known
+logs/failures.log                                            tracebacks
+
+The scene is named where the dataset has several; a view keeps its suffix where another differs in nothing else.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene, View
+
+__all__ = ["Place", "file_name", "find", "log_path", "place"]
+
+
+def file_name(text: str) -> str:
+    """Return a label as a file or folder name: what a shell or a file system would trip over becomes '_'."""
+    return re.sub(r"[^\w.,=+@-]+", "_", text).strip("_.") or "_"
+
+
+def log_path(out: Path) -> Path:
+    """Where the tracebacks of a run are kept."""
+    return out / "logs" / "failures.log"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A view's place in each tree, without the suffix."""
+
+    dataset: str
+    stem: PurePosixPath
+
+    def restored(self, out: Path, method: str) -> Path:
+        """The picture a method made of it."""
+        return _inside(out / "restored" / self.dataset / file_name(method), f"{self.stem}.png")
+
+    def original(self, out: Path) -> Path:
+        """The view itself."""
+        return _inside(out / "views" / self.dataset, f"{self.stem}.jpg")
+
+    def reference(self, out: Path) -> Path:
+        """The view without water."""
+        return _inside(out / "references" / self.dataset, f"{self.stem}.jpg")
+
+
+def _inside(folder: Path, name: str) -> Path:
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{name}: a view's name leads out of the output folder; rename the image")
+    return path
+
+
+def place(dataset: str, scenes: Sequence[Scene], scene: Scene, view: View) -> Place:
+    """Return where a view is kept."""
+    stems = [PurePosixPath(v.name).with_suffix("") for v in scene.views]
+    stem = PurePosixPath(view.name).with_suffix("")
+    own = PurePosixPath(view.name) if stems.count(stem) > 1 else stem
+    return Place(file_name(dataset), PurePosixPath(file_name(scene.name)) / own if len(scenes) > 1 else own)
+
+
+def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
+    """Return where a view was kept, from what a row says of it; None when it was not."""
+    name = PurePosixPath(view)
+    within = PurePosixPath(file_name(scene))
+    for stem in (name, name.with_suffix(""), within / name, within / name.with_suffix("")):
+        found = Place(file_name(dataset), stem)
+        if found.original(out).is_file():
+            return found
+    return None

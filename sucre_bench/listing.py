@@ -1,0 +1,98 @@
+"""What plugins and experiments there are, as text and as JSON."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import MISSING
+from pathlib import Path
+from typing import Any
+
+from sucre_bench import plugins
+from sucre_bench.plugins import Broken, Kind, Plugin
+
+__all__ = ["as_json", "as_text"]
+
+
+def as_json(what: str) -> str:
+    """Everything that is known of each plugin, or the experiments, as a JSON array."""
+    if what == "experiments":
+        return json.dumps(_experiments(), indent=1)
+    return json.dumps([_about(p) for p in plugins.discover(_kind(what)).values()], indent=1)
+
+
+def as_text(what: str, colour: bool) -> str:
+    """Each with its needs, licence, options and whether it can run here."""
+    import click
+
+    def dim(text: str) -> str:
+        return click.style(text, dim=True) if colour else text
+
+    if what == "experiments":
+        return "\n".join(f"{e['name']}  {e['description']}" for e in _experiments()) or "no experiments"
+    lines = []
+    for plugin in plugins.discover(_kind(what)).values():
+        if isinstance(plugin, Broken):
+            text = f"{plugin.name}  does not import: {plugin.reason}"
+            lines.append(click.style(text, fg="red") if colour else text)
+            continue
+        about = _about(plugin)
+        missing = plugins.missing_packages(plugin)
+        state = f"  [not installed: {missing}]" if missing else ""
+        lines.append((click.style(plugin.name, bold=True) if colour else plugin.name) + state)
+        lines.append(f"    {plugin.summary}")
+        facts = [f"{key}: {about[key]}" for key in ("needs", "variants", "options", "licence", "cites") if about[key]]
+        lines += [dim(f"    {line}") for line in map(_flat, facts)]
+    return "\n".join(lines) or f"no {what}"
+
+
+def _flat(text: str) -> str:
+    return text.translate(str.maketrans("", "", "[]'{}"))
+
+
+def _kind(what: str) -> Kind:
+    return next(kind for kind in plugins.KINDS if what == f"{kind}s")
+
+
+def _about(plugin: Plugin | Broken) -> dict[str, Any]:
+    if isinstance(plugin, Broken):
+        return {"name": plugin.name, "broken": plugin.reason}
+    about: dict[str, Any] = {
+        "name": plugin.name,
+        "description": plugin.summary,
+        "needs": sorted(plugin.needs),
+        "licence": plugin.licence,
+        "cites": plugin.cites,
+        "options": {o.name: _option(o) for o in plugins.options(plugin.cls)},
+        "installed": not plugins.missing_packages(plugin),
+        "install": plugins.missing_packages(plugin),
+        "variants": dict(plugin.variants),
+    }
+    if plugin.kind == "method":
+        about["display"] = plugin.display
+    if plugin.kind == "metric":
+        low, high = (x if math.isfinite(x) else None for x in plugin.range)
+        about |= {"unit": plugin.unit, "better": plugin.better, "range": [low, high], "default": list(plugin.default)}
+    return about
+
+
+def _option(option: plugins.Option) -> dict[str, Any]:
+    default = "must be given" if option.default is MISSING else option.default
+    about: dict[str, Any] = {"default": default if isinstance(default, (int, float, str, bool)) else _text(default)}
+    if option.choices:
+        about["choices"] = list(option.choices)
+    return about | ({"help": option.help} if option.help else {})
+
+
+def _text(value: Any) -> str | None:
+    return None if value is None else str(value)
+
+
+def _experiments() -> list[dict[str, str]]:
+    """The files of conf/experiment, the first comment as description."""
+    folder = Path(__file__).parent / "conf" / "experiment"
+    found = []
+    for path in sorted(folder.glob("*.yaml")):
+        said = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
+        found.append({"name": path.stem, "description": next((s for s in said if not s.startswith("@")), "")})
+    return found

@@ -1,0 +1,116 @@
+"""What produced a result: versions, source, machine. Written beside the table as ``environment.json``."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+import sucre_bench
+
+__all__ = ["PACKAGES", "environment", "gpu", "read", "source_commit", "version_of", "write"]
+
+PACKAGES = (
+    "colour-science",
+    "hydra-core",
+    "jax",
+    "mlflow",
+    "numpy",
+    "open3d",
+    "opencv-python-headless",
+    "pandas",
+    "pyarrow",
+    "pycolmap",
+    "scikit-image",
+    "scipy",
+    "torch",
+)
+
+
+def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str, Any]:
+    """Return everything that says how a result came about. data: dataset label -> data_id."""
+    commit, dirty = source_commit()
+    return {
+        "command": command,
+        "sucre_bench": sucre_bench.__version__,
+        "git_commit": commit,
+        "git_dirty": dirty,
+        "seed": seed,
+        "data": data,
+        "python": platform.python_version(),
+        "packages": {name: version_of(name) for name in PACKAGES},
+        "machine": {
+            "system": platform.platform(),
+            "processor": _processor(),
+            "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+            "memory_gb": _memory_gb(),
+            "gpu": gpu(),
+        },
+    }
+
+
+def version_of(package: str) -> str | None:
+    """Return an installed package's version, None when it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def source_commit() -> tuple[str | None, bool | None]:
+    """Return the commit of the source tree and whether it has uncommitted changes; None where it is no checkout."""
+    here = Path(__file__).resolve().parent.parent
+    if not (here / ".git").exists():
+        return None, None
+    git = ["git", "-C", str(here)]
+    try:
+        commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10, check=True)
+        status = subprocess.run([*git, "status", "--porcelain"], capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None, None
+    return commit.stdout.strip(), bool(status.stdout.strip())
+
+
+def gpu() -> str | None:
+    """Return the first GPU's name as its driver tells it, None where there is none."""
+    try:
+        query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+        answer = subprocess.run(query, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip().splitlines()[0] if answer.stdout.strip() else None
+
+
+def _processor() -> str:
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory_gb() -> float:
+    import psutil
+
+    return round(psutil.virtual_memory().total / 2**30, 1)
+
+
+def write(path: Path, content: dict[str, Any]) -> None:
+    """Write an environment as JSON."""
+    from sucre_bench.results import write_atomically
+
+    write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def read(path: Path) -> dict[str, Any] | None:
+    """Read an environment back; None when there is none."""
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content

@@ -1,0 +1,201 @@
+"""The long table: one row a score, kept as parquet. Everything people see is made from it.
+
+A job writes its rows to a part of its own, ``parts/<job>.parquet``, whole and atomically each time; `merge` joins
+the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses nothing that was written.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import hashlib
+import json
+import os
+import tempfile
+import time
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import asdict, dataclass, fields
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from sucre_bench.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["COLUMNS", "Part", "Row", "Status", "fingerprint", "frame", "merge", "now", "read", "write_atomically"]
+
+Status = Literal["ok", "failed", "skipped"]
+
+TABLE = "scores.parquet"
+PARTS = "parts"
+_FLUSH_SECONDS = 1.0
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One score, or the reason why there is none.
+
+    method: the configuration's label; options: all its options as JSON, options_id their hash; region: "image", a
+    chart, or "<chart>/<patch>"; coverage: share of the region scored; status: "ok", "failed" or "skipped" (value NaN,
+    `reason` says why); seconds, peak_mb: of the restoration (wall time; resident memory above what was held before);
+    code: hashes of the method's and the metric's source; data_id: hash of the data; time: UTC, ISO 8601.
+    The row of metric "seconds" stands for the restoration as a whole: it is the one that says failed or skipped.
+    """
+
+    dataset: str
+    scene: str
+    view: str
+    method: str
+    options: str
+    options_id: str
+    metric: str
+    variant: str
+    region: str
+    value: float
+    unit: str
+    better: str
+    n_pixels: int
+    coverage: float
+    status: Status
+    reason: str
+    seconds: float
+    peak_mb: float
+    device: str
+    seed: int
+    code: str
+    data_id: str
+    time: str
+
+
+COLUMNS = tuple(f.name for f in fields(Row))
+_RESTORATION = ["dataset", "scene", "view", "method"]
+_NUMBERS = {"value": "float64", "n_pixels": "int64", "coverage": "float64", "seconds": "float64", "peak_mb": "float64"}
+
+
+def now() -> str:
+    """The time as rows keep it."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
+def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
+    """Return options as canonical JSON, and a short hash of that."""
+    text = json.dumps(dict(values), sort_keys=True, default=str)
+    return text, hashlib.blake2b(text.encode(), digest_size=6).hexdigest()
+
+
+def frame(rows: Iterable[Row]) -> pd.DataFrame:
+    """Rows as a table with all columns, their types the same however few the rows."""
+    import pandas as pd
+
+    table = pd.DataFrame([asdict(row) for row in rows], columns=list(COLUMNS))
+    text = {name: "str" for name in COLUMNS if name not in _NUMBERS and name != "seed"}
+    return table.astype({**_NUMBERS, "seed": "int64", **text})
+
+
+def read(out: str | Path) -> pd.DataFrame:
+    """Return every row under `out`, table and parts, the newest of each score.
+
+    Raises InputError when there are none, or a file is damaged.
+    """
+    out = Path(out)
+    if not (out / TABLE).is_file() and not list((out / PARTS).glob("*.parquet")):
+        raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
+    return _read(out)
+
+
+def _read(out: Path) -> pd.DataFrame:
+    import pandas as pd
+    import pyarrow
+
+    tables = [frame([])]
+    for path in [out / TABLE, *sorted((out / PARTS).glob("*.parquet"))]:
+        try:
+            tables.append(pd.read_parquet(path)[list(COLUMNS)])
+        except FileNotFoundError:
+            continue  # merged by another process just now, or never written
+        except (pyarrow.ArrowInvalid, KeyError, OSError) as fault:
+            raise InputError(f"{path}: not a table of scores ({fault}); delete it and run again") from fault
+    rows = pd.concat([t for t in tables if len(t)] or tables[:1], ignore_index=True)
+    return _newest(rows)
+
+
+def _newest(rows: pd.DataFrame) -> pd.DataFrame:
+    """Keep the newest of each score, and only what comes from the newest options, data and code of a restoration."""
+    if rows.empty:
+        return rows
+    rows = rows.assign(_method_code=rows["code"].str.split(".").str[0])
+    same = ["options_id", "data_id", "_method_code"]
+    latest = rows.sort_values("time", kind="stable").groupby(_RESTORATION)[same].transform("last")
+    rows = rows[(rows[same] == latest.loc[rows.index]).all(axis=1)]
+    score = [*_RESTORATION, "metric", "variant"]
+    rows = rows[rows["time"] == rows.groupby(score)["time"].transform("max")]
+    return rows.drop(columns="_method_code").drop_duplicates([*score, "region"]).reset_index(drop=True)
+
+
+class Part:
+    """The rows of one job, written as they come: at most a second's worth is not yet on the disk."""
+
+    def __init__(self, out: Path, job: str) -> None:
+        self._path = out / PARTS / f"{job}-{os.getpid()}.parquet"
+        self._rows: list[Row] = []
+        self._written = time.monotonic()
+
+    def add(self, rows: Sequence[Row]) -> None:
+        """Keep rows; InputError when the disk is full."""
+        self._rows.extend(rows)
+        if time.monotonic() - self._written > _FLUSH_SECONDS:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write everything to the disk now."""
+        if self._rows:
+            _write_table(frame(self._rows), self._path)
+        self._written = time.monotonic()
+
+
+def merge(out: Path) -> pd.DataFrame:
+    """Join the parts into the table, and return it. Safe beside other processes that do the same."""
+    from filelock import FileLock
+
+    out.mkdir(parents=True, exist_ok=True)
+    with FileLock(out / f".{TABLE}.lock"):
+        parts = list((out / PARTS).glob("*.parquet"))
+        rows = _read(out)
+        if parts:
+            rows = rows.sort_values([*_RESTORATION, "metric", "variant"], kind="stable", ignore_index=True)
+            _write_table(rows, out / TABLE)
+            for part in parts:
+                part.unlink(missing_ok=True)
+            with contextlib.suppress(OSError):
+                (out / PARTS).rmdir()
+    return rows
+
+
+def _write_table(rows: pd.DataFrame, path: Path) -> None:
+    import io
+
+    buffer = io.BytesIO()
+    rows.to_parquet(buffer, index=False)
+    write_atomically(path, buffer.getvalue())
+
+
+def write_atomically(path: Path, content: bytes) -> None:
+    """Write a file so that it is either the old one or the whole new one. InputError when the disk is full."""
+    path.parent.mkdir(parents=True, exist_ok=True)
+    try:
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+            try:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+                os.fchmod(file.fileno(), 0o644)
+                Path(file.name).replace(path)
+            except BaseException:
+                Path(file.name).unlink(missing_ok=True)
+                raise
+    except OSError as fault:
+        if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+            raise InputError(f"{path}: the disk is full; free some space and give the same command again") from fault
+        raise InputError(f"{path}: cannot be written ({fault.strerror}); choose another out=...") from fault

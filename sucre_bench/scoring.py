@@ -1,0 +1,134 @@
+"""Score any folder of images, with no dataset and no method: `sucre-bench score`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sucre_bench import plugins, progress, results
+from sucre_bench.api import score
+from sucre_bench.compare import ARROW, number
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array, Plane, Restoration, View
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+__all__ = ["score_folder", "summary"]
+
+_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"}
+
+
+@dataclass(frozen=True)
+class _Files:
+    """An image file, and the file it is compared with."""
+
+    image: Path
+    compared_with: Path | None
+
+    def load(self, plane: Plane) -> Array | None:
+        if plane == "rgb":
+            return read_image(self.image)
+        return read_image(self.compared_with) if plane == "reference" and self.compared_with else None
+
+
+def read_image(path: Path) -> Array:
+    """Read an image as (H, W, 3) float32 RGB in [0, 1]. InputError when it cannot be read."""
+    import cv2
+
+    raw = np.frombuffer(path.read_bytes(), np.uint8) if path.is_file() else np.empty(0, np.uint8)
+    image = cv2.imdecode(raw, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if raw.size else None
+    if image is None:
+        raise InputError(f"{path}: not a readable image; replace it or leave it out")
+    top = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(image.dtype, 1)
+    return np.ascontiguousarray(image[..., ::-1], dtype=np.float32) / np.float32(top)
+
+
+def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> pd.DataFrame:
+    """Score every image under a folder (or one file): the long table's columns, the folder's name as the method.
+
+    reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
+    every metric that applies, in all its variants. An image that cannot be read is a failed row.
+    Raises InputError when there is no image, or no reference of that name.
+    """
+    import pandas as pd
+
+    files = _images(images)
+    names = list(metrics) or _applicable(reference is not None)
+    tables = []
+    for name, path in progress.track(files.items(), f"scoring {images.name}"):
+        view = View(name, _Files(path, _partner(name, reference)))
+        try:
+            rows = score(Restoration(view.rgb, info={"method": images.name}), view, names)
+            if reference is not None and view.reference is not None and view.reference.shape != view.rgb.shape:
+                raise InputError(f"{path}: {view.rgb.shape[:2]} but its reference is {view.reference.shape[:2]}")
+            tables.append(rows)
+        except InputError as fault:
+            tables.append(_failed(images.name, name, str(fault)))
+            progress.say(f"failed  {fault}")
+    rows = pd.concat(tables, ignore_index=True)
+    return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
+
+
+def _images(folder: Path) -> dict[str, Path]:
+    if folder.is_file():
+        return {folder.name: folder}
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give a folder of images, or one image")
+    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
+    if not found:
+        raise InputError(f"{folder}: holds no image ({', '.join(sorted(_SUFFIXES))}); give a folder of images")
+    return {str(p.relative_to(folder)): p for p in found}
+
+
+def _partner(name: str, reference: Path | None) -> Path | None:
+    """The reference of an image: the same name, any suffix."""
+    if reference is None:
+        return None
+    if reference.is_file():
+        return reference
+    wanted = reference / name
+    near = [p for p in sorted(wanted.parent.glob("*")) if p.stem == wanted.stem and p.suffix.lower() in _SUFFIXES]
+    if wanted.is_file():
+        return wanted
+    if not near:
+        raise InputError(f"{wanted}: no such reference; it needs the same names as the images")
+    return near[0]
+
+
+def _applicable(with_reference: bool) -> list[str]:
+    """Every variant of every metric that needs no more than there is."""
+    has = frozenset({"reference"} if with_reference else ())
+    known = [p for p in plugins.discover("metric").values() if isinstance(p, plugins.Plugin)]
+    return [f"{p.name}:all" for p in known if p.needs <= has]
+
+
+def _failed(method: str, view: str, reason: str) -> pd.DataFrame:
+    nan = float("nan")
+    row = results.Row(
+        dataset="", scene="", view=view, method=method, options="{}", options_id="", metric="seconds", variant="wall",
+        region="image", value=nan, unit="s", better="lower", n_pixels=0, coverage=0.0, status="failed", reason=reason,
+        seconds=nan, peak_mb=nan, device="cpu", seed=0, code="", data_id="", time=results.now(),
+    )  # fmt: skip
+    return results.frame([row])
+
+
+def summary(rows: pd.DataFrame) -> Table:
+    """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    for name in ("metric", "variant", "mean", "std", "lowest", "highest", "images"):
+        table.add_column(name, justify="left" if name in ("metric", "variant") else "right", no_wrap=True)
+    ok = rows[rows["status"] == "ok"]
+    for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
+        values = scores["value"]
+        title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
+        figures = (values.mean(), values.std(ddof=0), values.min(), values.max())
+        table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
+    return table

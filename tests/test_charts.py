@@ -1,0 +1,164 @@
+"""sucre_bench.charts: the tables against published data, the measuring against painted charts."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sucre_bench.charts import KINDS, ChartKind, measure
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array, Chart
+
+TILTED = np.array([[61.0, 40.0], [352.0, 22.0], [377.0, 268.0], [33.0, 241.0]])
+
+
+def painted(kind: ChartKind, corners: Array, size: tuple[int, int] = (300, 420), share: float = 1.0) -> Array:
+    """A white image with every patch in its sRGB colour, on the middle `share` of its box (in x and y)."""
+    import cv2
+
+    image = np.ones((*size, 3), np.float32)
+    unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], np.float32)
+    homography = cv2.getPerspectiveTransform(np.asarray(corners, np.float32), unit)
+    v, u = np.mgrid[: size[0], : size[1]] + 0.5
+    x, y = cv2.perspectiveTransform(np.stack([u, v], -1).reshape(1, -1, 2), homography)[0].T.reshape(2, *size)
+    for patch in kind.patches:
+        x0, y0, x1, y1 = patch.box
+        inside = np.abs(x - (x0 + x1) / 2) <= share * (x1 - x0) / 2
+        inside &= np.abs(y - (y0 + y1) / 2) <= share * (y1 - y0) / 2
+        image[inside] = patch.srgb
+    return image
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+def test_patches_are_numbered_named_once_inside_the_frame_and_apart(kind: ChartKind) -> None:
+    assert [p.number for p in kind.patches] == list(range(1, len(kind.patches) + 1))
+    assert len({p.name for p in kind.patches}) == len(kind.patches)
+    boxes = np.array([p.box for p in kind.patches])
+    assert (boxes >= 0).all()
+    assert (boxes <= 1 + 1e-12).all()
+    assert (boxes[:, :2] < boxes[:, 2:]).all()
+    for i, a in enumerate(boxes):
+        for b in boxes[i + 1 :]:
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+
+
+def test_dgk_has_the_six_grays_and_twelve_colours_that_psi_is_averaged_over() -> None:
+    assert [p.number for p in KINDS["dgk"].patches if p.colour] == list(range(7, 19))
+    grays = np.array([p.srgb for p in KINDS["dgk"].patches if not p.colour])
+    assert (np.ptp(grays, axis=1) < 0.03).all()
+    assert (np.diff(grays.mean(axis=1)) < 0).all(), "white to black"
+
+
+def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the_same_charts() -> None:
+    import colour
+
+    published = colour.CCS_COLOURCHECKERS["ColorChecker 2005"]
+    XYZ = colour.xyY_to_XYZ(np.array(list(published.data.values())))
+    lab = colour.XYZ_to_Lab(XYZ, published.illuminant)
+    ours = KINDS["colorchecker24"].patches
+    np.testing.assert_allclose(np.array([p.lab for p in ours]), lab, atol=0.06)
+    assert [p.name.split("-")[0] for p in ours] == [name.split()[0] for name in published.data]
+    assert sum(p.colour for p in ours) == 18
+
+
+def test_colorchecker_srgb_is_its_lab_list_but_for_the_makers_rounding() -> None:
+    import colour
+
+    d50 = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D50"]
+    lab = np.array([p.lab for p in KINDS["colorchecker24"].patches])
+    srgb = colour.XYZ_to_sRGB(
+        colour.Lab_to_XYZ(lab, d50), illuminant=d50, chromatic_adaptation_transform="Bradford"
+    ).clip(0, 1)
+    ours = np.array([p.srgb for p in KINDS["colorchecker24"].patches])
+    np.testing.assert_allclose(ours * 255, srgb * 255, atol=22)  # moderate colours differ by 1 to 7, yellow by 11
+    assert np.median(np.abs(ours - srgb)) * 255 < 3
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("turn", range(4))
+def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
+    corners = np.roll(TILTED, turn, axis=0)
+    readings = measure(painted(kind, corners), Chart("c", kind.name, corners))
+    assert [r.patch for r in readings] == list(kind.patches)
+    np.testing.assert_allclose([r.rgb for r in readings], [r.patch.srgb for r in readings], atol=1e-6)
+    assert all(r.coverage == 1 and r.n_pixels > 50 for r in readings)
+
+
+def test_only_the_inner_half_of_a_patch_is_read() -> None:
+    kind = KINDS["dgk"]
+    half = measure(painted(kind, TILTED, share=0.5), Chart("c", "dgk", TILTED))
+    np.testing.assert_allclose([r.rgb for r in half], [p.srgb for p in kind.patches], atol=1e-6)
+    rim = painted(kind, TILTED, share=0.5)
+    rim[np.all(rim == 1, axis=-1)] = np.nan
+    assert all(r.coverage == 1 for r in measure(rim, Chart("c", "dgk", TILTED))[1:])  # 1 is as white as the rim
+
+
+def test_pixel_centres_lie_at_one_half() -> None:
+    kind = KINDS["dgk"]
+    left, top, width, height = 20.0, 30.0, 360.0, 240.0
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [width, height] + [left, top]
+    v, u = np.mgrid[:300, :420] + 0.5
+    readings = measure(np.stack([u, v, u], axis=-1), Chart("c", "dgk", corners))
+    x0, y0, x1, y1 = np.array([p.box for p in kind.patches]).T
+    centre = np.stack([left + width * (x0 + x1) / 2, top + height * (y0 + y1) / 2], axis=-1)
+    offset = np.array([r.rgb[:2] for r in readings]) - centre
+    np.testing.assert_allclose(offset.mean(axis=0), 0, atol=0.2)
+
+
+def test_a_hole_is_left_out_and_counted() -> None:
+    kind = KINDS["dgk"]
+    image = painted(kind, TILTED)
+    whole = measure(image, Chart("c", "dgk", TILTED))
+    image[np.isclose(image, kind.patches[6].srgb).all(axis=-1)] = np.nan
+    image[:, :120, 1] = np.nan  # one channel missing is a hole
+    readings = measure(image, Chart("c", "dgk", TILTED))
+    red = readings[6]
+    assert np.isnan(red.rgb).all()
+    assert (red.n_pixels, red.coverage) == (0, 0)
+    partly = [(r, w) for r, w in zip(readings, whole, strict=True) if 0 < r.coverage < 1]
+    assert partly, "the cut at x = 120 goes through patches"
+    for r, w in partly:
+        assert r.coverage == pytest.approx(r.n_pixels / w.n_pixels)
+        np.testing.assert_allclose(r.rgb, r.patch.srgb, atol=1e-6)
+
+
+def test_what_lies_beyond_the_image_is_a_hole() -> None:
+    kind = KINDS["dgk"]
+    image = painted(kind, TILTED)
+    readings = measure(image[:, :210], Chart("c", "dgk", TILTED))
+    assert readings[0].coverage == 1
+    assert readings[5].coverage == 0
+    shifted = measure(image[:, 150:], Chart("c", "dgk", TILTED - [150, 0]))
+    assert (shifted[0].n_pixels, shifted[5].coverage) == (0, 1)
+
+
+def test_a_patch_smaller_than_a_pixel_is_the_pixel_at_its_centre() -> None:
+    corners = np.array([[3, 2], [9, 2], [9, 6], [3, 6]], float)
+    image = np.random.default_rng(1).random((9, 12, 3))
+    for reading in measure(image, Chart("c", "dgk", corners)):
+        x0, y0, x1, y1 = reading.patch.box
+        if reading.n_pixels == 1:
+            u, v = int(3 + 6 * (x0 + x1) / 2), int(2 + 4 * (y0 + y1) / 2)
+            np.testing.assert_array_equal(reading.rgb, image[v, u])
+        assert reading.coverage == 1
+
+
+def test_the_image_is_not_changed() -> None:
+    image = painted(KINDS["dgk"], TILTED)
+    image.setflags(write=False)
+    measure(image, Chart("c", "dgk", TILTED))
+
+
+def test_an_unknown_kind_names_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"chart kind 'dkg': unknown; did you mean 'dgk'\?"):
+        measure(np.ones((9, 9, 3)), Chart("c", "dkg", TILTED))
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [TILTED[::-1], TILTED[[0, 2, 1, 3]], TILTED[:3], np.full((4, 2), np.nan), np.zeros((4, 2))],
+    ids=["mirrored", "crossed", "three", "nan", "one point"],
+)
+def test_corners_that_are_no_quadrilateral_are_refused(corners: Array) -> None:
+    with pytest.raises(InputError, match="chart 'left': corners are not a quadrilateral"):
+        measure(np.ones((9, 9, 3)), Chart("left", "dgk", corners))

@@ -1,0 +1,167 @@
+"""psnr and ssim: against the definitions written out in float64, and what holes and masks may and may not do."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.errors import InputError
+from sucre_bench.metrics.similarity import Psnr, Ssim
+from sucre_bench.scene import Array, Arrays, Restoration, Score, View
+
+RNG = np.random.default_rng(3)
+REFERENCE = RNG.random((40, 50, 3)).astype(np.float32)
+SHOWN = (REFERENCE * 0.7 + RNG.random((40, 50, 3)) * 0.3).astype(np.float32)
+
+
+def score(
+    metric: Psnr | Ssim,
+    variant: str,
+    shown: Array = SHOWN,
+    reference: Array | None = REFERENCE,
+    depth: Array | None = None,
+    raw: Array | None = None,
+) -> Score:
+    view = View("a.png", Arrays(np.zeros_like(shown), depth, reference))
+    (found,) = metric.score(Restoration(shown if raw is None else raw), shown, view, variant)
+    return found
+
+
+def holed(mask: Array) -> Array:
+    shown = SHOWN.copy()
+    shown[~mask] = np.nan
+    return shown
+
+
+def test_a_difference_of_a_tenth_is_20_db() -> None:
+    reference = np.full((8, 8, 3), 0.5, np.float32)
+    assert score(Psnr(), "masked", reference + np.float32(0.1), reference).value == pytest.approx(20, abs=1e-4)
+
+
+def test_equal_images_are_infinitely_similar_by_psnr_and_1_by_ssim() -> None:
+    for variant in Psnr.__plugin__.variants:
+        assert score(Psnr(), variant, REFERENCE).value == np.inf
+    for variant in Ssim.__plugin__.variants:
+        assert score(Ssim(), variant, REFERENCE).value == 1
+
+
+def test_psnr_is_over_pixels_with_a_colour_and_depth_only() -> None:
+    given = RNG.random((40, 50)) < 0.7
+    depth = np.where(RNG.random((40, 50)) < 0.6, 2.0, 0).astype(np.float32)
+    found = score(Psnr(), "masked", holed(given), depth=depth)
+    both = given & (depth > 0)
+    truth = -10 * np.log10(np.mean((SHOWN.astype(float) - REFERENCE)[both] ** 2))
+    assert found.value == pytest.approx(truth, abs=1e-9)
+    assert (found.n_pixels, found.coverage) == (both.sum(), both.mean())
+
+
+def test_masking_does_not_reward_a_small_area() -> None:
+    reference = np.full((40, 50, 3), 0.5, np.float32)
+    shown = np.full_like(reference, np.nan)
+    shown[:10, :10] = 0.6  # 5 % of the image
+    assert score(Psnr(), "masked", shown, reference).value == pytest.approx(20, abs=1e-4)
+    black = -10 * np.log10(0.05 * 0.01 + 0.95 * 0.25)
+    assert score(Psnr(), "unmasked", shown, reference).value == pytest.approx(black, abs=1e-4)
+
+
+@pytest.mark.parametrize("metric", [Psnr(), Ssim()])
+def test_unmasked_takes_every_pixel_and_holes_as_black(metric: Psnr | Ssim) -> None:
+    given = RNG.random((40, 50)) < 0.7
+    variant = "unmasked" if isinstance(metric, Psnr) else "gaussian-unmasked"
+    found = score(metric, variant, holed(given), depth=np.zeros((40, 50), np.float32))
+    assert found.value == score(metric, variant, np.where(given[..., None], SHOWN, np.float32(0))).value
+    assert found.coverage == (1 if isinstance(metric, Psnr) else 30 * 40 / 2000)
+
+
+def test_raw_psnr_is_of_the_computed_image_unclipped() -> None:
+    raw = SHOWN * 3 - 1
+    truth = -10 * np.log10(np.mean((raw.astype(float) - REFERENCE) ** 2))
+    assert score(Psnr(), "raw", raw=raw).value == pytest.approx(truth, abs=1e-9)
+    assert score(Psnr(), "masked", raw=raw).value > truth + 3
+
+
+def test_a_linear_reference_is_encoded_like_the_picture_and_left_alone_for_raw() -> None:
+    linear = srgb_decode(REFERENCE).astype(np.float32)
+    view = View("a.exr", Arrays(linear, reference=linear), encoding="linear")
+    shown = srgb_encode(linear).astype(np.float32)
+    for metric, variant in [(Psnr(), "masked"), (Psnr(), "raw")]:
+        (found,) = metric.score(Restoration(linear), shown, view, variant)
+        assert found.value > 100
+    (found,) = Ssim().score(Restoration(linear), shown, view, "gaussian")
+    assert found.value == pytest.approx(1, abs=1e-6)
+
+
+def slow_ssim(x: Array, y: Array, mask: Array, weights: Array, sample: bool) -> tuple[float, int]:
+    """Wang et al. 2004, eq. 13, window by window, on one channel."""
+    size = len(weights)
+    found = []
+    for i in range(x.shape[0] - size + 1):
+        for j in range(x.shape[1] - size + 1):
+            part = np.s_[i : i + size, j : j + size]
+            if mask[part].all():
+                a, b = x[part].astype(float), y[part].astype(float)
+                ma, mb = (weights * a).sum(), (weights * b).sum()
+                norm = size**2 / (size**2 - 1) if sample else 1
+                va, vb = norm * (weights * (a - ma) ** 2).sum(), norm * (weights * (b - mb) ** 2).sum()
+                cov = norm * (weights * (a - ma) * (b - mb)).sum()
+                c1, c2 = 0.01**2, 0.03**2
+                found.append((2 * ma * mb + c1) * (2 * cov + c2) / ((ma**2 + mb**2 + c1) * (va + vb + c2)))
+    return float(np.mean(found)), len(found)
+
+
+@pytest.mark.parametrize("variant", Ssim.__plugin__.variants)
+def test_ssim_is_the_published_formula_over_whole_windows(variant: str) -> None:
+    given = np.ones((40, 50), bool)
+    given[30:33, 12:15] = False
+    given[5, 44] = False
+    shown = holed(given)
+    offset = np.arange(-5, 6)
+    gauss = np.exp(-(offset**2) / (2 * 1.5**2))
+    weights = np.full((7, 7), 1 / 49) if "uniform7" in variant else np.outer(gauss, gauss) / gauss.sum() ** 2
+    mask = np.ones_like(given) if "unmasked" in variant else given
+    x, y = np.nan_to_num(shown, nan=0.0), REFERENCE
+    if "gray" in variant:
+        x, y = ((0.299 * z[..., 0] + 0.587 * z[..., 1] + 0.114 * z[..., 2])[..., None] for z in (x, y))
+    truth = [slow_ssim(x[..., k], y[..., k], mask, weights, "uniform7" in variant) for k in range(x.shape[-1])]
+    found = score(Ssim(), variant, shown)
+    assert found.value == pytest.approx(np.mean([value for value, _ in truth]), abs=1e-5)
+    assert found.n_pixels == truth[0][1]
+    assert found.coverage == truth[0][1] / 2000
+
+
+def test_what_is_in_a_hole_of_the_reference_or_outside_the_depth_moves_no_masked_score() -> None:
+    depth = np.ones((40, 50), np.float32)
+    depth[:12] = 0
+    reference = REFERENCE.copy()
+    reference[30:, 40:] = np.nan
+    other = SHOWN.copy()
+    other[:12] = 0.1
+    other[30:, 40:] = 0.9
+    for metric in (Psnr(), Ssim()):
+        variant = metric.__plugin__.default[0]
+        first, second = (score(metric, variant, image, reference, depth) for image in (SHOWN, other))
+        assert first == second
+        assert 0 < first.coverage < 0.7
+
+
+@pytest.mark.parametrize("metric", [Psnr(), Ssim()])
+def test_nothing_restored_is_nan_with_coverage_0(metric: Psnr | Ssim) -> None:
+    found = score(metric, metric.__plugin__.default[0], np.full_like(SHOWN, np.nan))
+    assert np.isnan(found.value)
+    assert (found.n_pixels, found.coverage) == (0, 0)
+
+
+def test_an_image_smaller_than_the_window_has_no_ssim() -> None:
+    assert np.isnan(score(Ssim(), "gaussian", SHOWN[:10], REFERENCE[:10]).value)
+
+
+def test_a_view_without_a_reference_has_no_score() -> None:
+    view = View("a.png", Arrays(SHOWN))
+    assert not list(Psnr().score(Restoration(SHOWN), SHOWN, view, "masked"))
+    assert not list(Ssim().score(Restoration(SHOWN), SHOWN, view, "gaussian"))
+
+
+def test_a_reference_of_another_size_is_named() -> None:
+    with pytest.raises(InputError, match=r"a\.png: the reference is 50x39, the image 50x40"):
+        score(Psnr(), "masked", reference=REFERENCE[:39])
