@@ -9,13 +9,14 @@ Source: Panetta, Gao & Agaian 2016, "Human-visual-system-inspired underwater ima
     UIConM = logAMEE of the intensity = 1 / (k1 k2) (x) sum m ln m,  m = (max (-) min) / (max (+) min),
 
 sums over k1 k2 blocks, (+) (-) (x) the operations of parameterised logarithmic image processing (PLIP), whose
-constants gamma and k are 1026. The publication leaves open, and the default here decides: blocks are of 10x10 pixels,
+constants gamma and k are 1026. Where readers of the publication differ, the default takes: blocks of 10x10 pixels,
 incomplete ones dropped; a block whose least value is 0 adds nothing to an EME; the intensity is the luma
 .299/.587/.114; the sum is PLIP's too, so that logAMEE is a mean whatever the image's size (with a plain sum the factor
-(x) makes it vanish as the image grows); its sign is turned, as every m ln m is negative and the published values are
-positive. A scale of the Sobel filter cancels in max / min. m ln m is greatest at m = .37: blocks of full contrast count
-for less again. Each variant differs from the default in exactly what its name says; "funie" and "chen" are the two
-programs most in use. astronaut / coffee of scikit-image: panetta2016 2.54 / 2.93, funie 2.41 / 2.52, chen .94 / .64.
+(x) makes it vanish as the image grows); the sign of every m ln m is turned, as all are negative and the published
+values positive. A scale of the Sobel filter cancels in max / min. -m ln m is greatest at m = .37: blocks of full
+contrast count for less again. Each variant differs from the default in exactly what its description says; "funie" and
+"chen" are the two programs most in use. astronaut / coffee of scikit-image: panetta2016 2.54 / 2.93, funie 2.41 / 2.52,
+chen .94 / .64.
 
 All see the picture as 8-bit sRGB. A block counts where every pixel of it, and for EME every neighbour, has a colour.
 """
@@ -174,11 +175,11 @@ def uiconm(image: Image, valid: Mask, recipe: Recipe = PANETTA) -> float:
         low, high = _extremes(luma, whole, recipe)
     if recipe.contrast in ("plain", "channels"):
         return float(-_m_ln_m(high - low, high + low).mean())
-    entropy = _m_ln_m(_PLIP * (high - low) / (_PLIP - low), high + low - high * low / _PLIP)
+    terms = _m_ln_m(_PLIP * (high - low) / (_PLIP - low), high + low - high * low / _PLIP)  # all <= 0
     if recipe.contrast == "plip-unit":
-        return float(_PLIP - _PLIP * (1 - entropy.sum() / _PLIP) ** (1 / entropy.size))
-    # c (x) g = gamma - gamma (1 - g / gamma)^c of the PLIP sum, 1 - sum / gamma = prod (1 - g / gamma), in logarithms
-    return float(_PLIP - _PLIP * np.exp(np.log1p(entropy / _PLIP).mean()))
+        return float(_PLIP - _PLIP * (1 - terms.sum() / _PLIP) ** (1 / terms.size))
+    # c (x) g = gamma - gamma (1 - g / gamma)^c of a PLIP sum, for which 1 - g / gamma is the product of its terms'
+    return float(_PLIP - _PLIP * np.exp(np.log1p(terms / _PLIP).mean()))
 
 
 def _m_ln_m(above: Array, below: Array) -> Array:

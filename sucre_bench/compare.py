@@ -289,7 +289,7 @@ def _legend(comparison: Comparison) -> str:
 def _painted(cell: Cell | None) -> str:
     if cell is None:
         return "[dim]-[/dim]"
-    text = f"{number(cell.mean)} ± {number(cell.std)}{'≈' if cell.tie else ' '}"
+    text = f"{'≈ ' if cell.tie else ''}{number(cell.mean)} ± {number(cell.std)}"
     style = {1: "bold green", 2: "underline"}.get(cell.rank)
     return f"[{style}]{text}[/{style}]" if style else text
 

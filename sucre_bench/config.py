@@ -221,7 +221,9 @@ def _choice(kind: Kind, values: dict[str, Any]) -> Choice:
         check_display(display)
     types = {o.name: o.type for o in plugins.options(plugin.cls)}
     _only_known(plugin.name, values, set(types))
-    options = {name: _typed(types[name], value) for name, value in values.items()}
+    given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
+    options = {name: _typed(types[name], value) for name, value in given.items()}
+    plugins.check_options(plugin, options)
     return Choice(plugin, label or _label(plugin, options, display), options, display)
 
 
@@ -239,11 +241,11 @@ def _typed(annotation: Any, value: Any) -> Any:
 
 
 def _label(plugin: Plugin, options: Mapping[str, Any], display: str) -> str:
-    """The plugin's name and every option that is not at its default, but for places on this machine and the seed."""
+    """The plugin's name and every option that is not at its default, but for places on this machine."""
     changed = [
         f"{o.name}={_plain(options[o.name])}"
         for o in plugins.options(plugin.cls)
-        if o.name in options and o.default is not MISSING and options[o.name] != o.default and o.name != "seed"
+        if o.name in options and o.default is not MISSING and options[o.name] != o.default
         if not isinstance(options[o.name], Path)
     ]
     if display != plugin.display and plugin.kind == "method":

@@ -37,6 +37,7 @@ __all__ = [
     "Metric",
     "Option",
     "Plugin",
+    "check_options",
     "create",
     "dataset",
     "discover",
@@ -333,12 +334,8 @@ def _field_docs(cls: type[Any]) -> dict[str, str]:
     return docs
 
 
-def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
-    """Make the plugin with these options.
-
-    Raises InputError for an unknown option, a missing one, or a word a Literal does not admit; a plugin's own
-    __post_init__ may raise it too.
-    """
+def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
+    """Raise InputError for an unknown option, a missing one, or a word a Literal does not admit."""
     known = {o.name: o for o in options(plugin.cls)}
     for name, value in values.items():
         if name not in known:
@@ -349,6 +346,11 @@ def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
     missing = [o.name for o in known.values() if o.default is MISSING and o.name not in values]
     if missing:
         raise InputError(f"{plugin.name}.{missing[0]}: must be given; add {plugin.kind}.{missing[0]}=...")
+
+
+def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
+    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise."""
+    check_options(plugin, values)
     return plugin.cls(**values)
 
 
@@ -364,7 +366,7 @@ def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
     return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
 
 
-_ENGINE = ("scene.py", "colour.py", "multiview")
+_ENGINE = ("scene.py", "colour.py", "charts.py", "multiview")
 
 
 def source_hash(plugin: Plugin) -> str:

@@ -36,7 +36,9 @@ SHARMA = [
 ]
 
 
-def scores(metric: Psi | De00, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None):
+def scores(
+    metric: Psi | De00, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
+) -> dict[str, Score]:
     view = View("a.png", Arrays(shown), charts=charts or [Chart("c", kind, TILTED)])
     return {s.region: s for s in metric.score(Restoration(shown), shown, view, variant)}
 

@@ -8,7 +8,7 @@ import pytest
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.errors import InputError
 from sucre_bench.metrics.similarity import Psnr, Ssim
-from sucre_bench.scene import Array, Arrays, Restoration, Score, View
+from sucre_bench.scene import Array, Arrays, Mask, Restoration, Score, View
 
 RNG = np.random.default_rng(3)
 REFERENCE = RNG.random((40, 50, 3)).astype(np.float32)
@@ -28,7 +28,7 @@ def score(
     return found
 
 
-def holed(mask: Array) -> Array:
+def holed(mask: Mask) -> Array:
     shown = SHOWN.copy()
     shown[~mask] = np.nan
     return shown
@@ -92,7 +92,7 @@ def test_a_linear_reference_is_encoded_like_the_picture_and_left_alone_for_raw()
     assert found.value == pytest.approx(1, abs=1e-6)
 
 
-def slow_ssim(x: Array, y: Array, mask: Array, weights: Array, sample: bool) -> tuple[float, int]:
+def slow_ssim(x: Array, y: Array, mask: Mask, weights: Array, sample: bool) -> tuple[float, int]:
     """Wang et al. 2004, eq. 13, window by window, on one channel."""
     size = len(weights)
     found = []

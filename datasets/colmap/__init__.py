@@ -75,39 +75,25 @@ class Colmap:
 
     def __post_init__(self) -> None:
         if not 0 < self.image_scale <= 1:
-            raise InputError(
-                f"colmap.image_scale: {self.image_scale} is not above 0 up to 1; give 0.5 for half the size"
-            )
+            raise InputError(f"colmap.image_scale: {self.image_scale} is not above 0 up to 1; give 0.5 for half size")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads the model and the image headers, decodes nothing.
 
         Raises InputError for what concerns all views: no model, a distorted camera, no image at all, a wrong
-        charts.json. What is wrong with one view's files is raised when they are loaded.
+        charts.json. What is wrong with the files of one view is raised when they are loaded.
         """
-        root = Path(self.root).expanduser()
-        if not root.is_dir():
-            raise InputError(f"{root}: no such folder; give the one that holds {self.images}/ as dataset.root=DIR")
-        for option in ("depths", "reference", "charts"):
-            given = getattr(self, option)
-            if given != getattr(type(self), option) and not (root / given).exists():
-                raise InputError(f"{root / given}: is not there; correct or drop dataset.{option}={given}")
-
+        root = self._root()
         images = root / self.images
         posed = read_model(root / self.sparse, images)
         names = [image.name for image in posed]
-        missing = [name for name in names if not (images / name).is_file()]
-        if len(missing) == len(names):
-            fault = f"none of the model's {len(names)} images is there, not even {names[0]}"
-            raise InputError(f"{images}: {fault}; put them there or name their folder with dataset.images=...")
+        missing = _missing(images, names)
         sizes = {
             image.name: image_size(images / image.name) or (image.camera.width, image.camera.height)
             for image in track(posed, "image sizes")
         }
         depths, ambiguous = find_depths(root / self.depths, names)
-        references = {name: root / self.reference / name for name in names if (root / self.reference / name).is_file()}
-        if (root / self.reference).is_dir() and not references:
-            raise InputError(f"{root / self.reference}: no file is named like an image; name them like {names[0]}")
+        references = _references(root / self.reference, names)
         charts = read_charts(root / self.charts, sizes)
 
         views = []
@@ -115,11 +101,11 @@ class Colmap:
             name, size = image.name, sizes[image.name]
             faults: dict[Plane, str] = {}
             if name in missing:
-                of = f"({len(missing)} of the model's {len(names)} images are missing)"
-                faults["rgb"] = f"{images / name}: no such file {of}; put it there"
+                faults["rgb"] = missing[name]
             elif not same_shape(size, (image.camera.width, image.camera.height)):
-                of = f"the model's camera {image.camera.width}x{image.camera.height}"
-                faults["rgb"] = f"{images / name}: is {size[0]}x{size[1]}, {of}; use the images the model was made of"
+                camera_size = f"{image.camera.width}x{image.camera.height}"
+                fault = f"is {size[0]}x{size[1]}, its camera in the model {camera_size}"
+                faults["rgb"] = f"{images / name}: {fault}; use the images that the model was made of"
             if name in ambiguous:
                 faults["depth"] = ambiguous[name]
             camera = self._camera(image, size)
@@ -132,11 +118,38 @@ class Colmap:
         has = frozenset({"poses", *(what for what, there in optional.items() if there)})
         yield Scene(root.resolve().name, views, has, data_id=_data_id(views))
 
+    def _root(self) -> Path:
+        root = Path(self.root).expanduser()
+        if not root.is_dir():
+            raise InputError(f"{root}: no such folder; give the one that holds {self.images}/ as dataset.root=DIR")
+        for option in ("depths", "reference", "charts"):  # they need not exist, unless they were asked for
+            given = getattr(self, option)
+            if given != getattr(type(self), option) and not (root / given).exists():
+                raise InputError(f"{root / given}: is not there; correct or drop dataset.{option}={given}")
+        return root
+
     def _camera(self, image: Posed, size: tuple[int, int]) -> Camera:
         """Return the model's camera brought to the stored image's size and to image_scale."""
         width, height = (max(1, round(side * self.image_scale)) for side in size)
         scale = np.diag([width / image.camera.width, height / image.camera.height, 1.0])
         return Camera(scale @ image.camera.K, width, height)
+
+
+def _missing(images: Path, names: Sequence[str]) -> dict[str, str]:
+    """Return what to say of each image that is not there; InputError when none is."""
+    missing = [name for name in names if not (images / name).is_file()]
+    if len(missing) == len(names):
+        fault = f"none of the model's {len(names)} images is there, not even {names[0]}"
+        raise InputError(f"{images}: {fault}; put them there or name their folder with dataset.images=...")
+    of = f"{len(missing)} of the model's {len(names)} images are missing"
+    return {name: f"{images / name}: no such file ({of}); put it there" for name in missing}
+
+
+def _references(folder: Path, names: Sequence[str]) -> dict[str, Path]:
+    found = {name: folder / name for name in names if (folder / name).is_file()}
+    if folder.is_dir() and not found:
+        raise InputError(f"{folder}: no file is named like an image; name them like {names[0]}")
+    return found
 
 
 def _scaled(chart: Chart, size: tuple[int, int], target: tuple[int, int]) -> Chart:
@@ -147,7 +160,9 @@ def _data_id(views: Sequence[View]) -> str:
     """Return a hash of all that the views hold: cameras, poses, charts, options and the files' content."""
     digest = hashlib.blake2b(digest_size=6)
     for view in track(views, "hashing"):
-        assert isinstance(view.pixels, Files) and view.camera is not None and view.cam_from_world is not None
+        assert isinstance(view.pixels, Files)
+        assert view.camera is not None
+        assert view.cam_from_world is not None
         charts = [(chart.name, chart.kind, chart.corners.tolist()) for chart in view.charts]
         camera = (view.camera.K.tolist(), view.pixels.size, view.cam_from_world.tolist())
         digest.update(repr((view.name, view.encoding, camera, charts)).encode())

@@ -27,7 +27,7 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     """Return the charts of each image that has some; none when the file is not there.
 
     sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, when the file is not
-    of the format above, or names an image that is not there, an unknown kind, or corners that are no chart in the image.
+    of the format above, or names an unknown image, an unknown kind, or corners that are no chart in the image.
     """
     if not path.is_file():
         return {}
@@ -41,25 +41,22 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     for name in images:
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
-            raise InputError(
-                f"{path}: '{name}' is not an image of the model; write names as there, such as '{near[0]}'"
-            )
-    usual = content.get("kind", "dgk")
-    return {
-        name: tuple(
-            _chart(f"{path}: {name}, {chart}", chart, entry, usual, sizes[name]) for chart, entry in charts.items()
-        )
-        for name, charts in images.items()
-        if charts
-    }
+            raise InputError(f"{path}: '{name}' is not an image of the model; write names as there, like '{near[0]}'")
+    usual, found = content.get("kind", "dgk"), {}
+    for name, charts in images.items():
+        if charts:
+            place = f"{path}: {name}"
+            found[name] = tuple(_chart(place, chart, entry, usual, sizes[name]) for chart, entry in charts.items())
+    return found
 
 
 def _chart(place: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:
     from sucre_bench.charts import KINDS
 
+    place = f"{place}, {name}"
     if isinstance(entry, dict):
         kind, entry = entry.get("kind", kind), entry.get("corners")
-    if kind not in KINDS:
+    if not isinstance(kind, str) or kind not in KINDS:
         raise InputError(f"{place}: chart kind '{kind}' is unknown; {did_you_mean(str(kind), KINDS)}")
     try:
         corners = np.array(entry, dtype=np.float64)

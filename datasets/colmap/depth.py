@@ -1,7 +1,7 @@
 """Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
 
-Of the image ``sub/a.jpg`` the map is ``sub/depth_a`` or ``sub/a`` in the depth folder, or else ``depth_a`` or ``a`` at its
-top, as .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too) or .npy (float metres).
+The map of image ``sub/a.jpg`` is ``sub/depth_a`` or ``sub/a`` in the depth folder, or else ``depth_a`` or ``a`` at
+its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too) or .npy (float metres).
 A map that may belong to two images is given to neither.
 """
 
@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import os
 from collections import defaultdict
-from collections.abc import Iterable
+from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
 
 import numpy as np
@@ -23,7 +23,7 @@ __all__ = ["find_depths", "read_depth"]
 _FARTHEST_M = 1000.0
 
 
-def find_depths(folder: Path, names: Iterable[str]) -> tuple[dict[str, Path], dict[str, str]]:
+def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
     """Return the depth map of each image that has one, and for each image whose map is ambiguous what is wrong.
 
     names: of the images, relative to the image folder. A folder that is not there holds no maps. Raises InputError when
@@ -38,7 +38,7 @@ def find_depths(folder: Path, names: Iterable[str]) -> tuple[dict[str, Path], di
                 claims[stem].append((rank, name))
                 nearest.setdefault(name, stem)
     if there and not claims:
-        example = f"depth_{PurePosixPath(next(iter(names))).stem}.png"
+        example = f"depth_{PurePosixPath(names[0]).stem}.png"
         raise InputError(f"{folder}: no depth map is named after an image; name them like {example}")
 
     found, faults = {}, {}
@@ -115,14 +115,16 @@ def _read_tiff(path: Path) -> Array:
     import tifffile
 
     try:
-        return _metres(tifffile.imread(path), path)
-    except (OSError, ValueError, RuntimeError):  # a compression that tifffile needs another package for
-        return _metres(decode(path, cv2.IMREAD_UNCHANGED), path)
+        values = tifffile.imread(path)
+    except Exception:  # cut short, which any of its decoders may trip over, or a compression it lacks
+        values = np.empty(0)
+    return _metres(values if values.size else decode(path, cv2.IMREAD_UNCHANGED), path)
 
 
 def _read_npy(path: Path) -> Array:
     try:
-        return _metres(np.load(path, allow_pickle=False), path)
+        with path.open("rb") as file:
+            return _metres(np.lib.format.read_array(file, allow_pickle=False), path)
     except (OSError, ValueError, EOFError) as fault:
         raise InputError(f"{path}: cannot be read, {fault}; write it again with numpy.save") from fault
 

@@ -12,10 +12,10 @@ from __future__ import annotations
 import math
 import mmap
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
@@ -46,6 +46,7 @@ class Posed:
 # A row of either file as it stands there, before it is checked.
 _CameraRow = tuple[int, str, int, int, tuple[float, ...]]  # id, model, width, height, parameters
 _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera id, name
+_Row = TypeVar("_Row")
 
 
 def read_model(sparse: Path, images: Path) -> list[Posed]:
@@ -115,19 +116,14 @@ def _rigid(pose: tuple[float, ...], place: str) -> Array:
     return rigid
 
 
-def _rows(path: Path, read: Any) -> Iterator[Any]:
+def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
     """Run one of the readers below; whatever it trips over becomes one line about the file."""
-    rows = read(path)
-    while True:
-        try:
-            row = next(rows)
-        except StopIteration:
-            return
-        except OSError as fault:
-            raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
-        except (struct.error, ValueError, IndexError) as fault:
-            raise InputError(f"{path}: breaks off or is not a COLMAP file ({fault}); {_REMEDY}") from fault
-        yield row
+    try:
+        yield from read(path)
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+    except (struct.error, ValueError) as fault:
+        raise InputError(f"{path}: breaks off or is not a COLMAP file ({fault}); {_REMEDY}") from fault
 
 
 # -- binary: little-endian, no padding ---------------------------------------------------------------------
@@ -185,11 +181,12 @@ def _binary_images(path: Path) -> Iterator[_ImageRow]:
 def _text_cameras(path: Path) -> Iterator[_CameraRow]:
     with path.open(encoding="utf-8") as lines:
         for line in lines:
-            if (words := line.split()) and words[0][0] != "#":
-                parameters = tuple(map(float, words[4:]))
-                if len(parameters) != _PARAMETERS.get(words[1], len(parameters)):
-                    raise ValueError(f"camera {words[0]} has {len(parameters)} parameters")
-                yield int(words[0]), words[1], int(words[2]), int(words[3]), parameters
+            if not line.strip() or line.startswith("#"):
+                continue
+            words = line.split()
+            if len(words) < 5 or len(words) - 4 != _PARAMETERS.get(words[1], len(words) - 4):
+                raise ValueError(f"no camera is written '{line.strip()}'")
+            yield int(words[0]), words[1], int(words[2]), int(words[3]), tuple(map(float, words[4:]))
 
 
 def _text_images(path: Path) -> Iterator[_ImageRow]:
@@ -199,6 +196,8 @@ def _text_images(path: Path) -> Iterator[_ImageRow]:
             if not line.strip() or line.startswith("#"):
                 continue
             words = line.strip().split(maxsplit=9)  # the name is the rest: it may hold spaces
+            if len(words) < 10:
+                raise ValueError(f"no image is written '{line.strip()}'")
             points = next(lines, "").rsplit(maxsplit=1)
             if points and not points[-1].lstrip("-").isdigit():
                 raise ValueError(f"after image '{words[-1]}' stands no line of points, not even an empty one")

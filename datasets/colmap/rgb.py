@@ -33,7 +33,7 @@ def image_size(path: Path) -> tuple[int, int] | None:
 def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes (width, height) differ by scale only: to 1 % of the aspect ratio, or to a pixel's rounding."""
     (width, height), (wide, high) = sorted((one, other))
-    return abs(wide and width * high / wide - height) <= max(1.0, 0.01 * height)
+    return abs(high * width / wide - height) <= max(1.0, 0.01 * height)
 
 
 def read_rgb(path: Path, size: tuple[int, int]) -> Array:

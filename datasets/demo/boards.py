@@ -36,10 +36,10 @@ class Site:
 
 # One of each kind near the place that is looked at, and one of each kind behind it.
 SITES = (
-    Site("dgk-1", "dgk", -0.60, 0.25, 0.54, 8, 42),
-    Site("colorchecker-1", "colorchecker24", 0.62, 0.60, 0.56, -10, 40),
-    Site("dgk-2", "dgk", 1.75, 2.25, 0.60, -14, 35),
-    Site("colorchecker-2", "colorchecker24", -1.65, 2.45, 0.62, 12, 35),
+    Site("dgk-1", "dgk", -0.60, 0.25, 0.64, 8, 42),
+    Site("colorchecker-1", "colorchecker24", 0.62, 0.60, 0.66, -10, 40),
+    Site("dgk-2", "dgk", 1.75, 2.25, 0.70, -14, 35),
+    Site("colorchecker-2", "colorchecker24", -1.65, 2.45, 0.72, 12, 35),
 )
 
 

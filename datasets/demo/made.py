@@ -12,8 +12,8 @@ from sucre_bench.datasets.demo.boards import SITES, place_board
 from sucre_bench.datasets.demo.noise import Grid, Noise
 from sucre_bench.datasets.demo.path import make_camera, make_path
 from sucre_bench.datasets.demo.render import Surfaces, build, render, visible_charts
+from sucre_bench.datasets.demo.seabed import paint_seabed
 from sucre_bench.datasets.demo.terrain import GROUND, make_terrain
-from sucre_bench.datasets.demo.texture import paint_seabed
 from sucre_bench.datasets.demo.water import WATERS, Preset, underwater
 from sucre_bench.multiview.geometry import pixel_rays
 from sucre_bench.progress import track
@@ -24,7 +24,7 @@ __all__ = ["MadeScene", "make"]
 # Texels are as large as a pixel at 2 m, where the cameras come near; elsewhere coarser, on the boards finer, so that
 # patches have straight edges.
 _NEAR_M = 2.0
-_NEAR = (-4.0, -2.5, 8.0, 6.5)  # x0, y0, width, length, metres
+_NEAR = (-3.5, -2.3, 7.0, 5.5)  # x0, y0, width, length, metres
 _COARSER, _FINER = 2.5, 0.4
 
 
@@ -34,7 +34,8 @@ class MadeScene:
 
     names: V image names; camera: of all views; cam_from_world: (V, 4, 4) float64; rgb: (V, H, W, 3) uint8, what the
     camera recorded; reference: (V, H, W, 3) float32 in [0, 1], gamma-encoded, the same without water; depth: (V, H, W)
-    float32 metres, planar; charts: those each view shows; water: the true one (for "deep_sea" see `Demo`).
+    float32 metres, planar; charts: those each view shows; preset, water: the water's name and
+    the true water (see `Demo` for "deep_sea").
     """
 
     names: tuple[str, ...]
@@ -44,6 +45,7 @@ class MadeScene:
     reference: Array
     depth: Array
     charts: tuple[tuple[Chart, ...], ...]
+    preset: Preset
     water: Water
 
 
@@ -80,6 +82,7 @@ def make(
         reference=reference,
         depth=depth,
         charts=tuple(visible_charts(surfaces, camera, pose) for pose in poses),
+        preset=water,
         water=WATERS[water],
     )
 

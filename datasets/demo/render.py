@@ -47,13 +47,14 @@ def build(terrain: Terrain, near: Texture, far: Texture, boards: Sequence[Board]
             f"dataset demo: Open3D does not load ({fault}); pip install open3d, and on Debian or Ubuntu "
             "apt-get install libusb-1.0-0 libgl1 libegl1 libx11-6 libudev1 libidn2-0"
         ) from fault
+    tensor = open3d.core.Tensor.from_numpy
     caster = open3d.t.geometry.RaycastingScene()
     vertices, faces, ground = triangles(terrain)
     inside = near.covers(ground)
     quad = np.array([[0, 2, 1], [0, 3, 2]], dtype=np.uint32)
     meshes = [(vertices, faces[inside]), (vertices, faces[~inside]), *((board.outline, quad) for board in boards)]
     for corners, triples in meshes:
-        caster.add_triangles(open3d.core.Tensor(corners.astype(np.float32)), open3d.core.Tensor(triples))
+        caster.add_triangles(tensor(corners.astype(np.float32)), tensor(np.ascontiguousarray(triples)))
     return Surfaces(caster, (near, far, *(board.texture for board in boards)), tuple(boards))
 
 
@@ -92,9 +93,9 @@ def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) ->
     for board in surfaces.boards:
         corners, _ = project(camera, _to_camera(cam_from_world, board.corners))
         inside = (corners > 0).all() and (corners < (camera.width, camera.height)).all()
-        if inside and _front(corners) and _large(board, camera, cam_from_world):
-            if _unhidden(surfaces, board, cam_from_world):
-                charts.append(Chart(board.site.name, board.site.kind, corners))
+        clear = inside and _front(corners) and _large(board, camera, cam_from_world)
+        if clear and _unhidden(surfaces, board, cam_from_world):
+            charts.append(Chart(board.site.name, board.site.kind, corners))
     return tuple(charts)
 
 
@@ -104,7 +105,7 @@ def _cast(surfaces: Surfaces, centre: Array, rays: Array) -> Any:
 
     lines = np.empty((len(rays), 6), dtype=np.float32)
     lines[:, :3], lines[:, 3:] = centre, rays
-    return surfaces.caster.cast_rays(open3d.core.Tensor(lines))
+    return surfaces.caster.cast_rays(open3d.core.Tensor.from_numpy(lines))
 
 
 def _to_camera(cam_from_world: Array, points: Array) -> Array:

@@ -19,8 +19,8 @@ __all__ = ["GROUND", "Terrain", "height_at", "make_terrain", "triangles"]
 GROUND = Grid(x0=-10.0, y0=-5.5, width=20.0, length=16.0, cell=0.025)
 
 # Boulders by size: how many, smallest and largest radius (m), how near the origin they may come (m).
-_TIERS = ((26, 0.5, 1.2, 2.6), (320, 0.18, 0.5, 1.0), (7000, 0.035, 0.14, 0.0))
-_CLEARING_M = 0.5  # around a chart
+_TIERS = ((26, 0.5, 1.2, 2.6), (320, 0.18, 0.5, 1.0), (5500, 0.04, 0.14, 0.0))
+_CLEARING_M = 0.55  # around a chart
 
 
 @dataclass(frozen=True, eq=False)

@@ -11,9 +11,9 @@ from typing import Literal
 
 import numpy as np
 
-from sucre_bench.scene import Array, Camera, Water
+from sucre_bench.scene import Array, Water
 
-__all__ = ["LAMP", "WATERS", "Lamp", "Preset", "apply", "lamp_light"]
+__all__ = ["LAMP", "WATERS", "Lamp", "Preset", "apply", "lamp_light", "underwater"]
 
 Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
 
@@ -29,6 +29,8 @@ WATERS: dict[Preset, Water] = {
     "deep_sea": _water((0.02, 0.13, 0.17), (0.19, 0.06, 0.055), (0.08, 0.07, 0.07)),
 }
 
+_OPEN_WATER_M = 1e4  # from there on, nothing but the veiling light
+
 
 @dataclass(frozen=True, eq=False)
 class Lamp:
@@ -42,11 +44,16 @@ class Lamp:
     covariance: Array
 
 
-# A lamp 25 cm above the camera and 15 cm to its left, turned towards the middle of the picture.
-LAMP = Lamp(
-    np.array([[0.9992, 0.0, -0.0400, 0.15], [0.0, 0.9982, 0.0600, 0.25], [0.0400, -0.0600, 0.9974, 0.0], [0, 0, 0, 1]]),
-    np.array([[0.26, 0.02], [0.02, 0.18]]),
-)
+def _lamp(left: float, above: float, right_deg: float, down_deg: float, covariance: tuple[float, ...]) -> Lamp:
+    """Return a lamp so many metres left of and above the camera, turned right and down by so many degrees."""
+    (ca, cb), (sa, sb) = np.cos(np.deg2rad((right_deg, down_deg))), np.sin(np.deg2rad((right_deg, down_deg)))
+    pose = np.eye(4)
+    pose[:3, :3] = np.array([[1, 0, 0], [0, cb, -sb], [0, sb, cb]]) @ np.array([[ca, 0, -sa], [0, 1, 0], [sa, 0, ca]])
+    pose[:3, 3] = pose[:3, :3] @ (left, above, 0)
+    return Lamp(pose, np.reshape(covariance, (2, 2)))
+
+
+LAMP = _lamp(left=0.15, above=0.25, right_deg=2.3, down_deg=3.5, covariance=(0.26, 0.02, 0.02, 0.18))
 
 
 def apply(J: Array, z: Array, water: Water) -> Array:
@@ -57,7 +64,7 @@ def apply(J: Array, z: Array, water: Water) -> Array:
 
 
 def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
-    """Return the lamp's light (...,) in [0, 1] at points (..., 3) of the camera's frame, and its way to them, metres."""
+    """Return the lamp's light (...,) in [0, 1] at points (..., 3) of the camera's frame, and its way there, metres."""
     seen = points @ lamp.lamp_from_cam[:3, :3].T + lamp.lamp_from_cam[:3, 3]
     plane = seen[..., :2] / seen[..., 2:]
     lobe = np.exp(-0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane))
@@ -67,9 +74,10 @@ def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
 def underwater(J: Array, rays: Array, depth: Array, preset: Preset) -> Array:
     """Return what the camera records in a preset's water, before noise.
 
-    J: (H, W, 3) the scene without water; rays: (H, W, 3) camera rays with third component 1; depth: (H, W) metres.
+    J: (H, W, 3) the scene without water; rays: (H, W, 3) camera rays with third component 1; depth: (H, W) metres, 0
+    where there is nothing but water.
     """
-    points = np.asarray(rays * depth[..., None], dtype=np.float64)
+    points = np.asarray(rays * np.where(depth > 0, depth, _OPEN_WATER_M)[..., None], dtype=np.float64)
     distance = np.linalg.norm(points, axis=-1)
     if preset != "deep_sea":
         return apply(J, distance, WATERS[preset])

@@ -23,8 +23,6 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sucre_bench.methods.sucre.model import derivatives
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.progress import track
@@ -131,7 +129,7 @@ class Objective:
 
         list(self.workers.map(work, range(self.n_workers)))
         total = sums.cpu().reshape(-1, 3, 4).sum(dim=0)  # blocks of one start are the three channels
-        return total[:, 0], -2 * total[:, 1:].T
+        return total[:, 0], -2 * total[:, 1:].T.contiguous()
 
     def _block(
         self,

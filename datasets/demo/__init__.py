@@ -1,0 +1,78 @@
+"""The built-in dataset: a made underwater scene of which everything is known, made once and kept on disk."""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sucre_bench.charts import KINDS
+from sucre_bench.datasets.demo.water import WATERS, Preset
+from sucre_bench.errors import InputError
+from sucre_bench.plugins import dataset
+from sucre_bench.scene import Scene
+
+__all__ = ["VERSION", "Demo"]
+
+VERSION = 1  # to be raised whenever equal options make another scene than before
+
+
+@dataset(requires=("cv2", "open3d", "platformdirs", "scipy"), licence="MIT, made by sucre_bench")
+@dataclass(frozen=True)
+class Demo:
+    """A made seabed with colour charts, surveyed from 8 m down to 1.5 m, in water of a known colour.
+
+    The reference images show the same scene without water, in even light. The images follow SUCRe's model exactly, but
+    for noise and 8 bits, except in "deep_sea": there the only light is a lamp on the camera, I = l (J a + b), with the
+    lobe l of the lamp and with the way from the lamp to the seabed added to the distance in a and b. The true water of
+    such a scene is the one in that equation, which no method without a model of the lamp should be expected to find.
+    """
+
+    water: Preset = "coastal"
+    """The water: "clear" (blue ocean), "coastal" (blue-green), "turbid" (green), or "deep_sea" (lit by a lamp)."""
+    views: int = 16
+    """How many views, from the farthest to the nearest; at least 2."""
+    width: int = 640
+    """Width of the images in pixels; at least 64."""
+    height: int = 480
+    """Height of the images in pixels; at least 48."""
+    seed: int = 0
+    """Seed of the seabed, the path and the noise; equal seeds make equal scenes."""
+    noise: float = 0.004
+    """Standard deviation of the sensor's noise, as a share of full scale."""
+    root: Path | None = None
+    """Folder that made scenes are kept in; None for the user's cache folder."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("views", 2), ("width", 64), ("height", 48), ("seed", 0), ("noise", 0)):
+            if not getattr(self, name) >= least:
+                raise InputError(f"demo.{name}: {getattr(self, name)} is too small; give {least} or more")
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield the one scene, named after its water. InputError where it must be made and Open3D does not load."""
+        from sucre_bench.datasets.colmap import Colmap
+
+        for scene in Colmap(root=self.folder()).scenes():
+            has = scene.has | {"truth"}
+            yield dataclasses.replace(scene, name=self.water, water=WATERS[self.water], has=has, data_id=self._id())
+
+    def folder(self) -> Path:
+        """Return the folder of the scene's files, which are made if they are not there."""
+        from platformdirs import user_cache_path
+
+        from sucre_bench.datasets.demo.files import make_once
+        from sucre_bench.datasets.demo.made import make
+
+        root = user_cache_path("sucre_bench", appauthor=False) / "demo" if self.root is None else Path(self.root)
+        return make_once(root / f"{self.water}-{self._id()}", lambda: make(**self._options()))
+
+    def _options(self) -> dict[str, Any]:
+        return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"}
+
+    def _id(self) -> str:
+        content = json.dumps([VERSION, self._options(), repr(KINDS)], sort_keys=True)
+        return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()

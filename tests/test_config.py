@@ -1,0 +1,116 @@
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from sucre_bench import InputError, config
+
+pytestmark = pytest.mark.usefixtures("toys")
+
+
+def jobs(*overrides: str, multirun: bool = False) -> config.Sweep:
+    return config.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("method=gian", "no method is called 'gian'; did you mean 'gain'"),
+        ("dataset=tou", "no dataset is called 'tou'; did you mean 'toy'"),
+        ("metrics=[psnrr]", "no metric is called 'psnrr'; did you mean 'psnr'"),
+        ("experiment=dem", "no experiment is called 'dem'; did you mean 'demo'"),
+        ("method.gian=2", "method.gian: no option 'gian' in method of gain; did you mean 'gain'"),
+        ("dataset.view=2", "dataset.view: no option 'view' in dataset of toy; did you mean 'views'"),
+        ("ovewrite=never", "ovewrite: no option 'ovewrite' in the configuration; did you mean 'overwrite'"),
+        ("tracking.url=off", "tracking.url: no option 'url' in tracking; did you mean 'uri'"),
+        ("method.gain=much", "method.gain: Value 'much' of type 'str' could not be converted to Float"),
+        ("dataset.views=2.5", "dataset.views: Value '2.5' of type 'float' could not be converted to Integer"),
+        ("method.mode=fanci", "gain.mode: 'fanci' is not a choice; did you mean 'fancy'"),
+        ("method.display=strech", "display 'strech': unknown; use none, gray-world or stretch-LOW-HIGH"),
+        ("metrics.psnr.variants=[mask]", "psnr: no variant 'mask'; did you mean 'masked'"),
+        ("overwrite=alway", "overwrite=alway: not a choice; did you mean 'always'"),
+        ("save=all", "save=all: not a choice"),
+        ("every=0", "every=0: at least 1"),
+        ("first=0", "first=0: at least 1"),
+        ("views=none.txt", "none.txt: no such list of views"),
+        ("+speed=3", "speed: no option of the configuration"),
+        ("+method.speed=3", "speed: no option of gain"),
+        ("method=gain,faulty", "several values; add -m"),
+        ("dataset=colmap", "colmap.root: must be given; add dataset.root=..."),
+        ("method.gain", "an override reads key=value"),
+    ],
+)
+def test_a_wrong_override_is_one_clear_line(override: str, said: str):
+    with pytest.raises(InputError) as fault:
+        jobs(override)
+    assert said in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_options_reach_the_plugin_with_their_types(tmp_path: Path):
+    (job,) = jobs("method.gain=2", f"method.log={tmp_path / 'log'}").jobs
+    method = job.method.make()
+    assert (method.gain, method.log, method.mode) == (2.0, tmp_path / "log", "plain")
+
+
+def test_the_label_names_what_is_not_at_its_default_but_for_paths():
+    def label(*overrides: str) -> str:
+        return jobs(*overrides).jobs[0].method.label
+
+    assert label() == "gain"
+    assert label("method.gain=1.0") == "gain"
+    assert label("method.gain=0.5", "method.log=/tmp/x") == "gain,gain=0.5"
+    assert label("method.display=gray-world") == "gain,display=gray-world"
+    assert label("method.gain=2", "method.label=mine") == "mine"
+
+
+def test_a_sweep_makes_a_job_of_every_combination():
+    sweep = jobs("method=gain", "method.gain=1,2", "dataset.views=2,3", multirun=True)
+    assert {(j.method.label, j.dataset.label) for j in sweep.jobs} == {
+        ("gain", "toy,views=2"), ("gain", "toy"), ("gain,gain=2.0", "toy,views=2"), ("gain,gain=2.0", "toy"),
+    }  # fmt: skip
+
+
+def test_one_label_for_two_configurations_is_refused():
+    with pytest.raises(InputError, match="two jobs of this sweep are both called 'toy / mine'"):
+        jobs("method.gain=1,2", "method.label=mine", multirun=True)
+
+
+def test_every_job_of_a_sweep_is_checked_before_any_runs():
+    with pytest.raises(InputError, match="no method is called 'fauty'; did you mean 'faulty'"):
+        jobs("method=gain,fauty", multirun=True)
+
+
+def test_an_experiment_brings_its_own_sweep():
+    sweep = config.jobs(["experiment=demo"], multirun=False)
+    assert sweep.multirun
+    labels = [job.method.label for job in sweep.jobs]
+    assert labels == ["underwater", "gray_world", "histogram_stretch", "stitching", "sucre_paper"]
+    assert sweep.jobs[0].every == 4
+
+
+def test_metrics_are_chosen_by_list_and_preset_and_variant():
+    (job,) = jobs("metrics=[default,redness]", "metrics.redness.variants=[all]").jobs
+    chosen = {m.plugin.name: m.variants for m in job.metrics}
+    assert {"psnr", "ssim", "uciqe", "uiqm", "psi", "de00", "coverage"} < set(chosen)
+    assert chosen["redness"] == ("plain", "double")
+
+
+def test_metric_choices_read_name_and_variant():
+    chosen = config.metric_choices(["redness:double", "psnr", "redness"])
+    assert {c.plugin.name: c.variants for c in chosen} == {"redness": ("double", "plain"), "psnr": ("masked",)}
+
+
+def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
+    assert jobs("views=[v0.png,v2.png]").jobs[0].views == ("v0.png", "v2.png")
+    assert jobs("views=v1.png").jobs[0].views == ("v1.png",)
+    listed = tmp_path / "views.txt"
+    listed.write_text("v2.png\n\nv0.png\n")
+    assert jobs(f"views={listed}").jobs[0].views == ("v2.png", "v0.png")
+
+
+def test_the_seed_reaches_whatever_has_one_and_another_seed_is_another_label():
+    (job,) = config.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
+    assert job.dataset.options["seed"] == 7
+    assert job.dataset.label == "demo,seed=7"

@@ -1,0 +1,176 @@
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import pytest
+
+from sucre_bench import InputError, PluginError, method, plugins
+from sucre_bench.plugins import Broken, create, discover, find, load_file, missing_packages, options, source_hash
+
+METHOD = """
+from dataclasses import dataclass
+from sucre_bench import Restoration, Scene, View, method
+
+@method(cites="Nobody 2026")
+@dataclass(frozen=True)
+class {name}:
+    '''Give the view back.'''
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        return Restoration(view.rgb)
+"""
+
+
+@pytest.fixture(autouse=True)
+def only_built_in(monkeypatch: pytest.MonkeyPatch):
+    """Plugins loaded by a test are forgotten after it."""
+    monkeypatch.setattr(plugins, "_files", {})
+    discover.cache_clear()
+    yield
+    discover.cache_clear()
+
+
+def write(folder: Path, name: str, file: str | None = None) -> Path:
+    path = folder / (file or f"{name.lower()}.py")
+    path.write_text(METHOD.format(name=name))
+    return path
+
+
+def test_a_file_is_all_a_plugin_takes(tmp_path: Path):
+    load_file(write(tmp_path, "MyOwnUNet"))
+    plugin = find("method", "my_own_u_net")
+    assert plugin.summary == "Give the view back."
+    assert plugin.cites == "Nobody 2026"
+
+
+def test_the_built_in_restorers_are_found():
+    assert {"underwater", "gray_world", "histogram_stretch", "stitching", "sucre_paper"} <= set(discover("method"))
+    assert {"colmap", "demo"} <= set(discover("dataset"))
+    assert {"psnr", "ssim", "uciqe", "uiqm", "psi", "de00", "coverage"} <= set(discover("metric"))
+
+
+def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: Path):
+    path = tmp_path / "imports.py"
+    path.write_text("from sucre_bench.methods.gray_world import GrayWorld\n")
+    with pytest.raises(PluginError, match="holds no plugin"):
+        load_file(path)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("import nonexistent_package_xyz\n", "ModuleNotFoundError: No module named 'nonexistent_package_xyz'"),
+        ("def broken(:\n", "SyntaxError"),
+        ("raise RuntimeError('two\\nlines')\n", "RuntimeError: two lines"),
+    ],
+)
+def test_a_file_that_does_not_import_is_one_line_with_the_reason(tmp_path: Path, text: str, said: str):
+    path = tmp_path / "broken.py"
+    path.write_text(text)
+    with pytest.raises(PluginError) as fault:
+        load_file(path)
+    assert str(path) in str(fault.value)
+    assert said in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_a_missing_file_is_named(tmp_path: Path):
+    with pytest.raises(PluginError, match=r"nowhere\.py: no such plugin file"):
+        load_file(tmp_path / "nowhere.py")
+
+
+def test_two_plugins_of_one_name_are_refused_with_both_places(tmp_path: Path):
+    load_file(write(tmp_path, "GrayWorld"))
+    with pytest.raises(PluginError, match=r"two methods are called 'gray_world'.*gray_world\.py.*rename one"):
+        discover("method")
+
+
+def package(folder: Path, module: str, text: str) -> None:
+    """An installed package with an entry point of the plugins' group."""
+    (folder / f"{module}.py").write_text(text)
+    info = folder / f"{module}-1.0.dist-info"
+    info.mkdir()
+    (info / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {module}\nVersion: 1.0\n")
+    (info / "entry_points.txt").write_text(f"[sucre_bench.plugins]\n{module} = {module}\n")
+
+
+def test_an_installed_package_brings_plugins_by_its_entry_point(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    package(tmp_path, "their_package", METHOD.format(name="Theirs"))
+    monkeypatch.syspath_prepend(tmp_path)
+    assert find("method", "theirs").cls.__module__ == "their_package"
+
+
+def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    package(tmp_path, "their_broken_package", "1 / 0\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    known = discover("method")
+    assert known["their_broken_package"] == Broken("their_broken_package", "ZeroDivisionError: division by zero")
+    assert "gray_world" in known
+    with pytest.raises(PluginError, match="division by zero"):
+        find("method", "their_broken_package")
+
+
+def test_a_typo_gets_the_nearest_name():
+    with pytest.raises(InputError, match="did you mean 'gray_world'"):
+        find("method", "grey_wrold")
+
+
+def test_a_class_that_is_no_frozen_dataclass_is_refused():
+    with pytest.raises(PluginError, match="not a frozen dataclass"):
+
+        @method()
+        @dataclass
+        class Thawed:
+            pass
+
+
+def test_unknown_needs_are_refused():
+    with pytest.raises(PluginError, match="did you mean 'depth'"):
+        method(needs={"depths"})
+
+
+@method()
+@dataclass(frozen=True)
+class Documented:
+    """A method."""
+
+    rate: float = 0.5
+    """How fast it goes,
+    in steps."""
+    kind: Literal["soft", "hard"] = "soft"
+
+    def restore(self, scene, view):
+        raise NotImplementedError
+
+
+def test_the_string_below_a_field_is_its_help():
+    rate, kind = options(Documented)
+    assert (rate.name, rate.default, rate.help) == ("rate", 0.5, "How fast it goes, in steps.")
+    assert kind.choices == ("soft", "hard")
+    assert kind.help == ""
+
+
+def test_create_refuses_what_the_fields_do_not_say():
+    plugin = Documented.__plugin__
+    assert create(plugin, {"rate": 2.0}) == Documented(rate=2.0)
+    with pytest.raises(InputError, match="no option 'rat'; did you mean 'rate'"):
+        create(plugin, {"rat": 1})
+    with pytest.raises(InputError, match=r"'sof' is not a choice; did you mean 'soft'"):
+        create(plugin, {"kind": "sof"})
+
+
+def test_what_is_not_installed_comes_with_the_line_that_installs_it():
+    @method(requires=("numpy", "skimage", "nonexistent_package_xyz"))
+    @dataclass(frozen=True)
+    class Needy:
+        pass
+
+    assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz"
+
+
+def test_the_source_hash_follows_the_plugins_own_file(tmp_path: Path):
+    load_file(write(tmp_path, "One", "one.py"))
+    load_file(write(tmp_path, "Two", "two.py"))
+    assert source_hash(find("method", "one")) != source_hash(find("method", "two"))
+    assert source_hash(find("method", "gray_world")) != source_hash(find("method", "underwater"))

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import pandas as pd
+import pytest
+
+from sucre_bench import InputError, results
+from sucre_bench.results import Part, Row, frame, merge, read
+
+ROW = Row(
+    dataset="sea", scene="reef", view="a.png", method="m", options="{}", options_id="o1", metric="psnr",
+    variant="masked", region="image", value=1.0, unit="dB", better="higher", n_pixels=4, coverage=0.5, status="ok",
+    reason="", seconds=1.0, peak_mb=2.0, device="cpu", seed=0, code="c1.p", data_id="d1",
+    time="2026-01-01T00:00:00.000000+00:00",
+)  # fmt: skip
+LATER = "2026-01-02T00:00:00.000000+00:00"
+
+
+def write(out: Path, job: str, *rows: Row) -> None:
+    part = Part(out, job)
+    part.add(rows)
+    part.flush()
+
+
+def test_parts_of_several_jobs_become_one_table(tmp_path: Path):
+    write(tmp_path, "one", ROW)
+    write(tmp_path, "two", replace(ROW, method="n"))
+    assert set(read(tmp_path)["method"]) == {"m", "n"}  # even before they are joined
+    merge(tmp_path)
+    assert set(pd.read_parquet(tmp_path / "scores.parquet")["method"]) == {"m", "n"}
+    assert not (tmp_path / "parts").exists()
+
+
+def test_the_newest_of_a_score_counts(tmp_path: Path):
+    write(tmp_path, "one", ROW)
+    merge(tmp_path)
+    write(tmp_path, "two", replace(ROW, value=2.0, time=LATER))
+    assert read(tmp_path)["value"].tolist() == [2.0]
+
+
+def test_a_newer_score_replaces_all_regions_of_the_older(tmp_path: Path):
+    """A chart that is no longer there must not stay in the table."""
+    write(tmp_path, "one", replace(ROW, region="chart1"), replace(ROW, region="chart2"))
+    write(tmp_path, "two", replace(ROW, region="chart1", value=2.0, time=LATER))
+    assert read(tmp_path)[["region", "value"]].to_numpy().tolist() == [["chart1", 2.0]]
+
+
+@pytest.mark.parametrize("change", [{"options_id": "o2"}, {"data_id": "d2"}, {"code": "c2.p"}])
+def test_scores_of_other_options_data_or_code_are_not_mixed(tmp_path: Path, change: dict[str, str]):
+    write(tmp_path, "one", ROW, replace(ROW, metric="ssim"))
+    write(tmp_path, "two", replace(ROW, value=2.0, time=LATER, **change))
+    assert read(tmp_path)["metric"].tolist() == ["psnr"]
+
+
+def test_another_metrics_code_does_not_matter(tmp_path: Path):
+    write(tmp_path, "one", replace(ROW, metric="ssim", code="c1.q"))
+    write(tmp_path, "two", replace(ROW, time=LATER))
+    assert sorted(read(tmp_path)["metric"]) == ["psnr", "ssim"]
+
+
+def test_a_folder_without_a_table_is_named(tmp_path: Path):
+    with pytest.raises(InputError, match=r"no scores.parquet here; give the folder that"):
+        read(tmp_path)
+
+
+def test_a_damaged_table_is_named_and_not_overwritten(tmp_path: Path):
+    (tmp_path / "scores.parquet").write_bytes(b"PAR1 but not really")
+    write(tmp_path, "one", ROW)
+    with pytest.raises(InputError, match=r"scores.parquet: not a table of scores"):
+        merge(tmp_path)
+    assert (tmp_path / "scores.parquet").read_bytes() == b"PAR1 but not really"
+    assert list((tmp_path / "parts").glob("*.parquet"))
+
+
+def test_columns_and_types_are_the_same_for_no_rows_and_many():
+    assert frame([]).dtypes.to_dict() == frame([ROW, ROW]).dtypes.to_dict()
+
+
+def test_equal_options_have_equal_ids_whatever_their_order():
+    assert results.fingerprint({"a": 1, "b": 2}) == results.fingerprint({"b": 2, "a": 1})
+    assert results.fingerprint({"a": 1})[1] != results.fingerprint({"a": 2})[1]

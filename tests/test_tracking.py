@@ -1,0 +1,72 @@
+from __future__ import annotations
+
+import json
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import pandas as pd
+import pytest
+from mlflow import MlflowClient
+
+from sucre_bench import sweep
+
+pytestmark = pytest.mark.usefixtures("toys")
+
+
+def runs(uri: str) -> list:
+    client = MlflowClient(tracking_uri=uri)
+    experiments = [e.experiment_id for e in client.search_experiments() if e.name == "sucre_bench"]
+    return client.search_runs(experiments) if experiments else []
+
+
+def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
+    out = tmp_path / "out"
+    arguments = ["dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}"]
+    outcome = sweep.run(arguments, True)
+    logged = runs(f"sqlite:///{out / 'mlflow.db'}")
+    (parent,) = [r for r in logged if "mlflow.parentRunId" not in r.data.tags]
+    children = {r.data.tags["method"]: r for r in logged if r is not parent}
+    assert set(children) == {"gain", "faulty"}
+    assert {r.data.tags["mlflow.parentRunId"] for r in children.values()} == {parent.info.run_id}
+    assert (children["gain"].info.status, children["faulty"].info.status) == ("FINISHED", "FAILED")
+
+    gain = children["gain"]
+    assert json.loads(gain.data.params["method.gain"]) == 1.0
+    rows = outcome.rows[(outcome.rows["method"] == "gain") & (outcome.rows["metric"] == "redness")]
+    assert gain.data.metrics["redness.plain"] == pytest.approx(rows["value"].mean())
+    client = MlflowClient(tracking_uri=f"sqlite:///{out / 'mlflow.db'}")
+    steps = client.get_metric_history(gain.info.run_id, "views/redness.plain")
+    by_step = [m.value for m in sorted(steps, key=lambda m: m.step)]
+    assert by_step == pytest.approx(rows.sort_values("view")["value"].tolist())
+
+    artifacts = Path(gain.info.artifact_uri.removeprefix("file://"))
+    assert {p.name for p in artifacts.iterdir()} == {"config.yaml", "scores.parquet", "restored"}
+    assert {p.name for p in (artifacts / "restored").iterdir()} == {"v0.png", "v1.png", "v2.png"}
+    whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
+    assert len(pd.read_parquet(whole)) == len(outcome.rows)
+
+
+def test_runs_that_start_together_on_a_new_store_are_all_kept(bench, toys: str, tmp_path: Path):
+    uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
+
+    def one(number: int):
+        return bench(
+            "run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "report=false",
+            f"out={tmp_path / f'out{number}'}", f"tracking.uri={uri}",
+        )  # fmt: skip
+
+    with ThreadPoolExecutor(4) as pool:
+        done = list(pool.map(one, range(4)))
+    assert [d.returncode for d in done] == [0] * 4, [d.stderr for d in done]
+    assert not any("mlflow: not logged" in d.stderr for d in done)
+    logged = runs(uri)
+    assert len(logged) == 8  # a parent and a child each
+    assert {r.info.status for r in logged} == {"FINISHED"}
+
+
+def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch):
+    monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
+    arguments = ["dataset=toy", "method=gain", "metrics=[redness]", f"out={tmp_path / 'out'}"]
+    outcome = sweep.run([*arguments, "tracking.uri=http://127.0.0.1:9"], False)
+    assert (outcome.ok, outcome.exit_code) == (3, 0)
+    assert capsys.readouterr().err.count("mlflow: not logged") == 1

@@ -1,0 +1,124 @@
+"""Plugins that the engine's tests run: small, quick, and some of them faulty on purpose."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sucre_bench import Arrays, Camera, Restoration, Scene, Score, View, Water, dataset, method, metric
+
+
+@dataset()
+@dataclass(frozen=True)
+class Toy:
+    """Noise seen through a known filter, with its reference."""
+
+    views: int = 3
+    """How many views."""
+    tag: str = ""
+    """Part of the data's identity: data of another tag are other data."""
+
+    def scenes(self) -> Iterator[Scene]:
+        rng = np.random.default_rng(0)
+        views = []
+        for number in range(self.views):
+            reference = rng.random((40, 60, 3), dtype=np.float32)
+            pixels = Arrays(reference * np.float32([0.3, 0.8, 0.9]), np.full((40, 60), 2.0), reference)
+            views.append(View(f"v{number}.png", pixels, Camera(np.diag([50.0, 50, 1]), 60, 40), np.eye(4)))
+        water = Water(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
+        has = frozenset({"depth", "poses", "reference", "truth"})
+        yield Scene("toy", views, has, water, data_id=f"toy{self.views}{self.tag}")
+
+
+@dataset()
+@dataclass(frozen=True)
+class TwoScenes:
+    """Two scenes whose views have the same names."""
+
+    def scenes(self) -> Iterator[Scene]:
+        for name, level in (("left", 0.2), ("right", 0.8)):
+            view = View("a.png", Arrays(np.full((8, 8, 3), level)))
+            yield Scene(name, [view], frozenset(), data_id=name)
+
+
+@method()
+@dataclass(frozen=True)
+class Gain:
+    """Multiply by a factor, noting each call in a file."""
+
+    gain: float = 1.0
+    """The factor."""
+    mode: Literal["plain", "fancy"] = "plain"
+    """A word."""
+    log: Path | None = None
+    """A file that gets a line a call."""
+    pause: float = 0.0
+    """Seconds a call takes at least."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        if self.log:
+            with self.log.open("a") as file:
+                file.write(f"{view.name}\n")
+        time.sleep(self.pause)
+        return Restoration(view.rgb * self.gain)
+
+
+@method(needs={"charts"})
+@dataclass(frozen=True)
+class NeedsCharts:
+    """Needs what the toy scene lacks."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        raise AssertionError("must not be called")
+
+
+@method()
+@dataclass(frozen=True)
+class Faulty:
+    """Fails on one view, in a way of one's choice."""
+
+    fault: Literal["raise", "shape", "nan", "none", "mutate", "die"] = "raise"
+    """What it does."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        if view.name != "v1.png":
+            return Restoration(view.rgb * 1.0)
+        match self.fault:
+            case "shape":
+                return Restoration(view.rgb[::2])
+            case "nan":
+                return Restoration(np.full_like(view.rgb, np.nan))
+            case "none":
+                return None  # type: ignore[return-value]
+            case "mutate":
+                view.rgb[:] = 0
+            case "die":
+                os.kill(os.getpid(), signal.SIGKILL)
+        raise ValueError("boom\nover two lines")
+
+
+@metric(variants={"plain": "the red channel's mean", "double": "twice that"}, unit="", better="higher", range=(0, 2))
+@dataclass(frozen=True)
+class Redness:
+    """Mean red of the shown picture."""
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+        yield Score(float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1), n_pixels=shown[..., 0].size)
+
+
+@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
+@dataclass(frozen=True)
+class Stumbles:
+    """A metric that fails on one view."""
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+        if view.name == "v2.png":
+            raise RuntimeError("no score")
+        yield Score(0.5)
