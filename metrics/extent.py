@@ -16,6 +16,7 @@ _CHANNELS = {"red": 0, "green": 1, "blue": 2}
 
 
 @metric(
+    needs={"restoration"},
     unit="share",
     better="higher",
     range=(0, 1),
@@ -36,6 +37,7 @@ class Coverage:
 
 
 @metric(
+    needs={"restoration"},
     unit="share",
     better="lower",
     range=(0, 1),

@@ -179,7 +179,7 @@ def _view_has(view: View, restoration: Restoration) -> frozenset[str]:
         "reference": view.reference is not None,
         "charts": bool(view.charts),
         "truth": "true_water" in restoration.info,
-        "restoration": "method" in restoration.info,
+        "restoration": True,
     }
     return frozenset(name for name, there in offers.items() if there)
 

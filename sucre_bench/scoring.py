@@ -12,6 +12,7 @@ import numpy as np
 from sucre_bench import plugins, progress, results
 from sucre_bench.api import score
 from sucre_bench.compare import ARROW, number
+from sucre_bench.config import metric_choices
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Plane, Restoration, View
 
@@ -58,16 +59,17 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     """
     import pandas as pd
 
-    files = _images(images)
     names = list(metrics) or _applicable(reference is not None)
+    metric_choices(names)  # a typo is told before anything is read
+    files = _images(images)
     tables = []
     for name, path in progress.track(files.items(), f"scoring {images.name}"):
-        view = View(name, _Files(path, _partner(name, reference)))
         try:
-            rows = score(Restoration(view.rgb, info={"method": images.name}), view, names)
-            if reference is not None and view.reference is not None and view.reference.shape != view.rgb.shape:
-                raise InputError(f"{path}: {view.rgb.shape[:2]} but its reference is {view.reference.shape[:2]}")
-            tables.append(rows)
+            view = View(name, _Files(path, _partner(name, reference)))
+            if view.reference is not None and view.reference.shape != view.rgb.shape:
+                sizes = [f"{w}x{h}" for h, w, _ in (view.rgb.shape, view.reference.shape)]
+                raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
+            tables.append(score(Restoration(view.rgb, info={"method": images.name}), view, names))
         except InputError as fault:
             tables.append(_failed(images.name, name, str(fault)))
             progress.say(f"failed  {fault}")

@@ -87,7 +87,7 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
     "no registered image": (images(), ["images.txt: no image is registered", "mapper"]),
     "distorted": (
         cameras(f"1 OPENCV {WIDTH} {HEIGHT} 50 50 20 15 0 0 0 0"),
-        ["cameras.txt: camera 1 is OPENCV", "colmap image_undistorter --image_path", "--output_type COLMAP"],
+        ["cameras.txt: camera 1 is OPENCV", "colmap image_undistorter --image_path ", "--output_type COLMAP"],
     ),
     "too few parameters": (cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 50 20 15"), ["cameras.txt", "model_converter"]),
     "words for numbers": (cameras(f"1 PINHOLE {WIDTH} x 50 50 20 15"), ["cameras.txt", "'x'", "model_converter"]),
@@ -312,6 +312,15 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
         getattr(scene["a.png"], plane)
     check(str(fault.value), str(root), *parts)
     assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
+
+
+def test_an_image_of_floats_is_refused(tmp_path: Path) -> None:
+    """Its range is anybody's guess."""
+    root = write_dive(tmp_path, ["a.tif"])
+    tifffile.imwrite(root / "images/a.tif", picture(0).astype(np.float32))
+    with pytest.raises(InputError) as fault:
+        _ = load(root)["a.tif"].rgb
+    check(str(fault.value), "images/a.tif: is float32", "8 or 16 bits")
 
 
 def test_a_cut_file_is_refused_wherever_it_is_cut(tmp_path: Path) -> None:

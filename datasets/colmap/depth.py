@@ -116,9 +116,11 @@ def _read_tiff(path: Path) -> Array:
 
     try:
         values = tifffile.imread(path)
-    except Exception:  # cut short, which any of its decoders may trip over, or a compression it lacks
-        values = np.empty(0)
-    return _metres(values if values.size else decode(path, cv2.IMREAD_UNCHANGED), path)
+    except Exception as fault:  # of any kind: each of its decoders has its own
+        if "imagecodecs" not in str(fault):
+            raise InputError(f"{path}: cannot be read, cut short or not a TIFF; copy it again") from fault
+        values = decode(path, cv2.IMREAD_UNCHANGED)  # a compression that tifffile wants another package for
+    return _metres(values, path)
 
 
 def _read_npy(path: Path) -> Array:
@@ -126,7 +128,8 @@ def _read_npy(path: Path) -> Array:
         with path.open("rb") as file:
             return _metres(np.lib.format.read_array(file, allow_pickle=False), path)
     except (OSError, ValueError, EOFError) as fault:
-        raise InputError(f"{path}: cannot be read, {fault}; write it again with numpy.save") from fault
+        reason = fault.strerror if isinstance(fault, OSError) else "cut short or not an array"
+        raise InputError(f"{path}: cannot be read, {reason}; write it again with numpy.save") from fault
 
 
 def _metres(values: np.ndarray, path: Path) -> Array:

@@ -11,6 +11,7 @@ from __future__ import annotations
 
 import math
 import mmap
+import shlex
 import struct
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
@@ -61,9 +62,10 @@ def read_model(sparse: Path, images: Path) -> list[Posed]:
     for number, model, width, height, parameters in _rows(cameras_file, _binary_cameras if binary else _text_cameras):
         place = f"{cameras_file}: camera {number}"
         if model not in _PARAMETERS:
-            undistort = f"colmap image_undistorter --image_path {images} --input_path {cameras_file.parent}"
-            to = f"--output_path {sparse.parent / 'undistorted'} --output_type COLMAP"
-            raise InputError(f"{place} is {model}, only pinhole cameras can be used; undistort: {undistort} {to}")
+            paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
+            given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
+            undistort = f"colmap image_undistorter {given} --output_type COLMAP"
+            raise InputError(f"{place} is {model}, only pinhole cameras can be used; undistort: {undistort}")
         cameras[number] = Camera(_intrinsics(parameters, width, height, place), width, height)
 
     posed: dict[str, Posed] = {}
@@ -89,7 +91,7 @@ def _find(sparse: Path) -> tuple[Path, Path]:
             if all(path.is_file() for path in both):
                 return both
     fault = "holds no COLMAP model" if sparse.is_dir() else "no such folder"
-    raise InputError(f"{sparse}: {fault}; put cameras.bin and images.bin (or .txt) there, or name it with sparse=...")
+    raise InputError(f"{sparse}: {fault}; put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
 
 
 def _intrinsics(parameters: tuple[float, ...], width: int, height: int, place: str) -> Array:

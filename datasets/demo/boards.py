@@ -38,7 +38,7 @@ class Site:
 SITES = (
     Site("dgk-1", "dgk", -0.60, 0.25, 0.64, 8, 42),
     Site("colorchecker-1", "colorchecker24", 0.62, 0.60, 0.66, -10, 40),
-    Site("dgk-2", "dgk", 1.75, 2.25, 0.70, -14, 35),
+    Site("dgk-2", "dgk", 1.95, 2.25, 0.70, -14, 35),
     Site("colorchecker-2", "colorchecker24", -1.65, 2.45, 0.72, 12, 35),
 )
 

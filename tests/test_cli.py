@@ -1,0 +1,109 @@
+"""The command line as a user meets it: what it says, where, and its exit codes."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+HEAVY = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
+
+
+@pytest.mark.parametrize("arguments", [["--help"], ["list", "methods"], ["list", "metrics", "--json"], ["run", "-h"]])
+def test_help_and_lists_import_nothing_heavy(arguments: list[str]):
+    code = (
+        "import sys\nfrom sucre_bench.cli import cli\n"
+        f"cli({arguments!r}, standalone_mode=False)\n"
+        "print('\\nIMPORTED', *sorted({m.split('.')[0] for m in sys.modules}))"
+    )
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    imported = set(said.splitlines()[-1].split()[1:])
+    assert not imported & HEAVY
+
+
+def test_lists_tell_programs_what_people_read(bench):
+    known = {m["name"]: m for m in json.loads(bench("list", "methods", "--json").stdout)}
+    assert known["stitching"]["needs"] == ["depth", "poses"]
+    assert known["sucre_paper"]["options"]["steps"]["default"] == 200
+    assert known["sucre_paper"]["options"]["lr"]["help"]
+    metrics = {m["name"]: m for m in json.loads(bench("list", "metrics", "--json").stdout)}
+    assert (metrics["psi"]["unit"], metrics["psi"]["better"], metrics["psi"]["range"]) == ("deg", "lower", [0, 180])
+    assert "demo" in bench("list", "experiments").stdout
+    assert "colmap" in bench("list", "datasets").stdout
+
+
+def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
+    (tmp_path / "broken.py").write_text("import nonexistent_package_xyz\n")
+    done = bench("run", "--plugin", "broken.py", "method=gain")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "broken.py: does not import, ModuleNotFoundError" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["run", "method=grey_world"], "did you mean 'gray_world'"),
+        (["run", "dataset=colmap", "dataset.root=nowhere"], "nowhere"),
+        (["compare", "nowhere"], "nowhere: no scores.parquet here"),
+        (["report", "nowhere"], "nowhere: no scores.parquet here"),
+        (["score", "nowhere"], "nowhere: no such folder"),
+        (["score", ".", "--metrics", "uicqe"], "did you mean 'uciqe'"),
+    ],
+)
+def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str], said: str):
+    done = bench(*arguments)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert said in done.stderr
+
+
+def test_an_unknown_flag_is_not_taken_for_an_override(bench):
+    done = bench("run", "--mutlirun", "method=gray_world")
+    assert done.returncode == 2
+    assert "no option --mutlirun" in done.stderr
+
+
+def test_the_last_lines_say_what_came_out_and_where(bench, toys: str):
+    done = bench("run", "-m", "--plugin", toys, "dataset=toy", "method=gain,faulty,needs_charts", "metrics=[redness]",
+                 "tracking.uri=off", "out=results")  # fmt: skip
+    assert done.returncode == 1
+    lines = done.stdout.splitlines()
+    assert lines[-4:] == [
+        "5 ok, 1 failed, 3 skipped",
+        "log      results/logs/failures.log",
+        "results  results",
+        "page     results/report/index.html",
+    ]
+    assert "failed  toy / faulty / v1.png: ValueError: boom over two lines" in lines
+    assert "skipped  toy / needs_charts / 3 views: needs charts, the scene has depth, poses, reference, truth" in lines
+    assert "Traceback" not in done.stderr + done.stdout
+    assert "\x1b" not in done.stdout  # no colours where nobody sees them
+
+
+def test_compare_reads_what_run_wrote(bench, toys: str):
+    bench("run", "-m", "--plugin", toys, "dataset=toy", "method=gain", "method.gain=0.5,1", "metrics=[redness]",
+          "tracking.uri=off", "out=results")  # fmt: skip
+    table = bench("compare", "results").stdout
+    assert "redness: gain leads gain,gain=0.5 by" in table
+    latex = bench("compare", "results", "--metric", "redness", "--format", "latex").stdout
+    assert latex.startswith("\\begin{tabular}{lr}\n\\toprule")
+    by_view = bench("compare", "results", "--by", "view", "--format", "csv").stdout
+    assert "gain · v1.png" in by_view
+
+
+def test_cfg_prints_the_configuration_and_runs_nothing(bench, tmp_path: Path):
+    said = bench("run", "method=gray_world", "--cfg").stdout
+    assert "name: gray_world" in said
+    assert not list(tmp_path.iterdir())
+
+
+def test_doctor_names_what_there_is(bench):
+    done = bench("doctor")
+    assert "torch" in done.stdout
+    assert "methods" in done.stdout
+    assert done.returncode == (0 if "everything is there" in done.stdout else 1)

@@ -1,0 +1,289 @@
+"""The made scene is what it says: its files, its geometry, its water and its charts, each recomputed from outside."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from sucre_bench.charts import KINDS, measure
+from sucre_bench.datasets.demo import Demo
+from sucre_bench.datasets.demo.files import make_once
+from sucre_bench.datasets.demo.made import MadeScene, make
+from sucre_bench.datasets.demo.noise import Grid, Noise
+from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply
+from sucre_bench.errors import InputError
+from sucre_bench.plugins import create, find
+from sucre_bench.scene import Array, Scene, View
+
+SMALL = {"width": 160, "height": 120, "views": 4}
+LEVEL = 1 / 255
+
+
+@pytest.fixture(scope="module")
+def small() -> MadeScene:
+    return make(**SMALL)
+
+
+@pytest.fixture(scope="module")
+def survey(tmp_path_factory: pytest.TempPathFactory) -> Scene:
+    """Large enough for charts in several views; read back from its files."""
+    demo = Demo(width=480, height=360, views=5, root=tmp_path_factory.mktemp("demo"))
+    return next(iter(demo.scenes()))
+
+
+def world_point(view: View, x: float, y: float) -> Array:
+    """The point of the world seen at pixel coordinates (x, y), with the depth of the pixel they lie in."""
+    assert view.camera is not None and view.cam_from_world is not None
+    d = float(view.depth[int(y), int(x)])
+    K, pose = view.camera.K, view.cam_from_world
+    in_camera = np.array([(x - K[0, 2]) / K[0, 0] * d, (y - K[1, 2]) / K[1, 1] * d, d])
+    return np.asarray(pose[:3, :3].T @ (in_camera - pose[:3, 3]))
+
+
+def pixel_of(view: View, point: Array) -> tuple[float, float, float]:
+    """Pixel coordinates and depth of a point of the world."""
+    assert view.camera is not None and view.cam_from_world is not None
+    x, y, z = view.cam_from_world[:3, :3] @ point + view.cam_from_world[:3, 3]
+    K = view.camera.K
+    return K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2], z
+
+
+def chart_centre(corners: Array) -> Array:
+    """Where the diagonals cross: the image of the chart's centre under any perspective."""
+    (a, b, c, d) = np.c_[corners, np.ones(4)]
+    crossing = np.cross(np.cross(a, c), np.cross(b, d))
+    return np.asarray(crossing[:2] / crossing[2])
+
+
+# -- made once, the same for everybody -----------------------------------------------------------------------
+
+
+def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path: Path) -> None:
+    def content(root: str, **options: int) -> dict[str, bytes]:
+        folder = Demo(**SMALL, **options, root=tmp_path / root).folder()
+        return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
+
+    one, same, other = content("a"), content("b"), content("c", seed=1)
+    assert one == same
+    assert one.keys() == other.keys()
+    differing = {name for name in one if one[name] != other[name]}
+    assert differing == {name for name in one if not name.endswith(("water.json", "cameras.txt", "points3D.txt"))}
+
+
+def test_options_have_folders_of_their_own(tmp_path: Path) -> None:
+    names = {Demo(water=water, noise=noise, root=tmp_path)._id() for water in WATERS for noise in (0.0, 0.004)}
+    assert len(names) == 8
+
+
+def test_a_half_written_folder_is_made_anew(tmp_path: Path) -> None:
+    demo = Demo(**SMALL, root=tmp_path)
+    whole = demo.folder()
+    (whole / "water.json").unlink()
+    (whole / "images" / "view_000.png").write_bytes(b"half")
+    assert demo.folder() == whole
+    scene = next(iter(demo.scenes()))
+    assert len(scene) == 4
+    assert scene["view_000.png"].rgb.shape == (120, 160, 3)
+    assert [p.name for p in tmp_path.iterdir()] == [whole.name]  # nothing is left beside it
+
+
+def test_of_two_at_once_the_later_discards_its_own(tmp_path: Path, small: MadeScene) -> None:
+    folder = tmp_path / "scene"
+
+    def overtaken() -> MadeScene:
+        make_once(folder, lambda: small)
+        (folder / "first").touch()
+        return small
+
+    make_once(folder, overtaken)
+    assert (folder / "first").exists()
+    assert [p.name for p in tmp_path.iterdir()] == ["scene"]
+
+
+def test_a_failure_leaves_nothing_behind(tmp_path: Path, small: MadeScene) -> None:
+    def fails() -> MadeScene:
+        raise InputError("no")
+
+    with pytest.raises(InputError):
+        make_once(tmp_path / "scene", fails)
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_finished_scene_is_not_made_again(tmp_path: Path, small: MadeScene) -> None:
+    def never() -> MadeScene:
+        raise AssertionError("made again")
+
+    make_once(tmp_path / "scene", lambda: small)
+    make_once(tmp_path / "scene", never)
+
+
+@pytest.mark.parametrize(
+    ("options", "at_fault"), [({"views": 1}, "views"), ({"width": 8}, "width"), ({"noise": -1}, "noise")]
+)
+def test_an_option_out_of_range_is_named(options: dict[str, int], at_fault: str) -> None:
+    with pytest.raises(InputError, match=f"demo.{at_fault}: "):
+        create(find("dataset", "demo"), options)
+
+
+# -- what is read back is what was made ----------------------------------------------------------------------
+
+
+def test_the_scene_offers_everything(survey: Scene) -> None:
+    assert survey.name == "coastal"
+    assert survey.has == {"depth", "poses", "reference", "charts", "truth"}
+    assert survey.water is WATERS["coastal"]
+    assert all(view.depth.min() > 0 for view in survey)
+
+
+def test_files_hold_the_arrays(tmp_path: Path, small: MadeScene) -> None:
+    scene = next(iter(Demo(**SMALL, root=tmp_path).scenes()))
+    for i, view in enumerate(scene):
+        assert view.camera is not None and view.cam_from_world is not None and view.reference is not None
+        np.testing.assert_allclose(view.camera.K, small.camera.K, rtol=1e-12)
+        np.testing.assert_allclose(view.cam_from_world, small.cam_from_world[i], atol=1e-12)
+        np.testing.assert_allclose(view.rgb * 255, small.rgb[i], atol=1e-4)
+        np.testing.assert_allclose(view.depth, small.depth[i], atol=0.00051)
+        np.testing.assert_allclose(view.reference, small.reference[i], atol=0.51 * LEVEL)
+
+
+# -- geometry ------------------------------------------------------------------------------------------------
+
+
+def test_views_come_closer_and_each_sees_metres_of_relief(survey: Scene) -> None:
+    distances = [float(np.median(view.distance)) for view in survey]
+    assert distances == sorted(distances, reverse=True)
+    assert distances[0] > 7.5
+    assert survey.views[-1].distance.min() < 1.6
+    assert all(np.ptp(np.percentile(view.depth, [2, 98])) > 2.5 for view in survey)
+
+
+def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
+    first, second = survey.views[2], survey.views[3]
+    rng = np.random.default_rng(0)
+    errors, colours = [], []
+    for _ in range(3000):
+        u, v = int(rng.integers(480)), int(rng.integers(360))
+        x, y, z = pixel_of(second, world_point(first, u + 0.5, v + 0.5))
+        if 0 <= x < 480 and 0 <= y < 360:
+            errors.append(abs(second.depth[int(y), int(x)] - z) / z)
+            if errors[-1] < 0.01:
+                assert first.reference is not None and second.reference is not None
+                colours.append(np.abs(first.reference[v, u] - second.reference[int(y), int(x)]) / LEVEL)
+    assert len(errors) > 1000
+    assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
+    assert np.median(colours) < 5  # far and near pixels are means over their own areas, not chance samples
+
+
+def test_a_charts_centre_is_one_point_of_the_world(survey: Scene) -> None:
+    centres: dict[str, list[Array]] = {}
+    for view in survey:
+        for chart in view.charts:
+            centres.setdefault(chart.name, []).append(world_point(view, *chart_centre(chart.corners)))
+    assert {len(points) >= 3 for points in centres.values()} == {True}
+    for points in centres.values():
+        assert np.ptp(points, axis=0).max() < 0.02
+
+
+# -- water ---------------------------------------------------------------------------------------------------
+
+
+def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> None:
+    """Equation 5 written out per pixel, from the files alone."""
+    rng = np.random.default_rng(0)
+    B, beta, gamma = (0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)
+    residuals = []
+    for view in survey:
+        assert view.camera is not None and view.reference is not None
+        K = view.camera.K
+        for u, v in zip(rng.integers(480, size=300), rng.integers(360, size=300), strict=True):
+            ray = ((u + 0.5 - K[0, 2]) / K[0, 0], (v + 0.5 - K[1, 2]) / K[1, 1], 1.0)
+            z = view.depth[v, u] * np.sqrt(sum(r * r for r in ray))
+            for c in range(3):
+                I = view.reference[v, u, c] * np.exp(-beta[c] * z) + B[c] * (1 - np.exp(-gamma[c] * z))  # noqa: E741
+                residuals.append((view.rgb[v, u, c] - I) / LEVEL)
+    # noise .004 = 1.02 levels, rounding 0.29, the rounded reference at most 0.29
+    assert abs(np.mean(residuals)) < 0.06
+    assert 1.0 < np.std(residuals) < 1.15
+    assert np.abs(residuals).max() < 6
+
+
+def test_red_is_lost_with_distance(survey: Scene) -> None:
+    def kept(view: View, channel: int) -> float:
+        """The slope of the image against the scene: how much of its contrast comes through."""
+        assert view.reference is not None
+        return float(np.polyfit(view.reference[..., channel].ravel(), view.rgb[..., channel].ravel(), 1)[0])
+
+    far, near = survey.views[0], survey.views[-1]
+    assert kept(far, 0) < 0.1
+    assert kept(near, 0) > 0.3
+    assert kept(far, 2) > 3 * kept(far, 0)
+
+
+@pytest.mark.parametrize("preset", list(WATERS))
+def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset) -> None:
+    J, water = np.array([0.9, 0.5, 0.1]), WATERS[preset]
+    np.testing.assert_allclose(apply(J, np.array(0.0), water), J)
+    np.testing.assert_allclose(apply(J, np.array(1e4), water), water.veiling_light)
+    assert water.attenuation[0] > water.attenuation[2]  # red first
+
+
+def test_the_deep_sea_is_lit_by_a_lamp_near_the_middle() -> None:
+    made = make(**SMALL, water="deep_sea")
+    np.testing.assert_allclose(LAMP.lamp_from_cam[:3, :3] @ LAMP.lamp_from_cam[:3, :3].T, np.eye(3), atol=1e-12)
+    for image, J in zip(made.rgb / 255, made.reference, strict=True):
+        light = image.mean(axis=-1) / J.mean(axis=-1)
+        border = np.ones(light.shape, dtype=bool)
+        border[12:-12, 16:-16] = False
+        assert np.median(light[border]) < 0.6 * np.median(light[40:80, 50:110])
+
+
+# -- charts --------------------------------------------------------------------------------------------------
+
+
+def test_charts_show_their_reference_colours_without_water(survey: Scene) -> None:
+    nearest = survey.views[-1]
+    assert {chart.kind for chart in nearest.charts} == {"dgk", "colorchecker24"}
+    assert nearest.reference is not None
+    for chart in nearest.charts:
+        for reading in measure(nearest.reference, chart):
+            assert reading.n_pixels >= 4
+            np.testing.assert_allclose(reading.rgb, reading.patch.srgb, atol=1.5 * LEVEL)
+
+
+def test_every_kind_of_chart_is_seen_from_distances_two_metres_apart(survey: Scene) -> None:
+    for kind in KINDS:
+        seen = [
+            float(view.distance[int(y), int(x)])
+            for view in survey
+            for x, y in (chart_centre(chart.corners) for chart in view.charts if chart.kind == kind)
+        ]
+        assert len(seen) >= 2
+        assert max(seen) - min(seen) >= 2
+
+
+def test_a_chart_too_small_to_measure_is_not_listed(small: MadeScene) -> None:
+    assert small.charts[0] == ()  # 8 m away, 120 rows: patches of one pixel
+    assert small.charts[-1] != ()
+
+
+# -- noise ---------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("surface", [lambda shape: None, lambda shape: np.full(shape, 0.37, dtype=np.float32)])
+def test_a_field_is_the_same_on_any_part_of_the_ground(surface: Callable[[tuple[int, int]], Array | None]) -> None:
+    noise, whole = Noise(0), Grid(-2, -1, 4, 3, 0.02)
+    part = list(whole.bands(40))[1]
+    field = noise.field(whole, surface(whole.shape), (0.5, 0.1), 3)
+    np.testing.assert_allclose(noise.field(part, surface(part.shape), (0.5, 0.1), 3), field[40:80], atol=0.05)
+    assert 0.6 < field.std() < 1.4
+
+
+def test_a_field_does_not_run_in_streaks_down_a_wall() -> None:
+    noise, wall = Noise(0), Grid(0, 0, 4, 0.5, 0.01)
+    height = np.broadcast_to(np.linspace(0, 25, wall.shape[0], dtype=np.float32)[:, None], wall.shape)
+    streaks = noise.field(wall, None, (0.5,), 3)
+    solid = noise.field(wall, height, (0.5,), 3)
+    assert np.abs(np.diff(streaks, axis=0)).mean() < 0.3 * np.abs(np.diff(solid, axis=0)).mean()

@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import io
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+
+
+@pytest.fixture
+def folders(tmp_path: Path) -> tuple[Path, Path]:
+    """Pictures and references that differ by 16 levels everywhere: PSNR = 20 log10(255 / 16)."""
+    images, truth = tmp_path / "images", tmp_path / "truth"
+    rng = np.random.default_rng(0)
+    for name in ("a.png", "sub/b.png"):
+        reference = rng.integers(0, 239, (64, 96, 3), dtype=np.uint8)
+        for folder, picture in ((images, reference + 16), (truth, reference)):
+            (folder / name).parent.mkdir(parents=True, exist_ok=True)
+            cv2.imwrite(str(folder / name), picture)
+    return images, truth
+
+
+def scores(text: str) -> pd.DataFrame:
+    return pd.read_csv(io.StringIO(text), keep_default_na=False)
+
+
+def test_a_folder_is_scored_against_references_of_the_same_names(bench, folders):
+    images, truth = folders
+    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr,ssim", "--format", "csv")
+    assert done.returncode == 0
+    rows = scores(done.stdout)
+    psnr = rows[rows["metric"] == "psnr"]
+    assert sorted(psnr["view"]) == ["a.png", "sub/b.png"]
+    assert psnr["value"].astype(float).tolist() == pytest.approx([20 * np.log10(255 / 16)] * 2, abs=1e-3)
+
+
+def test_without_a_choice_every_variant_of_what_applies_is_scored(bench, folders):
+    rows = scores(bench("score", str(folders[0]), "--format", "csv").stdout)
+    assert set(rows["metric"]) == {"uciqe", "uiqm"}
+    assert rows.groupby("metric")["variant"].nunique().min() >= 5
+    with_truth = scores(bench("score", str(folders[0]), "--reference", str(folders[1]), "--format", "csv").stdout)
+    assert {"psnr", "ssim", "uciqe", "uiqm"} == set(with_truth["metric"])
+
+
+def test_the_table_and_the_file_hold_every_variant(bench, folders, tmp_path: Path):
+    done = bench("score", str(folders[0]), "--metrics", "uciqe:all", "--csv", str(tmp_path / "scores.csv"))
+    listed = set(pd.read_csv(tmp_path / "scores.csv")["variant"])
+    assert all(variant in done.stdout for variant in listed)
+    assert "yang2015" in listed
+
+
+def test_an_unreadable_image_is_named_and_the_others_are_scored(bench, folders):
+    images, _ = folders
+    (images / "c.png").write_bytes(b"not a picture")
+    done = bench("score", str(images), "--metrics", "uciqe", "--format", "csv")
+    assert done.returncode == 1
+    assert "c.png: not a readable image" in done.stderr
+    assert (scores(done.stdout)["metric"] == "uciqe").sum() == 2
+
+
+def test_a_missing_reference_is_named_and_the_others_are_scored(bench, folders):
+    images, truth = folders
+    (truth / "a.png").unlink()
+    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr", "--format", "csv")
+    assert done.returncode == 1
+    assert "truth/a.png: no such reference" in done.stderr
+    assert (scores(done.stdout)["metric"] == "psnr").sum() == 1
+
+
+def test_a_reference_of_another_size_is_named(bench, folders):
+    images, truth = folders
+    cv2.imwrite(str(truth / "a.png"), np.zeros((10, 10, 3), np.uint8))
+    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr", "--format", "csv")
+    assert done.returncode == 1
+    assert "a.png: 96x64, but its reference is 10x10" in done.stderr
+
+
+def test_one_image_is_enough(bench, folders):
+    done = bench("score", str(folders[0] / "a.png"), "--reference", str(folders[1] / "a.png"), "--metrics", "psnr")
+    assert done.returncode == 0
+    assert "24.0" in done.stdout or "24.1" in done.stdout
