@@ -173,6 +173,7 @@ class Job:
     @classmethod
     def of(cls, config: DictConfig) -> Job:
         """Read a composed configuration. InputError for what its types alone cannot tell."""
+        import yaml
         from omegaconf import OmegaConf
 
         values: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
@@ -198,7 +199,7 @@ class Job:
             seed=values["seed"],
             report=values["report"],
             tracking=Tracking(**values["tracking"]),
-            config=OmegaConf.to_yaml(OmegaConf.create(values)),
+            config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
         )
 
 
@@ -258,6 +259,12 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Path):
         return str(value)
     return list(value) if isinstance(value, tuple) else value
+
+
+def _plain_tree(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain_tree(inner) for key, inner in value.items()}
+    return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else _plain(value)
 
 
 def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:

@@ -29,8 +29,9 @@ from sucre_bench.multiview.geometry import project
 from sucre_bench.scene import Array, Scene, View
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
-# At (5, 0, 10), looking along the world's -x, y down: x is the world's z. A turn of +90 degrees about y.
-SIDEWAYS = (0.5**0.5, 0.0, 0.5**0.5, 0.0, -10.0, 0.0, 5.0)
+# At (5, 0, 10), looking along the world's -x, y down: x is the world's z. A turn of +90 degrees about y, written with
+# a quaternion that is not of unit length.
+SIDEWAYS = (1.0, 0.0, 1.0, 0.0, -10.0, 0.0, 5.0)
 
 
 def load(root: Path, **options: object) -> Scene:
@@ -385,6 +386,18 @@ def test_data_id_changes_with_the_data(tmp_path: Path, change: object) -> None:
     before = load(write_dive(tmp_path)).data_id
     change(tmp_path)  # type: ignore[operator]
     assert load(tmp_path).data_id != before
+
+
+def test_data_id_sees_one_pixel_in_the_middle_of_a_large_image(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    write_model(tmp_path / "sparse", [("a.png", FORWARD, 1)], ["1 PINHOLE 400 300 500 500 200 150"])
+    ids = set()
+    for value in (10, 11):
+        values = np.full((300, 400, 3), 10, np.uint8)
+        values[150, 200] = value
+        cv2.imwrite(str(tmp_path / "images" / "a.png"), values, [cv2.IMWRITE_PNG_COMPRESSION, 0])  # of one size
+        ids.add(load(tmp_path).data_id)
+    assert len(ids) == 2
 
 
 def test_data_id_changes_with_options_that_change_the_pixels(tmp_path: Path) -> None:

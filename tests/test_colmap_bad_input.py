@@ -119,6 +119,7 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
     "charts: no corners": (chart({"kind": "dgk"}), ["charts.json: a.png, left: not four corners"]),
     "charts: nan": (corners((np.nan, 1), *IN[1:]), ["charts.json: a.png, left: not four corners"]),
     "charts: outside": (corners(IN[0], (41.0, 3.0), *IN[2:]), ["charts.json: a.png, left: a corner", "40x30"]),
+    "charts: below": (corners(*IN[:2], (21.0, 31.0), IN[3]), ["charts.json: a.png, left: a corner", "40x30"]),
     "charts: crossed": (corners(IN[0], IN[1], IN[3], IN[2]), ["charts.json: a.png, left: corners are out of order"]),
     "charts: mirrored": (corners(*IN[::-1]), ["charts.json: a.png, left: corners are out of order"]),
 }
@@ -152,7 +153,7 @@ def test_an_image_scale_outside_of_0_to_1_is_refused(tmp_path: Path, scale: floa
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
 def test_a_binary_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> None:
-    write_dive(tmp_path)
+    write_dive(tmp_path, ["a.png", "b.png", "c.png"])
     to_binary(tmp_path / "sparse")
     path = tmp_path / "sparse" / name
     whole = path.read_bytes()
@@ -162,7 +163,7 @@ def test_a_binary_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> No
             load(tmp_path)
         check(str(fault.value), str(path), "breaks off", "model_converter")
     path.write_bytes(whole)
-    assert len(load(tmp_path)) == 2
+    assert len(load(tmp_path)) == 3
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
@@ -317,7 +318,7 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
 def test_an_image_of_floats_is_refused(tmp_path: Path) -> None:
     """Its range is anybody's guess."""
     root = write_dive(tmp_path, ["a.tif"])
-    tifffile.imwrite(root / "images/a.tif", picture(0).astype(np.float32))
+    tifffile.imwrite(root / "images/a.tif", picture(0).astype(np.float32), photometric="rgb")
     with pytest.raises(InputError) as fault:
         _ = load(root)["a.tif"].rgb
     check(str(fault.value), "images/a.tif: is float32", "8 or 16 bits")

@@ -3,6 +3,7 @@ from __future__ import annotations
 from pathlib import Path
 
 import pytest
+import yaml
 
 from sucre_bench import InputError, config
 
@@ -114,3 +115,11 @@ def test_the_seed_reaches_whatever_has_one_and_another_seed_is_another_label():
     (job,) = config.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
     assert job.dataset.options["seed"] == 7
     assert job.dataset.label == "demo,seed=7"
+
+
+def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path: Path):
+    (job,) = jobs(f"method.log={tmp_path / 'log'}", "method.gain=2").jobs
+    read = yaml.safe_load(job.config)
+    assert read["method"] == {"name": "gain", "label": None, "display": "none", "gain": 2.0, "mode": "plain",
+                              "log": str(tmp_path / "log"), "pause": 0.0}  # fmt: skip
+    assert read["dataset"]["name"] == "toy"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -18,7 +19,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.plugins import create, find
 from sucre_bench.scene import Array, Scene, View
 
-SMALL = {"width": 160, "height": 120, "views": 4}
+SMALL: dict[str, Any] = {"width": 160, "height": 120, "views": 4}
 LEVEL = 1 / 255
 
 
@@ -36,7 +37,8 @@ def survey(tmp_path_factory: pytest.TempPathFactory) -> Scene:
 
 def world_point(view: View, x: float, y: float) -> Array:
     """The point of the world seen at pixel coordinates (x, y), with the depth of the pixel they lie in."""
-    assert view.camera is not None and view.cam_from_world is not None
+    assert view.camera is not None
+    assert view.cam_from_world is not None
     d = float(view.depth[int(y), int(x)])
     K, pose = view.camera.K, view.cam_from_world
     in_camera = np.array([(x - K[0, 2]) / K[0, 0] * d, (y - K[1, 2]) / K[1, 1] * d, d])
@@ -45,7 +47,8 @@ def world_point(view: View, x: float, y: float) -> Array:
 
 def pixel_of(view: View, point: Array) -> tuple[float, float, float]:
     """Pixel coordinates and depth of a point of the world."""
-    assert view.camera is not None and view.cam_from_world is not None
+    assert view.camera is not None
+    assert view.cam_from_world is not None
     x, y, z = view.cam_from_world[:3, :3] @ point + view.cam_from_world[:3, 3]
     K = view.camera.K
     return K[0, 0] * x / z + K[0, 2], K[1, 1] * y / z + K[1, 2], z
@@ -62,7 +65,7 @@ def chart_centre(corners: Array) -> Array:
 
 
 def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path: Path) -> None:
-    def content(root: str, **options: int) -> dict[str, bytes]:
+    def content(root: str, **options: Any) -> dict[str, bytes]:
         folder = Demo(**SMALL, **options, root=tmp_path / root).folder()
         return {str(p.relative_to(folder)): p.read_bytes() for p in folder.rglob("*") if p.is_file()}
 
@@ -138,10 +141,16 @@ def test_the_scene_offers_everything(survey: Scene) -> None:
     assert all(view.depth.min() > 0 for view in survey)
 
 
-def test_files_hold_the_arrays(tmp_path: Path, small: MadeScene) -> None:
-    scene = next(iter(Demo(**SMALL, root=tmp_path).scenes()))
+def test_files_in_the_users_cache_hold_the_arrays(
+    tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("platformdirs.user_cache_path", lambda name, appauthor: tmp_path / name)
+    scene = next(iter(Demo(**SMALL).scenes()))
+    assert len(list((tmp_path / "sucre_bench" / "demo").iterdir())) == 1
     for i, view in enumerate(scene):
-        assert view.camera is not None and view.cam_from_world is not None and view.reference is not None
+        assert view.camera is not None
+        assert view.cam_from_world is not None
+        assert view.reference is not None
         np.testing.assert_allclose(view.camera.K, small.camera.K, rtol=1e-12)
         np.testing.assert_allclose(view.cam_from_world, small.cam_from_world[i], atol=1e-12)
         np.testing.assert_allclose(view.rgb * 255, small.rgb[i], atol=1e-4)
@@ -170,7 +179,8 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
         if 0 <= x < 480 and 0 <= y < 360:
             errors.append(abs(second.depth[int(y), int(x)] - z) / z)
             if errors[-1] < 0.01:
-                assert first.reference is not None and second.reference is not None
+                assert first.reference is not None
+                assert second.reference is not None
                 colours.append(np.abs(first.reference[v, u] - second.reference[int(y), int(x)]) / LEVEL)
     assert len(errors) > 1000
     assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
@@ -196,7 +206,8 @@ def test_images_follow_the_model_within_noise_and_rounding(survey: Scene) -> Non
     B, beta, gamma = (0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)
     residuals = []
     for view in survey:
-        assert view.camera is not None and view.reference is not None
+        assert view.camera is not None
+        assert view.reference is not None
         K = view.camera.K
         for u, v in zip(rng.integers(480, size=300), rng.integers(360, size=300), strict=True):
             ray = ((u + 0.5 - K[0, 2]) / K[0, 0], (v + 0.5 - K[1, 2]) / K[1, 1], 1.0)
@@ -230,14 +241,30 @@ def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset
     assert water.attenuation[0] > water.attenuation[2]  # red first
 
 
-def test_the_deep_sea_is_lit_by_a_lamp_near_the_middle() -> None:
-    made = make(**SMALL, water="deep_sea")
-    np.testing.assert_allclose(LAMP.lamp_from_cam[:3, :3] @ LAMP.lamp_from_cam[:3, :3].T, np.eye(3), atol=1e-12)
-    for image, J in zip(made.rgb / 255, made.reference, strict=True):
-        light = image.mean(axis=-1) / J.mean(axis=-1)
-        border = np.ones(light.shape, dtype=bool)
+def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too() -> None:
+    """I = l (J a + b) with z = |camera to point| + |lamp to point|: each channel must tell the same l."""
+    made = make(**SMALL, water="deep_sea", noise=0)
+    B, beta, gamma = np.array([(0.13, 0.17), (0.06, 0.055), (0.07, 0.07)])  # green and blue
+    K, lamp = made.camera.K, np.array([-0.15, -0.25, 0])  # the lamp is above the camera and to its left
+    u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
+    for image, J, depth in zip(made.rgb[..., 1:] / 255, made.reference[..., 1:], made.depth, strict=True):
+        point = (
+            np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1) * depth[..., None]
+        )
+        z = (np.linalg.norm(point, axis=-1) + np.linalg.norm(point - lamp, axis=-1))[..., None]
+        light = image / (J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
+        bright = (image > 0.15).all(axis=-1)  # where rounding is under two percent
+        np.testing.assert_allclose(light[bright][:, 0], light[bright][:, 1], rtol=0.03)
+        assert 0.8 < np.percentile(light, 99) < 1.05
+        border = np.ones(z.shape[:2], dtype=bool)
         border[12:-12, 16:-16] = False
-        assert np.median(light[border]) < 0.6 * np.median(light[40:80, 50:110])
+        assert np.median(image[border]) < 0.6 * np.median(image[40:80, 50:110])
+
+
+def test_the_lamps_pose_is_rigid() -> None:
+    R = LAMP.lamp_from_cam[:3, :3]
+    np.testing.assert_allclose(R @ R.T, np.eye(3), atol=1e-12)
+    assert np.linalg.det(R) > 0
 
 
 # -- charts --------------------------------------------------------------------------------------------------

@@ -72,5 +72,7 @@ def decode(path: Path, flags: int) -> np.ndarray:
     complete = not data.startswith(b"\x89PNG") or b"IEND" in data[-4096:]
     decoded = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data and complete else None
     if decoded is None:
-        raise InputError(f"{path}: cannot be read, {'not an image' if complete else 'it is cut short'}; copy it again")
+        raise InputError(
+            f"{path}: cannot be read, {'damaged or not an image' if complete else 'cut short'}; copy it again"
+        )
     return np.asarray(decoded)

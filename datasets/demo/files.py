@@ -9,7 +9,7 @@ from __future__ import annotations
 import json
 import shutil
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,7 +19,7 @@ from sucre_bench.colour import to_8bit
 from sucre_bench.datasets.demo.made import MadeScene
 from sucre_bench.datasets.demo.water import LAMP
 from sucre_bench.progress import track
-from sucre_bench.scene import Array
+from sucre_bench.scene import Array, Chart
 
 __all__ = ["make_once", "write"]
 
@@ -71,7 +71,7 @@ def _write_json(path: Path, content: Any) -> None:
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def _charts(charts: Any) -> dict[str, Any]:
+def _charts(charts: Sequence[Chart]) -> dict[str, Any]:
     return {chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()} for chart in charts}
 
 

@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project, relative_pose, transform, unproject
+from sucre_bench.multiview.geometry import landing_pixels, relative_pose, unproject
 from sucre_bench.scene import Array, Camera, Mask, View
 
 __all__ = ["Matches", "Surface", "lift", "match", "own_matches"]
@@ -29,8 +29,8 @@ Indices = npt.NDArray[np.integer[Any]]
 # scene closer and cost more corners: 64 px makes 510 tiles of a 1920x1080 image, 0.1 ms to test against a view.
 _TILE_PX = 64
 
-# Points worked at a time: temporaries then stay in the cache and are not asked of the system anew.
-_CHUNK_PX = 1 << 16
+# Points worked at a time: temporaries stay in the cache, and 3x3 products below the size at which BLAS starts threads,
+_CHUNK_PX = 1 << 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -38,9 +38,9 @@ class Surface:
     """What a target view shows: its pixels with depth as points, grouped in square tiles of the image.
 
     camera, cam_from_world: the target's; pixels: (P,) int64 flat indices, tile after tile;
-    points: (P, 3) float32 metres in the camera's frame, of the pixels' centres;
+    points: (3, P) float32 metres in the camera's frame, of the pixels' centres;
     tile_sizes: (T,) pixels in each tile that has any;
-    tile_corners: (T, 8, 3) float64, the corners of the frustum piece that holds a tile's points.
+    tile_corners: (3, 8, T) float64, the corners of the frustum piece that holds a tile's points.
     """
 
     camera: Camera
@@ -78,8 +78,8 @@ def lift(view: View) -> Surface:
     v, u, tile_of = v[by_tile], u[by_tile], tile_of[by_tile]
     d = depth[v, u]
     tiles, first, sizes = np.unique(tile_of, return_index=True, return_counts=True)
-    points = unproject(view.camera, np.stack([u, v], axis=-1).astype(np.float32) + np.float32(0.5), d)
-    corners = _tile_corners(view.camera, u[first], v[first], d, first) if len(tiles) else np.empty((0, 8, 3))
+    points = unproject(view.camera, u + 0.5, v + 0.5, d)
+    corners = _tile_corners(view.camera, u[first], v[first], d, first) if len(tiles) else np.empty((3, 8, 0))
     return Surface(view.camera, view.cam_from_world, v * depth.shape[1] + u, points, sizes, corners)
 
 
@@ -92,20 +92,22 @@ def _depth(view: View, camera: Camera) -> Array:
 
 
 def _tile_corners(camera: Camera, u: Indices, v: Indices, depth: Array, first: Indices) -> Array:
-    """The tiles that hold pixels (u, v), as frustum pieces between their least and largest depth: (T, 8, 3)."""
+    """The tiles that hold pixels (u, v), as frustum pieces between their least and largest depth: (3, 8, T)."""
     left, top = u // _TILE_PX * _TILE_PX, v // _TILE_PX * _TILE_PX
-    x = np.stack([left, left + _TILE_PX, left, left + _TILE_PX], axis=-1)  # (T, 4)
-    y = np.stack([top, top, top + _TILE_PX, top + _TILE_PX], axis=-1)
+    right, bottom = left + _TILE_PX, top + _TILE_PX
     near, far = np.minimum.reduceat(depth, first), np.maximum.reduceat(depth, first)
-    xy = np.stack([x, y], axis=-1).astype(np.float64)  # (T, 4, 2)
-    pieces = [unproject(camera, xy, np.repeat(d[:, None], 4, axis=1).astype(np.float64)) for d in (near, far)]
-    return np.concatenate(pieces, axis=1)
+    x = np.stack([left, right, left, right] * 2)  # (8, T)
+    y = np.stack([top, top, bottom, bottom] * 2)
+    return unproject(camera, x, y, np.stack([near] * 4 + [far] * 4).astype(np.float64))
 
 
 def own_matches(surface: Surface) -> Matches:
     """Return the target's pairs with itself: every pixel with depth, by definition and not by rounding."""
-    distance = np.linalg.norm(surface.points, axis=-1)
-    return Matches(surface.pixels, surface.pixels, np.asarray(distance, dtype=np.float32))
+    return Matches(surface.pixels, surface.pixels, _norm(surface.points))
+
+
+def _norm(points: Array) -> Array:
+    return np.asarray(np.sqrt((points * points).sum(axis=0)), dtype=np.float32)
 
 
 def match(surface: Surface, view: View) -> Matches | None:
@@ -117,7 +119,7 @@ def match(surface: Surface, view: View) -> Matches | None:
     if view.camera is None or view.cam_from_world is None:
         return None
     to_view = relative_pose(view.cam_from_world, surface.cam_from_world)
-    seen = _may_be_seen(view.camera, transform(to_view, surface.tile_corners))
+    seen = _may_be_seen(view.camera, to_view, surface.tile_corners)
     if not seen.any() or not view.has_depth:
         return None
     depth = _depth(view, view.camera).ravel()
@@ -128,33 +130,31 @@ def match(surface: Surface, view: View) -> Matches | None:
     return Matches(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
 
 
-def _mutual(
-    surface: Surface, here: Indices, camera: Camera, depth: Array, to_view: Array, to_target: Array
-) -> tuple[Indices, Indices, Array]:
-    """The fields of Matches for some points of the surface; `here`, their indices, shrinks with every test."""
-    xy, _ = project(camera, transform(to_view, surface.points[here]))
-    xy = np.floor(xy)  # truncation would map (-1, 0) to pixel 0
-    inside = ((xy >= 0) & (xy < (camera.width, camera.height))).all(axis=-1)  # NaN, behind the camera, is not
-    here, xy = here[inside], xy[inside]
-    others = xy[:, 1].astype(np.int64) * camera.width + xy[:, 0].astype(np.int64)
-    has_depth = depth[others] > 0
-    here, xy, others = here[has_depth], xy[has_depth], others[has_depth]
-
-    points = unproject(camera, xy + np.float32(0.5), depth[others])
-    back = np.floor(project(surface.camera, transform(to_target, points))[0])
-    v, u = np.divmod(surface.pixels[here], surface.camera.width)
-    mutual = (back[:, 0] == u) & (back[:, 1] == v)
-    distance = np.linalg.norm(points[mutual], axis=-1)
-    return surface.pixels[here[mutual]], others[mutual], np.asarray(distance, dtype=np.float32)
-
-
-def _may_be_seen(camera: Camera, corners: Array) -> Mask:
-    """(T,) bool, False only where no point of the hull of eight corners (T, 8, 3) can project into the image.
+def _may_be_seen(camera: Camera, pose: Array, corners: Array) -> Mask:
+    """(T,) bool, False only where no point of the hull of eight corners (3, 8, T) can project into the image.
 
     A field of view is convex, the intersection of five half-spaces; a hull whose corners all lie outside the same
     one lies outside. The image is taken one pixel larger on each side, far more than float32 rounding.
     """
-    x, y, z = camera.K[0], camera.K[1], np.array([0.0, 0.0, 1.0])
-    half_spaces = np.stack([z, x + z, (camera.width + 1) * z - x, y + z, (camera.height + 1) * z - y])  # (5, 3)
-    outside = (corners @ half_spaces.T < 0).all(axis=1)  # (T, 5)
-    return np.asarray(~outside.any(axis=-1))
+    x, y, z = camera.K @ pose[:3]  # of (x w, y w, w): each (4,)
+    half_spaces = np.stack([z, x + z, (camera.width + 1) * z - x, y + z, (camera.height + 1) * z - y])  # (5, 4)
+    values = np.tensordot(half_spaces[:, :3], corners, axes=1) + half_spaces[:, 3, None, None]  # (5, 8, T)
+    return np.asarray(~(values < 0).all(axis=1).any(axis=0))
+
+
+def _mutual(
+    surface: Surface, here: Indices, camera: Camera, depth: Array, to_view: Array, to_target: Array
+) -> tuple[Indices, Indices, Array]:
+    """The fields of Matches for some points of the surface; `here`, their indices, shrinks with every test."""
+    u, v = landing_pixels(camera, to_view, surface.points[:, here])
+    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)  # NaN, behind the camera, is not
+    here, u, v = here[inside], u[inside], v[inside]
+    others = v.astype(np.int64) * camera.width + u.astype(np.int64)
+    has_depth = depth[others] > 0
+    here, u, v, others = here[has_depth], u[has_depth], v[has_depth], others[has_depth]
+
+    points = unproject(camera, u + np.float32(0.5), v + np.float32(0.5), depth[others])
+    u, v = landing_pixels(surface.camera, to_target, points)
+    pixels = surface.pixels[here]
+    mutual = (u == pixels % surface.camera.width) & (v == pixels // surface.camera.width)
+    return pixels[mutual], others[mutual], _norm(points[:, mutual])
