@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.colour import stretch
 from sucre_bench.errors import InputError
 
 
@@ -31,8 +32,5 @@ class HistogramStretch:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, stretched to [0, 1]."""
         valid = view.valid
-        pixels = view.rgb[valid] if valid.any() else view.rgb.reshape(-1, 3)
-        bottom, top = np.percentile(pixels, [self.low, self.high], axis=0).astype(np.float32)
-        flat = top - bottom < 1e-6
-        stretched = (view.rgb - np.where(flat, 0, bottom)) / np.where(flat, 1, top - bottom)
-        return Restoration(stretched.clip(0, 1).astype(np.float32))
+        over = view.rgb[valid] if valid.any() else None
+        return Restoration(stretch(view.rgb, self.low, self.high, over).astype(np.float32))

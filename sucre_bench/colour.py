@@ -47,11 +47,14 @@ def check_display(how: str) -> None:
     raise InputError(f"display '{how}': unknown; use none, gray-world or stretch-LOW-HIGH such as stretch-1-99")
 
 
-def stretch(pixels: Array, low: float = 1, high: float = 99) -> Array:
-    """Map each channel's percentiles low and high to 0 and 1, clipped (P, 3); a constant channel is only clipped."""
-    bottom, top = np.percentile(pixels, [low, high], axis=0)
+def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None = None) -> Array:
+    """Map each channel's percentiles low and high to 0 and 1, clipped; a constant channel is only clipped.
+
+    image: (..., 3); over: (P, 3) pixels to take the percentiles of, default the image's own.
+    """
+    bottom, top = np.percentile(image.reshape(-1, 3) if over is None else over, [low, high], axis=0)
     flat = top - bottom < 1e-6
-    scaled = (pixels - np.where(flat, 0, bottom)) / np.where(flat, 1, top - bottom)
+    scaled = (image - np.where(flat, 0, bottom)) / np.where(flat, 1, top - bottom)
     return np.asarray(scaled.clip(0, 1))
 
 

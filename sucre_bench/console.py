@@ -25,6 +25,7 @@ from sucre_bench import progress
 __all__ = ["err", "live", "out", "plain"]
 
 _PLAIN_SECONDS = 10.0
+_WORTH_A_LINE = 1.0
 
 out = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
 err = Console(stderr=True, highlight=False, soft_wrap=not sys.stderr.isatty())
@@ -63,7 +64,7 @@ class _Line:
 
 
 class _Lines:
-    """A `progress.Watcher` for logs and pipes: a line when outer work begins and ends, and one now and then between."""
+    """A `progress.Watcher` for logs and pipes: a line when outer work ends, and one now and then before."""
 
     def __init__(self) -> None:
         self._lines: dict[int, _Line] = {}
@@ -84,8 +85,9 @@ class _Lines:
 
     def finished(self, line: int) -> None:
         own = self._lines.pop(line)
-        if not self._lines and own.done:
-            err.print(f"{own.what}: {own.done} done in {time.monotonic() - own.started:.1f} s")
+        seconds = time.monotonic() - own.started
+        if not self._lines and seconds > _WORTH_A_LINE:
+            err.print(f"{own.what}: {own.done} done in {seconds:.1f} s")
 
     def said(self, text: str) -> None:
         err.print(_painted(text))

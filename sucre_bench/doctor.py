@@ -29,7 +29,7 @@ _PURPOSE = {
     "jax": "restorers that run on JAX",
     "mlflow": "logging to mlflow",
     "open3d": "the demo scene (ray casting)",
-    "pycolmap": "datasets with a COLMAP model",
+    "pycolmap": "structure from motion",
     "torch": "restorers that run on torch, SUCRe among them",
     "colour-science": "the metric de00",
 }

@@ -7,13 +7,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sucre_bench import plugins, progress, results
 from sucre_bench.api import score
 from sucre_bench.compare import ARROW, number
 from sucre_bench.config import metric_choices
 from sucre_bench.errors import InputError
+from sucre_bench.images import read_rgb
 from sucre_bench.scene import Array, Plane, Restoration, View
 
 if TYPE_CHECKING:
@@ -34,20 +33,8 @@ class _Files:
 
     def load(self, plane: Plane) -> Array | None:
         if plane == "rgb":
-            return read_image(self.image)
-        return read_image(self.compared_with) if plane == "reference" and self.compared_with else None
-
-
-def read_image(path: Path) -> Array:
-    """Read an image as (H, W, 3) float32 RGB in [0, 1]. InputError when it cannot be read."""
-    import cv2
-
-    raw = np.frombuffer(path.read_bytes(), np.uint8) if path.is_file() else np.empty(0, np.uint8)
-    image = cv2.imdecode(raw, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH) if raw.size else None
-    if image is None:
-        raise InputError(f"{path}: not a readable image; replace it or leave it out")
-    top = {np.dtype(np.uint8): 255, np.dtype(np.uint16): 65535}.get(image.dtype, 1)
-    return np.ascontiguousarray(image[..., ::-1], dtype=np.float32) / np.float32(top)
+            return read_rgb(self.image)
+        return read_rgb(self.compared_with) if plane == "reference" and self.compared_with else None
 
 
 def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> pd.DataFrame:

@@ -14,6 +14,7 @@ from sucre_bench.datasets.demo import Demo
 from sucre_bench.datasets.demo.files import make_once
 from sucre_bench.datasets.demo.made import MadeScene, make
 from sucre_bench.datasets.demo.noise import Grid, Noise
+from sucre_bench.datasets.demo.texture import make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply
 from sucre_bench.errors import InputError
 from sucre_bench.plugins import create, find
@@ -184,7 +185,7 @@ def test_depth_maps_of_two_views_agree(survey: Scene) -> None:
                 colours.append(np.abs(first.reference[v, u] - second.reference[int(y), int(x)]) / LEVEL)
     assert len(errors) > 1000
     assert np.mean(np.array(errors) < 0.01) > 0.9  # the rest is hidden in one of them
-    assert np.median(colours) < 5  # far and near pixels are means over their own areas, not chance samples
+    assert np.median(colours) < 5
 
 
 def test_a_charts_centre_is_one_point_of_the_world(survey: Scene) -> None:
@@ -242,22 +243,26 @@ def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset
 
 
 def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too() -> None:
-    """I = l (J a + b) with z = |camera to point| + |lamp to point|: each channel must tell the same l."""
+    """I = l (J a + b) with z = |camera to point| + |lamp to point|: red and blue must tell the same l."""
     made = make(**SMALL, water="deep_sea", noise=0)
-    B, beta, gamma = np.array([(0.13, 0.17), (0.06, 0.055), (0.07, 0.07)])  # green and blue
+    B, beta, gamma = np.array([(0.02, 0.17), (0.19, 0.055), (0.08, 0.07)])
     K, lamp = made.camera.K, np.array([-0.15, -0.25, 0])  # the lamp is above the camera and to its left
     u, v = np.meshgrid(np.arange(160) + 0.5, np.arange(120) + 0.5)
-    for image, J, depth in zip(made.rgb[..., 1:] / 255, made.reference[..., 1:], made.depth, strict=True):
-        point = (
-            np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1) * depth[..., None]
-        )
-        z = (np.linalg.norm(point, axis=-1) + np.linalg.norm(point - lamp, axis=-1))[..., None]
-        light = image / (J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
-        bright = (image > 0.15).all(axis=-1)  # where rounding is under two percent
-        np.testing.assert_allclose(light[bright][:, 0], light[bright][:, 1], rtol=0.03)
-        assert 0.8 < np.percentile(light, 99) < 1.05
-        border = np.ones(z.shape[:2], dtype=bool)
-        border[12:-12, 16:-16] = False
+    image, J = made.rgb[-1, ..., ::2] / 255, made.reference[-1, ..., ::2]
+    point = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1], np.ones_like(u)], axis=-1)
+    point *= made.depth[-1, ..., None]
+    z = (np.linalg.norm(point, axis=-1) + np.linalg.norm(point - lamp, axis=-1))[..., None]
+    light = image / (J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))
+    assert 0.9 < np.percentile(light[..., 1], 99) < 1.05
+    bright = (image > 0.15).all(axis=-1) & (v > 70)  # below, where the way from the lamp is longer than to the camera
+    assert bright.sum() > 500
+    assert abs(np.log(light[bright][:, 0] / light[bright][:, 1]).mean()) < 0.003
+
+
+def test_the_deep_sea_is_dark_at_the_border() -> None:
+    border = np.ones((120, 160), dtype=bool)
+    border[12:-12, 16:-16] = False
+    for image in make(**SMALL, water="deep_sea").rgb:
         assert np.median(image[border]) < 0.6 * np.median(image[40:80, 50:110])
 
 
@@ -296,7 +301,26 @@ def test_a_chart_too_small_to_measure_is_not_listed(small: MadeScene) -> None:
     assert small.charts[-1] != ()
 
 
-# -- noise ---------------------------------------------------------------------------------------------------
+# -- textures and noise --------------------------------------------------------------------------------------
+
+
+def test_a_pixel_is_the_mean_of_what_it_covers() -> None:
+    """Against the mean of the texels themselves, under a footprint of 24 x 12 of them."""
+    picture = np.random.default_rng(0).uniform(size=(256, 256, 3))
+    texture = make_texture(picture, 0.01, np.zeros(2), np.eye(2, 3))
+    centres = np.random.default_rng(1).integers(40, 216, size=(200, 2))  # (x, y)
+    sides = (np.broadcast_to(np.float32(side), (200, 2)) for side in ((0.24, 0), (0, 0.12)))
+    sampled = sample(texture, (centres * 0.01).astype(np.float32), *sides)
+    exact = np.array([picture[y - 6 : y + 6, x - 12 : x + 12].mean(axis=(0, 1)) for x, y in centres])
+    assert np.abs(sampled - exact).mean() < 0.02  # one texel for each would be off by 0.25
+
+
+def test_a_near_pixel_shows_the_texture_where_it_is() -> None:
+    ramp = np.broadcast_to(((np.arange(64) + 0.5) / 64)[None, :, None], (64, 64, 3))
+    texture = make_texture(ramp, 0.5, np.array([3.0, 7.0]), np.eye(2, 3))
+    at = np.random.default_rng(0).uniform((10, 10), (30, 30), size=(50, 2)).astype(np.float32)
+    small = np.full((50, 2), 1e-3, dtype=np.float32)
+    np.testing.assert_allclose(sample(texture, at, small, small)[:, 0], (at[:, 0] - 3) / 32, atol=1e-3)
 
 
 @pytest.mark.parametrize("surface", [lambda shape: None, lambda shape: np.full(shape, 0.37, dtype=np.float32)])

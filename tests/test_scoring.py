@@ -56,7 +56,7 @@ def test_an_unreadable_image_is_named_and_the_others_are_scored(bench, folders):
     (images / "c.png").write_bytes(b"not a picture")
     done = bench("score", str(images), "--metrics", "uciqe", "--format", "csv")
     assert done.returncode == 1
-    assert "c.png: not a readable image" in done.stderr
+    assert "c.png: cannot be read" in done.stderr
     assert (scores(done.stdout)["metric"] == "uciqe").sum() == 2
 
 

@@ -19,8 +19,8 @@ import numpy as np
 from sucre_bench.datasets.colmap.charts_file import read_charts
 from sucre_bench.datasets.colmap.depth import find_depths, read_depth
 from sucre_bench.datasets.colmap.model import Posed, read_model
-from sucre_bench.datasets.colmap.rgb import image_size, read_rgb, same_shape
 from sucre_bench.errors import InputError
+from sucre_bench.images import image_size, read_rgb, same_shape
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
 from sucre_bench.scene import Array, Camera, Chart, Encoding, Plane, Scene, View

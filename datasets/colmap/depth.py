@@ -14,8 +14,8 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from sucre_bench.datasets.colmap.rgb import decode, same_shape
 from sucre_bench.errors import InputError
+from sucre_bench.images import decode, same_shape
 from sucre_bench.scene import Array
 
 __all__ = ["find_depths", "read_depth"]

@@ -29,7 +29,8 @@ Indices = npt.NDArray[np.integer[Any]]
 # scene closer and cost more corners: 64 px makes 510 tiles of a 1920x1080 image, 0.1 ms to test against a view.
 _TILE_PX = 64
 
-# Points worked at a time: temporaries stay in the cache, and 3x3 products below the size at which BLAS starts threads,
+# Points worked at a time: temporaries stay in the cache, and products with 3x3 matrices below the size from which
+# BLAS starts threads, whose waiting on a busy machine costs more than the work.
 _CHUNK_PX = 1 << 14
 
 

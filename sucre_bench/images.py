@@ -36,8 +36,8 @@ def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
     return abs(high * width / wide - height) <= max(1.0, 0.01 * height)
 
 
-def read_rgb(path: Path, size: tuple[int, int]) -> Array:
-    """Return an image (H, W, 3) float32 RGB in [0, 1], shrunk to `size` (width, height) by area if it is larger.
+def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
+    """Return an image (H, W, 3) float32 RGB in [0, 1], shrunk to `size` (width, height) by area if one is given.
 
     Gray is repeated over the channels, transparency dropped. Raises InputError when the file cannot be read, is neither
     8- nor 16-bit, or its size is not one that shrinks to `size`.
@@ -49,7 +49,7 @@ def read_rgb(path: Path, size: tuple[int, int]) -> Array:
         raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
     image = stored[..., ::-1].astype(np.float32) / np.iinfo(stored.dtype).max
     height, width = image.shape[:2]
-    if (width, height) == size:
+    if size is None or (width, height) == size:
         return image
     if width < size[0] or height < size[1] or not same_shape((width, height), size):
         raise InputError(f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; resize it or the others")

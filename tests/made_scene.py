@@ -1,0 +1,81 @@
+"""A scene that can be computed by hand: a slanted plane and a box before it, ray-cast in float64, in known water."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sucre_bench import Arrays, Camera, Scene, View, Water
+
+# The plane n . X = 1 (about 3 m away) and the box's least and greatest corner, in metres, seen along +z.
+PLANE = np.array([0.06, -0.04, 0.33])
+BOX = np.array([[-0.5, -0.4, 1.9], [0.2, 0.3, 2.3]])
+WATER = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13]))
+
+
+def make_camera(width: int, height: int, focal: float) -> Camera:
+    """A camera whose principal point is a little off the middle."""
+    return Camera(
+        np.array([[focal, 0, width / 2 + 0.7], [0, focal * 1.02, height / 2 - 0.4], [0, 0, 1.0]]), width, height
+    )
+
+
+def make_pose(
+    position: tuple[float, float, float], yaw: float = 0.0, pitch: float = 0.0, roll: float = 0.0
+) -> np.ndarray:
+    """cam_from_world of a camera at a position in metres, turned by angles in radians."""
+    (cy, sy), (cp, sp), (cr, sr) = ((np.cos(a), np.sin(a)) for a in (yaw, pitch, roll))
+    turns = (
+        np.array([[cr, -sr, 0], [sr, cr, 0], [0, 0, 1]]),
+        np.array([[1, 0, 0], [0, cp, -sp], [0, sp, cp]]),
+        np.array([[cy, 0, sy], [0, 1, 0], [-sy, 0, cy]]),
+    )
+    pose = np.eye(4)
+    pose[:3, :3] = turns[0] @ turns[1] @ turns[2]
+    pose[:3, 3] = -pose[:3, :3] @ np.array(position)
+    return pose
+
+
+def hit(origin: np.ndarray, rays: np.ndarray) -> np.ndarray:
+    """How far along rays (..., 3) the first surface is, in lengths of the ray; 0 where there is none."""
+    with np.errstate(divide="ignore", invalid="ignore"):
+        plane = (1 - PLANE @ origin) / (rays @ PLANE)
+        faces = (BOX[:, *(None,) * (rays.ndim - 1)] - origin) / rays
+        enter, leave = faces.min(axis=0).max(axis=-1), faces.max(axis=0).min(axis=-1)
+    hits = np.stack([np.where(plane > 1e-9, plane, np.inf), np.where((enter < leave) & (enter > 0), enter, np.inf)])
+    nearest = hits.min(axis=0)
+    return np.where(np.isfinite(nearest), nearest, 0)
+
+
+def make_view(
+    name: str, camera: Camera, pose: np.ndarray, water: Water | None = WATER, blind: tuple[slice, slice] | None = None
+) -> View:
+    """The scene as the camera sees it, 8 bit; blind: a part of the image whose depth is unknown."""
+    u, v = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+    rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T
+    world_from_cam = np.linalg.inv(pose)
+    depth = hit(world_from_cam[:3, 3], rays @ world_from_cam[:3, :3].T)
+    points = (rays * depth[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
+    rgb = texture(points)
+    if water is not None:
+        z = np.linalg.norm(rays * depth[..., None], axis=-1)[..., None]
+        rgb = rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+    if blind is not None:
+        depth[blind] = 0
+    return View(name, Arrays(np.rint(rgb * 255) / 255, depth), camera, pose)
+
+
+def texture(points: np.ndarray) -> np.ndarray:
+    """The colour (..., 3), in [0.1, 0.9], of points of the world; smooth over a few centimetres."""
+    waves = points @ np.array([[5.0, 2.0, 3.0], [-3.0, 6.0, 2.0], [2.0, 1.0, -4.0]])
+    return 0.5 + 0.4 * np.sin(waves + np.array([0.0, 1.0, 2.0]))
+
+
+def make_scene() -> Scene:
+    """Four views of different size, focal length and distance; the target "a.png" has pixels without depth."""
+    views = [
+        make_view("near.png", make_camera(52, 40, 44), make_pose((0.1, 0.05, 0.6), 0.06, -0.05)),
+        make_view("a.png", make_camera(60, 44, 56), make_pose((0, 0, 0)), blind=(slice(0, 6), slice(20, 60))),
+        make_view("side.png", make_camera(64, 48, 60), make_pose((0.5, -0.2, -0.1), -0.12, 0.07, 0.1)),
+        make_view("far.png", make_camera(56, 50, 90), make_pose((-0.3, 0.1, -2.4), 0.04, 0.02)),
+    ]
+    return Scene("made", views, frozenset({"depth", "poses", "truth"}), WATER)
