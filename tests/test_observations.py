@@ -144,7 +144,7 @@ def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
 
 def test_pairing_reports_its_progress_view_by_view() -> None:
     class Watcher:
-        told: list[tuple[str, int | None]] = []  # noqa: RUF012
+        told: list[tuple[str, int | None]] = []
         steps = 0
 
         def started(self, what: str, total: int | None) -> int:
