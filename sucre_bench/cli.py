@@ -96,6 +96,8 @@ def _show_outcome(outcome: Outcome, page: bool) -> None:
     if (outcome.rows["status"] == "ok").any():
         for table in compare.compare(outcome.rows):
             console.out.print(compare.render(table, "terminal", console.out.width))
+            for line in compare.verdicts(table):
+                click.echo(line)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),

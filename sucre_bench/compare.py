@@ -21,10 +21,13 @@ from sucre_bench.errors import InputError, did_you_mean
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Cell", "Column", "Comparison", "Format", "compare", "load", "render", "verdicts"]
+__all__ = ["ARROW", "COSTS", "Cell", "Column", "Comparison", "Format", "compare", "load", "render", "verdicts"]
 
 Format = Literal["terminal", "md", "latex", "csv", "json"]
 By = Literal["method", "view", "region"]
+
+# What a restoration takes: shown with the scores, but nobody wins by it.
+COSTS = ("seconds", "peak_mb")
 
 _RESAMPLES = 2000
 _UNIT = ["scene", "view", "region"]
@@ -143,7 +146,7 @@ def _table(dataset: str, rows: pd.DataFrame, by: By, order: list[str], rng: np.r
 
 def _metric_order(columns: list[Column]) -> list[Column]:
     """Scores as they were run, what a restoration costs last."""
-    return sorted(columns, key=lambda c: c.metric in ("seconds", "peak_mb"))
+    return sorted(columns, key=lambda c: c.metric in COSTS)
 
 
 def _cells(values: pd.DataFrame, column: Column, rng: np.random.Generator) -> dict[str, Cell]:
@@ -173,7 +176,7 @@ def _cells(values: pd.DataFrame, column: Column, rng: np.random.Generator) -> di
             low=float(low[m]) if several else np.nan,
             high=float(high[m]) if several else np.nan,
             rank=int((sign * mean < sign * mean[m] - 1e-12).sum()) + 1,
-            tie=bool(several and m != best and worse_low[m] <= 0),
+            tie=bool(several and sign * mean[m] > sign * mean[best] + 1e-12 and worse_low[m] <= 0),
             behind=(float(behind[m]), float(worse_low[m]), float(worse_high[m])),
         )
     return cells
@@ -209,13 +212,12 @@ def verdicts(comparison: Comparison) -> list[str]:
     said = []
     for column in comparison.columns:
         ranked = sorted((cell.rank, name) for name in comparison.rows if (cell := comparison.cells.get((name, column))))
-        if len(ranked) < 2 or column.metric in ("seconds", "peak_mb"):
+        if len(ranked) < 2 or column.metric in COSTS:
             continue
         best, second = ranked[0][1], ranked[1][1]
         lead = comparison.cells[second, column]
-        if lead.behind[0] <= 1e-12:
-            said.append(f"{column.metric}: {best} and {second} are equal")
-            continue
+        if lead.rank == 1:
+            continue  # nobody leads
         gap = f"{number(lead.behind[0])}{' ' + column.unit if column.unit else ''}"
         spread = f" [{number(lead.behind[1])}, {number(lead.behind[2])}]" if column.n_views > 1 else ""
         tie = ", which may be chance" if lead.tie else "" if column.n_views > 1 else ", on one view"
@@ -258,20 +260,33 @@ def _terminal(comparison: Comparison, width: int) -> Any:
     from rich.table import Table
     from rich.text import Text
 
-    first = max([len("method"), *(len(name) for name in comparison.rows)]) + 3
-    fit = max(1, (width - first) // 15)
+    first = max(len(name) for name in ("method", *comparison.rows))
     parts: list[Any] = [Text(comparison.dataset, style="bold")]
-    for start in range(0, len(comparison.columns), fit):
-        columns = comparison.columns[start : start + fit]
+    for columns in _blocks(comparison, width - first - 2):
         block = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
         block.add_column("method", no_wrap=True)
         for column in columns:
             block.add_column(f"{title(column)}\n[dim]{column.variant}[/dim]", justify="right", no_wrap=True)
         for name in comparison.rows:
-            block.add_row(name, *(_painted(comparison.cells.get((name, c))) for c in columns))
+            block.add_row(name, *(_painted(comparison.cells.get((name, c)), c) for c in columns))
         parts += [block, Text("")]
     parts.append(Text(_legend(comparison), style="dim"))
     return Group(*parts)
+
+
+def _blocks(comparison: Comparison, room: int) -> list[list[Column]]:
+    """The columns in groups that each fit into `room` characters."""
+    blocks: list[list[Column]] = []
+    left = 0
+    for column in comparison.columns:
+        texts = [title(column), column.variant, *(_plain(comparison.cells.get((n, column))) for n in comparison.rows)]
+        needs = max(len(text) for text in texts) + 2
+        if not blocks or needs > left:
+            blocks.append([])
+            left = room
+        blocks[-1].append(column)
+        left -= needs
+    return blocks
 
 
 def _legend(comparison: Comparison) -> str:
@@ -286,12 +301,13 @@ def _legend(comparison: Comparison) -> str:
     return "; ".join([f"mean ± standard deviation over {counts}", marks, *left_out])
 
 
-def _painted(cell: Cell | None) -> str:
-    if cell is None:
-        return "[dim]-[/dim]"
-    text = f"{'≈ ' if cell.tie else ''}{number(cell.mean)} ± {number(cell.std)}"
-    style = {1: "bold green", 2: "underline"}.get(cell.rank)
-    return f"[{style}]{text}[/{style}]" if style else text
+def _plain(cell: Cell | None) -> str:
+    return f"{'≈ ' if cell.tie else ''}{number(cell.mean)} ± {number(cell.std)}" if cell else "-"
+
+
+def _painted(cell: Cell | None, column: Column) -> str:
+    style = {1: "bold green", 2: "underline"}.get(cell.rank if cell else 0)
+    return f"[{style}]{_plain(cell)}[/{style}]" if style and column.metric not in COSTS else _plain(cell)
 
 
 def _grid(comparison: Comparison, best: str, header: str) -> list[list[str]]:
@@ -305,7 +321,7 @@ def _grid(comparison: Comparison, best: str, header: str) -> list[list[str]]:
             if cell:
                 interval = f" [{number(cell.low)}, {number(cell.high)}]" if np.isfinite(cell.low) else ""
                 text = f"{number(cell.mean)}{interval}{' ≈' if cell.tie else ''}"
-                text = best.format(text) if cell.rank == 1 else text
+                text = best.format(text) if cell.rank == 1 and column.metric not in COSTS else text
             line.append(text)
         lines.append(line)
     return lines

@@ -205,11 +205,15 @@ class Job:
 
 @dataclass(frozen=True)
 class Sweep:
-    """What a command asks for. overrides: as Hydra takes them; multirun: whether it is a sweep."""
+    """What a command asks for.
+
+    overrides: as Hydra takes them; multirun: whether it is a sweep; in_process: its jobs run one by one, here.
+    """
 
     jobs: tuple[Job, ...]
     overrides: tuple[str, ...]
     multirun: bool
+    in_process: bool = True
 
 
 def _choice(kind: Kind, values: dict[str, Any]) -> Choice:
@@ -338,8 +342,9 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
     with _hydra():
         expanded, multirun = _expand(list(overrides), multirun)
         planned = tuple(Job.of(_compose(one)) for one in expanded)
+        launcher = _compose(expanded[0], hydra=True).hydra.launcher
     _distinct(planned)
-    return Sweep(planned, tuple(overrides), multirun)
+    return Sweep(planned, tuple(overrides), multirun, str(launcher.get("_target_", "")).endswith("BasicLauncher"))
 
 
 def _expand(overrides: list[str], multirun: bool) -> tuple[list[list[str]], bool]:

@@ -6,12 +6,13 @@ watcher, a library user or a test has none.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sized
+from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from contextvars import ContextVar
+from functools import partial
 from typing import Protocol, TypeVar
 
-__all__ = ["Watcher", "is_watched", "say", "track", "watched_by"]
+__all__ = ["Watcher", "is_watched", "line", "say", "track", "watched_by"]
 
 T = TypeVar("T")
 
@@ -50,16 +51,23 @@ def say(text: str) -> None:
         watcher.said(text)
 
 
-def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items, reporting each one that is done. what: a word or two; total: when items has no len()."""
+@contextmanager
+def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
+    """Show a line of work inside this block; call what it gives for each step that is done."""
     watcher = _watcher.get()
     if watcher is None:
-        yield from items
+        yield lambda: None
         return
-    line = watcher.started(what, len(items) if isinstance(items, Sized) else total)
+    own = watcher.started(what, total)
     try:
+        yield partial(watcher.advanced, own)
+    finally:
+        watcher.finished(own)
+
+
+def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
+    """Yield the items, reporting each one that is done. what: a word or two; total: when items has no len()."""
+    with line(what, len(items) if isinstance(items, Sized) else total) as step:
         for item in items:
             yield item
-            watcher.advanced(line)
-    finally:
-        watcher.finished(line)
+            step()

@@ -164,7 +164,6 @@ def merge(out: Path) -> pd.DataFrame:
         parts = list((out / PARTS).glob("*.parquet"))
         rows = _read(out)
         if parts:
-            rows = rows.sort_values([*_RESTORATION, "metric", "variant"], kind="stable", ignore_index=True)
             _write_table(rows, out / TABLE)
             for part in parts:
                 part.unlink(missing_ok=True)

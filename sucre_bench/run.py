@@ -9,7 +9,7 @@ import os
 import sys
 import time
 import traceback
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -195,8 +195,10 @@ def _without(base: Row, status: results.Status, reason: str) -> Row:
 # -- the job -----------------------------------------------------------------------------------------------
 
 
-def run_job(job: Job) -> None:
+def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
     """Restore and score every selected view that is not done yet, writing rows and pictures under job.out.
+
+    after_view: called when a view is done, computed or not. Returns whether there was anything to do.
 
     Expected faults become rows. InputError is raised only where nothing can go on: the output cannot be written.
     """
@@ -210,16 +212,19 @@ def run_job(job: Job) -> None:
         _failed(job, base, str(fault))
         part.add([_without(base, "failed", str(fault))])
         part.flush()
-        return
-    done = _done(job)
+        return True
+    done, worked = _done(job), False
     try:
         for scene, view in progress.track(views, f"{job.method.label} on {job.dataset.label}"):
             row = replace(base, scene=scene.name, view=view.name, data_id=scene.data_id, time=results.now())
             kept = place(job.dataset.label, scenes, scene, view)
             if not done.covers(row, job, kept.restored(job.out, job.method.label)):
+                worked = True
                 part.add(_view_rows(job, method, scene, view, kept, row))
+            after_view()
     finally:
         part.flush()
+    return worked
 
 
 def _base_row(job: Job) -> Row:

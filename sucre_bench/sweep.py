@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import signal
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -79,7 +80,7 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
         interrupted = False
         try:
             with _terminated_as_interrupt():
-                _launch(sweep, parent)
+                _launch(sweep, parent, sum(len(plan.views) for plan in planned))
         except KeyboardInterrupt:
             interrupted = True
         finally:
@@ -177,7 +178,11 @@ def _clashes(planned: Sequence[_Planned]) -> list[str]:
 # -- running -----------------------------------------------------------------------------------------------
 
 
-def _launch(sweep: Sweep, parent: str) -> None:
+# Steps the line of the whole sweep; None in the processes of a parallel launcher, which each tell of their own job.
+_view_done: ContextVar[Callable[[], None] | None] = ContextVar("view_done", default=None)
+
+
+def _launch(sweep: Sweep, parent: str, restorations: int) -> None:
     """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere."""
     import hydra
 
@@ -186,7 +191,15 @@ def _launch(sweep: Sweep, parent: str) -> None:
     main = hydra.main(config_path=f"pkg://{CONF}", config_name="config", version_base="1.3")(_hydra_job)
     before, sys.argv = sys.argv, ["sucre-bench run", *arguments]
     try:
-        main()
+        if len(sweep.jobs) == 1 or not sweep.in_process:
+            main()
+        else:
+            with progress.line(f"{len(sweep.jobs)} jobs", restorations) as step:
+                token = _view_done.set(step)
+                try:
+                    main()
+                finally:
+                    _view_done.reset(token)
     except SystemExit as ended:  # Hydra's way to say that a job's process died; the missing rows tell which
         if ended.code:
             progress.say("failed  a job did not come back; see above")
@@ -200,11 +213,10 @@ def _hydra_job(settings: DictConfig) -> None:
     job = Job.of(settings)
     with nullcontext() if progress.is_watched() else console.plain():
         try:
-            run_job(job)
+            if run_job(job, _view_done.get() or (lambda: None)):
+                tracking.log_job(job)
         except SucreBenchError as fault:
             progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}")
-            return
-        tracking.log_job(job)
 
 
 @contextmanager

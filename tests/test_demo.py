@@ -11,12 +11,17 @@ import pytest
 
 from sucre_bench.charts import KINDS, measure
 from sucre_bench.datasets.demo import Demo
+from sucre_bench.datasets.demo.boards import SITES, place_board
 from sucre_bench.datasets.demo.files import make_once
 from sucre_bench.datasets.demo.made import MadeScene, make
 from sucre_bench.datasets.demo.noise import Grid, Noise
+from sucre_bench.datasets.demo.path import make_camera
+from sucre_bench.datasets.demo.render import build, render
+from sucre_bench.datasets.demo.terrain import make_terrain
 from sucre_bench.datasets.demo.texture import make_texture, sample
-from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply
+from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
 from sucre_bench.errors import InputError
+from sucre_bench.multiview.geometry import pixel_rays
 from sucre_bench.plugins import create, find
 from sucre_bench.scene import Array, Scene, View
 
@@ -242,6 +247,19 @@ def test_no_water_shows_the_scene_and_endless_water_only_its_veil(preset: Preset
     assert water.attenuation[0] > water.attenuation[2]  # red first
 
 
+def test_open_water_has_no_depth_and_shows_the_veil() -> None:
+    camera, up = make_camera(32, 24), np.eye(4)
+    up[2, 3] = -9.0  # at a height of nine metres, looking straight up
+    terrain = make_terrain(0, Noise(0), [(0.0, 0.0)])
+    board = place_board(SITES[0], terrain, 0.05)
+    surfaces = build(terrain, board.texture, board.texture, [board])
+    J, depth = render(surfaces, camera, up)
+    assert not depth.any()
+    assert not J.any()
+    shown = underwater(J, pixel_rays(camera), depth, "coastal")
+    np.testing.assert_allclose(shown, np.broadcast_to(WATERS["coastal"].veiling_light, shown.shape))
+
+
 def test_the_deep_sea_is_lit_by_a_lamp_whose_light_crosses_the_water_too() -> None:
     """I = l (J a + b) with z = |camera to point| + |lamp to point|: red and blue must tell the same l."""
     made = make(**SMALL, water="deep_sea", noise=0)
@@ -309,7 +327,7 @@ def test_a_pixel_is_the_mean_of_what_it_covers() -> None:
     picture = np.random.default_rng(0).uniform(size=(256, 256, 3))
     texture = make_texture(picture, 0.01, np.zeros(2), np.eye(2, 3))
     centres = np.random.default_rng(1).integers(40, 216, size=(200, 2))  # (x, y)
-    sides = (np.broadcast_to(np.float32(side), (200, 2)) for side in ((0.24, 0), (0, 0.12)))
+    sides = (np.broadcast_to(np.array(side, dtype=np.float32), (200, 2)) for side in ((0.24, 0), (0, 0.12)))
     sampled = sample(texture, (centres * 0.01).astype(np.float32), *sides)
     exact = np.array([picture[y - 6 : y + 6, x - 12 : x + 12].mean(axis=(0, 1)) for x, y in centres])
     assert np.abs(sampled - exact).mean() < 0.02  # one texel for each would be off by 0.25

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import make_camera, make_scene
+from made_scene import make_camera, make_pose, make_scene
 
 from sucre_bench import Arrays, InputError, SolveError, View
 from sucre_bench.multiview import observations as module
@@ -124,6 +124,16 @@ def test_a_target_that_is_not_among_the_views_takes_part_all_the_same() -> None:
     observations = observe(TARGET, others)
     assert observations.views == ("a.png", *(view.name for view in others))
     assert len(observations) == len(observe(TARGET, SCENE.views))
+
+
+def test_a_targets_own_observations_do_not_hang_on_rounding() -> None:
+    pose = make_pose(
+        (1e15, 3e14, -1e14), 0.3, 0.2, 0.1
+    )  # so far out that float64 cannot even take the camera to itself
+    remote = replace(TARGET, cam_from_world=pose)
+    by_arithmetic = match(lift(remote), remote)
+    assert by_arithmetic is None or len(by_arithmetic.pixels) < (TARGET.depth > 0).sum()
+    assert (observe(remote, [remote]).counts == 1).sum() == (TARGET.depth > 0).sum()
 
 
 def test_views_that_show_next_to_nothing_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:

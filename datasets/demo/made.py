@@ -34,8 +34,8 @@ class MadeScene:
 
     names: V image names; camera: of all views; cam_from_world: (V, 4, 4) float64; rgb: (V, H, W, 3) uint8, what the
     camera recorded; reference: (V, H, W, 3) float32 in [0, 1], gamma-encoded, the same without water; depth: (V, H, W)
-    float32 metres, planar; charts: those each view shows; preset, water: the water's name and
-    the true water (see `Demo` for "deep_sea").
+    float32 metres, planar; charts: those each view shows; preset, water: the water's name and the true water
+    (see `Demo` for "deep_sea").
     """
 
     names: tuple[str, ...]

@@ -59,13 +59,16 @@ def build(terrain: Terrain, near: Texture, far: Texture, boards: Sequence[Board]
 
 
 def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[Array, Array]:
-    """Return the scene without water (H, W, 3) in [0, 1], gamma-encoded, and its depth (H, W), metres; both float32."""
+    """Return the scene without water (H, W, 3) in [0, 1], gamma-encoded, and its depth (H, W), metres; both float32.
+
+    Where there is nothing to see, both are 0.
+    """
     world_from_cam = cam_from_world[:3, :3].T
     centre = (-world_from_cam @ cam_from_world[:3, 3]).astype(np.float32)
     rays = (pixel_rays(camera) @ world_from_cam.T).astype(np.float32).reshape(-1, 3)
     hits = _cast(surfaces, centre, rays)
-    depth, normal = hits["t_hit"].numpy(), hits["primitive_normals"].numpy()
-    surface = hits["geometry_ids"].numpy()
+    depth, normal, surface = (hits[what].numpy() for what in ("t_hit", "primitive_normals", "geometry_ids"))
+    depth = np.where(np.isfinite(depth), depth, 0)  # 0 where a ray meets nothing
 
     # The plane that a neighbouring ray is cut with: the surface's, tilted towards the camera where it is grazed.
     towards = -rays / np.linalg.norm(rays, axis=1, keepdims=True)
@@ -82,9 +85,8 @@ def render(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[A
         here = np.flatnonzero(surface == number)
         at, right, down = (values.take(here, axis=0) @ texture.axes.T for values in (points, *sides))
         reference[here] = sample(texture, at, right, down)
-    seen = np.isfinite(depth)
-    depth = np.where(seen, depth, 0).reshape(camera.height, camera.width)
-    return reference.reshape(camera.height, camera.width, 3), depth
+    shape = (camera.height, camera.width)
+    return reference.reshape(*shape, 3), depth.reshape(shape)
 
 
 def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) -> tuple[Chart, ...]:

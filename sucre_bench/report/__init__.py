@@ -35,6 +35,7 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
         failed=_reasons(rows, "failed"),
         skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
         environment=provenance.read(out / "environment.json"),
+        costs=compare.COSTS,
         counts=rows.loc[rows["metric"] == "seconds", "status"].value_counts().to_dict(),
     )
     path = out / "report" / "index.html"
