@@ -28,5 +28,9 @@ class Stitching:
             closer = observations.distance[part] < nearest[:n]
             nearest[:n][closer] = observations.distance[part][closer]
             colours[:, :n][:, closer] = observations.intensity(part)[:, closer]
-        info = {"n_observations": len(observations), "n_views": len(observations.views)}
+        info = {
+            "n_observations": len(observations),
+            "n_views": len(observations.views),
+            "unreadable": observations.unreadable,
+        }
         return Restoration(observations.image(colours), info=info)

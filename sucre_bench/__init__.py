@@ -27,11 +27,27 @@ _MODULE = {name: module for module, names in _HOME.items() for name in names}
 __all__ = [*_MODULE, "__version__"]
 
 if TYPE_CHECKING:
-    from sucre_bench.api import load_scenes, restore, score
-    from sucre_bench.errors import InputError, PluginError, SolveError, SucreBenchError
-    from sucre_bench.plugins import dataset, load_file, method, metric
-    from sucre_bench.progress import track
-    from sucre_bench.scene import Arrays, Camera, Chart, Pixels, Restoration, Scene, Score, View, Water
+    from sucre_bench.api import load_scenes as load_scenes
+    from sucre_bench.api import restore as restore
+    from sucre_bench.api import score as score
+    from sucre_bench.errors import InputError as InputError
+    from sucre_bench.errors import PluginError as PluginError
+    from sucre_bench.errors import SolveError as SolveError
+    from sucre_bench.errors import SucreBenchError as SucreBenchError
+    from sucre_bench.plugins import dataset as dataset
+    from sucre_bench.plugins import load_file as load_file
+    from sucre_bench.plugins import method as method
+    from sucre_bench.plugins import metric as metric
+    from sucre_bench.progress import track as track
+    from sucre_bench.scene import Arrays as Arrays
+    from sucre_bench.scene import Camera as Camera
+    from sucre_bench.scene import Chart as Chart
+    from sucre_bench.scene import Pixels as Pixels
+    from sucre_bench.scene import Restoration as Restoration
+    from sucre_bench.scene import Scene as Scene
+    from sucre_bench.scene import Score as Score
+    from sucre_bench.scene import View as View
+    from sucre_bench.scene import Water as Water
 
 
 def __getattr__(name: str) -> Any:

@@ -58,7 +58,7 @@ class Camera:
 
 @dataclass(frozen=True, eq=False)
 class Water:
-    """The water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 5).
+    """The water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
 
     veiling_light: (3,) B, in image intensity; attenuation: (3,) beta, 1/m; backscatter: (3,) gamma, 1/m. RGB.
     """

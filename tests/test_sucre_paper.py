@@ -228,6 +228,15 @@ def test_the_defaults_are_the_papers_settings() -> None:
     np.testing.assert_allclose(restored.water.backscatter, water[2], atol=5e-6)
 
 
+def test_the_mean_objective_is_adam_on_the_sum_divided_by_3_n() -> None:
+    restored = SucrePaper(objective="mean", device="cpu").restore(SCENE, TARGET)
+    observations = observe(TARGET, SCENE.views)
+    J0 = TARGET.rgb.reshape(-1, 3)[observations.pixels].T
+    J, _ = naive_adam(observations, J0, 200, divided_by=3 * len(observations))
+    np.testing.assert_allclose(restored.image.reshape(-1, 3)[observations.pixels].T, J, atol=5e-6)
+    assert np.abs(J - naive_adam(observations, J0, 200)[0]).max() > 1e-4  # even here, with 7,000 observations
+
+
 def test_two_runs_are_identical_and_leave_the_input_alone() -> None:
     before = [(view.rgb.copy(), view.depth.copy()) for view in SCENE]
     one, two = FEW.restore(SCENE, TARGET), FEW.restore(SCENE, TARGET)

@@ -8,15 +8,15 @@ over pixels, and sums over a pixel's observations need no scatter (jagged-diagon
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.errors import SolveError
-from sucre_bench.multiview.pairing import lift, match, own_matches
-from sucre_bench.progress import track
+from sucre_bench.errors import InputError, SolveError
+from sucre_bench.multiview.pairing import Surface, lift, match, own_matches
+from sucre_bench.progress import say, track
 from sucre_bench.scene import Array, View
 
 __all__ = ["Observations", "Seen", "arrange", "observe"]
@@ -38,7 +38,8 @@ class Observations:
     number;
     distance: (N,) float32 metres from the observing camera;
     colour: (3, N) uint8 where all images are 8-bit, else float32 in [0, 1], encoded as the views are;
-    view: (N,) uint16 indices into `views`, rising over a pixel's slots: the target's own is where it is in the scene.
+    view: (N,) uint16 indices into `views`, rising over a pixel's slots: the target's own is where it is in the scene;
+    unreadable: what is wrong with each view that might have shown something, but has a file that cannot be read.
     """
 
     shape: tuple[int, int]
@@ -49,6 +50,7 @@ class Observations:
     distance: Array
     colour: npt.NDArray[Any]
     view: Indices
+    unreadable: tuple[str, ...] = ()
 
     def __len__(self) -> int:
         """N."""
@@ -96,7 +98,8 @@ class Seen:
 def observe(target: View, views: Sequence[View]) -> Observations:
     """Pair the target with the views (itself among them) and return all observations of its pixels with depth.
 
-    Views without a pose or depth are left out, as are those that show 1e-6 of the target's pixels or less.
+    Views without a pose or depth are left out, as are those that show 1e-6 of the target's pixels or less, and those
+    with a file that cannot be read: one damaged image of a dive does not cost the others theirs.
     Raises SolveError when the target has no pixel with depth; InputError when it has no depth map or pose.
     """
     surface = lift(target)
@@ -106,13 +109,26 @@ def observe(target: View, views: Sequence[View]) -> Observations:
     seen: list[Seen] = []
     if all(view.name != target.name for view in views):
         views = [target, *views]
+    unreadable: list[str] = []
     for view in track(views, "pairing"):
-        matches = own_matches(surface) if view.name == target.name else match(surface, view)
-        if matches is None or len(matches.pixels) <= MIN_SHARE * height * width:
-            continue
-        colour = view.rgb.reshape(-1, 3)[matches.others]  # (M, 3)
-        seen.append(Seen(view.name, matches.pixels.astype(np.int32), matches.distance, _compact(colour)))
-    return arrange((height, width), seen)
+        try:
+            if (one := _see(surface, target, view, MIN_SHARE * height * width)) is not None:
+                seen.append(one)
+        except InputError as fault:
+            if view.name == target.name:
+                raise
+            unreadable.append(str(fault))
+            say(f"{target.name}: does without {view.name}: {fault}")
+    return replace(arrange((height, width), seen), unreadable=tuple(unreadable))
+
+
+def _see(surface: Surface, target: View, view: View, least: float) -> Seen | None:
+    """What a view shows of the target; None when that is no more than `least` pixels."""
+    matches = own_matches(surface) if view.name == target.name else match(surface, view)
+    if matches is None or len(matches.pixels) <= least:
+        return None
+    colour = view.rgb.reshape(-1, 3)[matches.others]  # (M, 3)
+    return Seen(view.name, matches.pixels.astype(np.int32), matches.distance, _compact(colour))
 
 
 def _compact(colour: Array) -> npt.NDArray[Any]:

@@ -1,0 +1,100 @@
+"""What people install: the wheel's content, and that the documented commands are those that exist."""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import sys
+import zipfile
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[1]
+
+
+@pytest.fixture(scope="module")
+def wheel(tmp_path_factory: pytest.TempPathFactory) -> zipfile.ZipFile:
+    """The wheel of the files under version control, as a stranger's checkout would build it."""
+    checkout, built = tmp_path_factory.mktemp("checkout"), tmp_path_factory.mktemp("wheel")
+    files = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"], cwd=ROOT, capture_output=True, text=True
+    ).stdout.split()
+    subprocess.run(["cp", "--parents", "-P", *files, str(checkout)], cwd=ROOT, check=True)
+    build = [sys.executable, "-m", "pip", "wheel", "--no-deps", "--no-build-isolation", "-q", "-w", str(built)]
+    done = subprocess.run([*build, str(checkout)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return zipfile.ZipFile(next(built.glob("*.whl")))
+
+
+def test_the_wheel_carries_plugins_and_configuration(wheel: zipfile.ZipFile):
+    names = set(wheel.namelist())
+    for needed in (
+        "sucre_bench/methods/gray_world.py",
+        "sucre_bench/methods/sucre/adam.py",
+        "sucre_bench/datasets/colmap/__init__.py",
+        "sucre_bench/datasets/demo/__init__.py",
+        "sucre_bench/metrics/uiqm.py",
+        "sucre_bench/conf/config.yaml",
+        "sucre_bench/conf/experiment/demo.yaml",
+        "sucre_bench/report/page.html.j2",
+        "sucre_bench/py.typed",
+    ):
+        assert needed in names
+
+
+def test_the_wheel_installs_one_top_level_package(wheel: zipfile.ZipFile):
+    """A top-level `datasets` would hide Hugging Face's."""
+    tops = {name.split("/")[0] for name in wheel.namelist()}
+    assert {top for top in tops if not top.endswith(".dist-info")} == {"sucre_bench"}
+
+
+def test_the_pins_name_no_host_and_cover_every_dependency():
+    pins = (ROOT / "constraints.txt").read_text()
+    assert "://" not in pins
+    assert "@" not in pins
+    pinned = {line.split("==")[0].lower().replace("_", "-") for line in pins.splitlines() if "==" in line}
+    asked = re.findall(r'^  "([A-Za-z0-9_.-]+)>=', (ROOT / "pyproject.toml").read_text(), flags=re.MULTILINE)
+    assert asked
+    assert {name.lower().replace("_", "-") for name in asked} <= pinned
+
+
+def blocks(language: str) -> list[str]:
+    text = (ROOT / "README.md").read_text()
+    return re.findall(rf"^```{language}\n(.*?)^```", text, flags=re.MULTILINE | re.DOTALL)
+
+
+def test_the_readmes_own_method_runs_as_it_stands(bench, tmp_path: Path):
+    """The plugin of the README, its file and its command word for word; the demo scene is a small one."""
+    plugin = next(block for block in blocks("python") if block.startswith("# halve_blue.py"))
+    (tmp_path / "halve_blue.py").write_text(plugin)
+    command = next(line for block in blocks("sh") for line in block.splitlines() if "halve_blue" in line)
+    small = ["dataset.width=160", "dataset.height=120", "dataset.views=4", f"dataset.root={tmp_path / 'demo'}"]
+    done = bench(*command.split()[1:], *small, "tracking.uri=off")
+    assert done.returncode == 0, done.stderr
+    assert "2 ok, 0 failed, 0 skipped" in done.stdout
+
+
+def test_the_readmes_python_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    from sucre_bench.datasets.demo import Demo
+
+    (tmp_path / "made").mkdir()
+    list(Demo(root=tmp_path / "made", views=4, width=160, height=120).scenes())
+    (folder,) = (tmp_path / "made").iterdir()
+    folder.rename(tmp_path / "dive")
+    monkeypatch.chdir(tmp_path)
+    code = next(block for block in blocks("python") if "load_scenes" in block)
+    code = code.replace("a.png", "view_003.png").replace("steps=200", "steps=5")
+    names: dict[str, object] = {}
+    exec(compile(code, "README.md", "exec"), names)
+    assert {"psi", "uciqe"} <= set(names["rows"]["metric"])  # type: ignore[index]
+
+
+def test_the_readmes_shell_commands_are_valid(bench, tmp_path: Path):
+    """Every `run` line composes, every option of it exists: --cfg reads all of it and runs nothing."""
+    lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("sucre-bench run")]
+    assert lines
+    (tmp_path / "halve_blue.py").write_text(next(b for b in blocks("python") if b.startswith("# halve_blue.py")))
+    for line in lines:
+        done = bench(*line.split()[1:], "--cfg")
+        assert done.returncode == 0, f"{line}: {done.stderr}"
