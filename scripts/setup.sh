@@ -39,7 +39,7 @@ if ! [ -x .venv/bin/python ] || ! .venv/bin/python -c 'import sys; sys.exit(sys.
   rm -rf .venv
   "$python" -m venv .venv || { rm -rf .venv; die "no venv module; apt-get install python3-venv"; }
 fi
-pip() { .venv/bin/python -m pip --disable-pip-version-check "$@"; }
+pip() { PIP_USE_PEP517=1 .venv/bin/python -m pip --disable-pip-version-check "$@"; }
 gpu=no; nvidia-smi -L >/dev/null 2>&1 && gpu=yes
 say "installing into .venv (a few minutes the first time)"
 pip install --quiet -c constraints.txt "$torch"

@@ -39,6 +39,9 @@ def open_scenes(dataset: Choice) -> list[Scene]:
         scenes = list(dataset.make().scenes())
     except SucreBenchError:
         raise
+    except (ImportError, OSError) as fault:
+        reason = f"dataset '{dataset.label}': {_one_line(fault)}"
+        raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
     except Exception as fault:
         raise PluginError(f"dataset '{dataset.label}': {_one_line(fault)}; mend the plugin") from fault
     if not scenes or not all(len(scene) for scene in scenes):
