@@ -15,16 +15,16 @@ command -v "$python" >/dev/null || die "$python is not installed; apt-get instal
 # another one. TORCH overrides it, e.g. TORCH=torch==2.13.0+cu130 where your package index has such builds.
 torch=${TORCH:-$(grep '^torch==' constraints.txt)}
 
+gpu=no; nvidia-smi -L >/dev/null 2>&1 && gpu=yes
 stamp=.venv/.setup
-state=$(cat constraints.txt pyproject.toml scripts/setup.sh | cksum; echo "$torch"; "$python" --version; pwd)
+state=$(cat constraints.txt pyproject.toml scripts/setup.sh | cksum; echo "$torch $gpu"; "$python" --version; pwd)
 if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$state" ]; then exit 0; fi
 
 # What open3d's wheel expects of a Debian or Ubuntu system; without them everything but the ray-cast demo scene runs.
 missing=()
-for library in libusb-1.0.so.0:libusb-1.0-0 libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
-  libudev.so.1:libudev1 libidn2.so.0:libidn2-0 libgomp.so.1:libgomp1; do
-  ldconfig -p 2>/dev/null | grep -q "${library%%:*}" || missing+=("${library##*:}")
-done
+while IFS=: read -r library package; do
+  ldconfig -p 2>/dev/null | grep -q "$library" || missing+=("$package")
+done < <(sed -n 's/^    "\(lib[^"]*\)": "\([^"]*\)",$/\1:\2/p' sucre_bench/doctor.py)
 if [ ${#missing[@]} -gt 0 ] && command -v apt-get >/dev/null; then
   if [ "$(id -u)" = 0 ]; then
     say "installing ${missing[*]}"
@@ -40,7 +40,6 @@ if ! [ -x .venv/bin/python ] || ! .venv/bin/python -c 'import sys; sys.exit(sys.
   "$python" -m venv .venv || { rm -rf .venv; die "no venv module; apt-get install python3-venv"; }
 fi
 pip() { PIP_USE_PEP517=1 .venv/bin/python -m pip --disable-pip-version-check "$@"; }
-gpu=no; nvidia-smi -L >/dev/null 2>&1 && gpu=yes
 say "installing into .venv (a few minutes the first time)"
 pip install --quiet -c constraints.txt "$torch"
 pip install --quiet -c constraints.txt -e '.[dev]'

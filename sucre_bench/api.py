@@ -10,8 +10,9 @@ from sucre_bench import plugins, results
 from sucre_bench.colour import display
 from sucre_bench.config import metric_choices
 from sucre_bench.errors import InputError
-from sucre_bench.run import Measured, measured_restore, score_rows
+from sucre_bench.restoring import Measured, measured_restore
 from sucre_bench.scene import Restoration, Scene, View
+from sucre_bench.scores import score_rows
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -35,6 +36,8 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
     """
     if isinstance(method, str):
         method = plugins.create(plugins.find("method", method), options)
+    elif options:
+        raise InputError(f"{type(method).__name__}: options given beside a method object; give them when making it")
     plugin: plugins.Plugin = method.__plugin__
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
@@ -54,16 +57,17 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
 
 
 def score(
-    result: Restoration, view: View, metrics: Sequence[str], how: str | None = None, dataset: str = ""
+    result: Restoration, view: View, metrics: str | Sequence[str], how: str | None = None, dataset: str = ""
 ) -> pd.DataFrame:
     """Score a restoration: the long table's columns (`sucre_bench.results.Row`), a row a score.
 
     metrics: "name", "name:variant" or "name:all"; how: the display normalisation, default the method's own.
     A metric the view cannot give is a row with status "skipped" and the reason.
     """
-    info = result.info
-    options, options_id = results.fingerprint(info.get("options", {}))
-    shown = display(result.image, how or info.get("display", "none"), view.encoding)
+    info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
+    how = how or info.get("display", "none")
+    options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
+    shown = display(result.image, how, view.encoding)
     base = results.Row(
         dataset=dataset, scene=info.get("scene", ""), view=view.name, method=info.get("method", ""),
         options=options, options_id=options_id,

@@ -85,18 +85,18 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
         click.echo(config.jobs(overrides, multirun).jobs[0].config, nl=False)
         return
     outcome = sweep.run(overrides, multirun, plugin_files)
-    _show_outcome(outcome, page=not any(word == "report=false" for word in overrides))
+    _show_outcome(outcome)
     sys.exit(outcome.exit_code)
 
 
-def _show_outcome(outcome: Outcome, page: bool) -> None:
+def _show_outcome(outcome: Outcome) -> None:
     """Tables, what failed and why, the counts, and where everything is."""
-    from sucre_bench import compare, console, report
+    from sucre_bench import compare, console, report, tables
 
     if (outcome.rows["status"] == "ok").any():
-        for table in compare.compare(outcome.rows):
-            console.out.print(compare.render(table, "terminal", console.out.width))
-            for line in compare.verdicts(table):
+        for table in compare.compare(outcome.rows, order=outcome.methods):
+            console.out.print(tables.as_table(table, console.out.width))
+            for line in tables.verdicts(table):
                 click.echo(line)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
@@ -112,7 +112,7 @@ def _show_outcome(outcome: Outcome, page: bool) -> None:
     if outcome.failed or outcome.scores_failed:
         click.echo(f"log      {outcome.out / 'logs' / 'failures.log'}")
     click.echo(f"results  {outcome.out}")
-    if page and len(outcome.rows):
+    if outcome.wants_report and len(outcome.rows):
         click.echo(f"page     {report.write(outcome.out, outcome.rows)}")
 
 
@@ -148,7 +148,7 @@ def score(
     for plugin in plugin_files:
         plugins.load_file(plugin)
     with console.live():
-        rows = scoring.score_folder(images, reference, [m for m in metrics.split(",") if m])
+        rows = scoring.score_folder(images, reference, [m.strip() for m in metrics.split(",") if m.strip()])
     if file:
         results.write_atomically(file, rows.to_csv(index=False).encode())
     if how == "csv":
@@ -157,10 +157,11 @@ def score(
         click.echo(rows.to_json(orient="records", indent=1))
     else:
         console.out.print(scoring.summary(rows))
-    failed = rows[rows["status"] == "failed"]
-    for _, row in failed.iterrows():
-        click.secho(f"failed  {row['view']}: {row['metric']}: {row['reason']}", fg="red", err=True)
-    sys.exit(1 if len(failed) else 0)
+    faults = rows[rows["status"] != "ok"]
+    asked = faults if metrics else faults[faults["status"] == "failed"]  # unasked, what does not apply is no fault
+    for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
+        click.secho(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", fg="red", err=True)
+    sys.exit(1 if len(asked) else 0)
 
 
 @cli.command("list")
@@ -194,15 +195,16 @@ def compare(folders: Sequence[Path], by: Any, metrics: Sequence[str], how: Any) 
     sucre-bench compare results
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
     """
-    from sucre_bench import compare, console
+    from sucre_bench import compare, console, tables
 
-    for table in compare.compare(compare.load(folders), metrics, by):
-        if how == "terminal":
-            console.out.print(compare.render(table, how, console.out.width))
-            for line in compare.verdicts(table) if by == "method" else []:
-                click.echo(line)
-        else:
-            click.echo(compare.render(table, how), nl=False)
+    compared = compare.compare(compare.load(folders), metrics, by)
+    if how != "terminal":
+        click.echo(tables.as_text(compared, how), nl=False)
+        return
+    for table in compared:
+        console.out.print(tables.as_table(table, console.out.width))
+        for line in tables.verdicts(table):
+            click.echo(line)
 
 
 @cli.command("report")

@@ -16,7 +16,8 @@ from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin
 
 from sucre_bench import plugins
 from sucre_bench.colour import check_display
-from sucre_bench.errors import InputError, SucreBenchError, did_you_mean
+from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.layout import file_name
 from sucre_bench.plugins import Broken, Kind, Plugin
 
 if TYPE_CHECKING:
@@ -310,7 +311,10 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
         path = Path(names[0]).expanduser()
         if not path.is_file():
             raise InputError(f"{path}: no such list of views; give a text file with one view name a line")
-        names = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        try:
+            names = [line.strip() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+        except (OSError, UnicodeDecodeError) as fault:
+            raise InputError(f"{path}: not a list of views, {one_line(fault)}; save it as UTF-8 text") from fault
     if not names:
         raise InputError("views: an empty list; name some views, or leave views= out for all of them")
     return tuple(names)
@@ -361,11 +365,13 @@ def _expand(overrides: list[str], multirun: bool) -> tuple[list[list[str]], bool
     for override in parsed:  # Hydra takes a missing experiment for none at all
         if override.key_or_group == "experiment" and not override.is_sweep_override():
             _check_names("experiment", override.value())
+    swept = [o for o in parsed if o.is_sweep_override()]
     fixed = [o.input_line or "" for o in parsed if not o.is_sweep_override()]
-    base = _compose(fixed, hydra=True)
+    # How to sweep is Hydra's and the experiment's to say; the rest may only make sense with the values swept over.
+    deciding = [o for o in parsed if o.is_hydra_override() or o.key_or_group == "experiment"]
+    base = _compose([o.input_line or "" for o in deciding if not o.is_sweep_override()], hydra=True)
     multirun = multirun or base.hydra.mode == RunMode.MULTIRUN
     if not multirun:
-        swept = [o for o in parsed if o.is_sweep_override()]
         if swept:
             raise InputError(f"{swept[0].input_line}: several values; add -m to run them all")
         return [fixed], False
@@ -466,9 +472,12 @@ def _first_line(fault: BaseException) -> str:
 
 
 def _distinct(planned: Sequence[Job]) -> None:
+    """Raise InputError where two jobs would write to one place."""
     seen: dict[tuple[str, str], Job] = {}
     for job in planned:
-        other = seen.setdefault((job.dataset.label, job.method.label), job)
-        if other is not job and (other.method, other.dataset) != (job.method, job.dataset):
+        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label)), job)
+        if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
-            raise InputError(f"two jobs of this sweep are both called '{name}'; leave method.label to the bench")
+            if (other.method, other.dataset) != (job.method, job.dataset):
+                raise InputError(f"two jobs of this sweep would both be '{name}'; leave the labels to the bench")
+            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")

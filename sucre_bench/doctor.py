@@ -16,6 +16,7 @@ from sucre_bench.plugins import Broken
 __all__ = ["OPEN3D_LIBRARIES", "show"]
 
 # Shared libraries that open3d's wheel expects of the system, and the Debian/Ubuntu packages that bring them.
+# scripts/setup.sh reads this table.
 OPEN3D_LIBRARIES = {
     "libusb-1.0.so.0": "libusb-1.0-0",
     "libGL.so.1": "libgl1",
@@ -23,6 +24,7 @@ OPEN3D_LIBRARIES = {
     "libX11.so.6": "libx11-6",
     "libudev.so.1": "libudev1",
     "libidn2.so.0": "libidn2-0",
+    "libgomp.so.1": "libgomp1",
 }
 
 _PURPOSE = {
@@ -31,7 +33,7 @@ _PURPOSE = {
     "open3d": "the demo scene (ray casting)",
     "pycolmap": "structure from motion",
     "torch": "restorers that run on torch, SUCRe among them",
-    "colour-science": "the metric de00",
+    "colour-science": "colour differences on charts",
 }
 
 

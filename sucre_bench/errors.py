@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["InputError", "PluginError", "SolveError", "SucreBenchError", "did_you_mean"]
+__all__ = ["InputError", "OutputError", "PluginError", "SolveError", "SucreBenchError", "did_you_mean", "one_line"]
 
 
 class SucreBenchError(Exception):
@@ -14,6 +14,10 @@ class SucreBenchError(Exception):
 
 class InputError(SucreBenchError):
     """A file, folder, option or name that was given is wrong."""
+
+
+class OutputError(SucreBenchError):
+    """Results cannot be written: nothing can go on, and nothing that was written is harmed."""
 
 
 class PluginError(SucreBenchError):
@@ -30,3 +34,11 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     return f"{hint}known: {', '.join(names) or 'none'}"
+
+
+def one_line(fault: BaseException) -> str:
+    """Return an exception as one line: our own as they are, others with their type."""
+    text = " ".join(str(fault).split())
+    if isinstance(fault, SucreBenchError):
+        return text
+    return f"{type(fault).__name__}: {text}" if text else type(fault).__name__

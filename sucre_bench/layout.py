@@ -10,20 +10,30 @@ The scene is named where the dataset has several; a view keeps its suffix where 
 
 from __future__ import annotations
 
+import hashlib
 import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Scene, View
+from sucre_bench.scene import Scene
 
-__all__ = ["Place", "file_name", "find", "log_path", "place"]
+__all__ = ["Place", "file_name", "find", "log_path", "places"]
 
 
 def file_name(text: str) -> str:
-    """Return a label as a file or folder name: what a shell or a file system would trip over becomes '_'."""
-    return re.sub(r"[^\w.,=+@-]+", "_", text).strip("_.") or "_"
+    """Return a label as a file or folder name: what a shell or a file system would trip over becomes '_'.
+
+    A name too long for a file system is cut and ends on a hash of the whole.
+    """
+    name = re.sub(r"[^\w.,=+@-]+", "_", text).strip("_.") or "_"
+    return (
+        name
+        if len(name.encode()) <= 120
+        else f"{name[:30]}-{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
+    )
 
 
 def log_path(out: Path) -> Path:
@@ -58,12 +68,17 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
-def place(dataset: str, scenes: Sequence[Scene], scene: Scene, view: View) -> Place:
-    """Return where a view is kept."""
-    stems = [PurePosixPath(v.name).with_suffix("") for v in scene.views]
-    stem = PurePosixPath(view.name).with_suffix("")
-    own = PurePosixPath(view.name) if stems.count(stem) > 1 else stem
-    return Place(file_name(dataset), PurePosixPath(file_name(scene.name)) / own if len(scenes) > 1 else own)
+def places(dataset: str, scenes: Sequence[Scene]) -> dict[tuple[str, str], Place]:
+    """Return where each view is kept, by the names of scene and view."""
+    found = {}
+    for scene in scenes:
+        within = PurePosixPath(file_name(scene.name)) if len(scenes) > 1 else PurePosixPath()
+        stems = Counter(PurePosixPath(view.name).with_suffix("") for view in scene.views)
+        for view in scene.views:
+            name = PurePosixPath(view.name)
+            own = name.with_suffix("") if stems[name.with_suffix("")] == 1 else name
+            found[scene.name, view.name] = Place(file_name(dataset), within / own)
+    return found
 
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:

@@ -27,7 +27,7 @@ from pathlib import Path
 from types import ModuleType
 from typing import Any, Literal, Protocol, TypeVar, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import InputError, PluginError, did_you_mean
+from sucre_bench.errors import InputError, PluginError, did_you_mean, one_line
 from sucre_bench.scene import Array, Restoration, Scene, Score, View
 
 __all__ = [
@@ -118,7 +118,7 @@ class Plugin:
 
 @dataclass(frozen=True)
 class Broken:
-    """A plugin module that does not import: where it is, and why."""
+    """A plugin that cannot be used, and why."""
 
     name: str
     reason: str
@@ -215,7 +215,7 @@ def load_file(path: str | Path) -> None:
         spec.loader.exec_module(module)
     except Exception as fault:
         del sys.modules[module.__name__]
-        raise PluginError(f"{path}: does not import, {_one_line(fault)}; mend the file") from fault
+        raise PluginError(f"{path}: does not import, {one_line(fault)}; mend the file") from fault
     if not _plugins_in(module):
         raise PluginError(f"{path}: holds no plugin; decorate a class with @method, @dataset or @metric")
     _files[path] = module
@@ -224,17 +224,14 @@ def load_file(path: str | Path) -> None:
 
 @functools.cache
 def discover(kind: Kind) -> dict[str, Plugin | Broken]:
-    """Return every plugin of a kind by name, sorted, with the broken ones among them.
-
-    Raises PluginError when two plugins have one name.
-    """
+    """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
     found: dict[str, Plugin | Broken] = {}
     for entry in _everywhere(kind):
         if isinstance(entry, Plugin) and entry.kind != kind:
             continue
         other = found.get(entry.name)
-        if other is not None:
-            raise PluginError(f"two {kind}s are called '{entry.name}': {_where(other)} and {_where(entry)}; rename one")
+        if other is not None and _where(other) != _where(entry):
+            entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
         found[entry.name] = entry
     return dict(sorted(found.items()))
 
@@ -254,7 +251,7 @@ def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
     try:
         loaded = load()
     except Exception as fault:
-        return [Broken(name, _one_line(fault))]
+        return [Broken(name, one_line(fault))]
     if hasattr(loaded, "__plugin__"):
         return [loaded.__plugin__]
     return list(_plugins_in(loaded))
@@ -276,16 +273,12 @@ def find(kind: Kind, name: str) -> Plugin:
     if plugin is None:
         raise InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
     if isinstance(plugin, Broken):
-        raise PluginError(f"{kind} '{name}': does not import, {plugin.reason}; mend it or leave it out")
+        raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
     return plugin
 
 
 def _where(plugin: Plugin | Broken) -> str:
-    return str(inspect.getsourcefile(plugin.cls)) if isinstance(plugin, Plugin) else f"'{plugin.name}'"
-
-
-def _one_line(fault: BaseException) -> str:
-    return f"{type(fault).__name__}: {' '.join(str(fault).split())}"
+    return str(Path(inspect.getsourcefile(plugin.cls) or "").resolve()) if isinstance(plugin, Plugin) else plugin.name
 
 
 # -- using them --------------------------------------------------------------------------------------------
@@ -356,8 +349,15 @@ def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
 
 def missing_packages(plugin: Plugin) -> str:
     """Return the line that installs what a plugin requires and this machine lacks; empty when nothing is missing."""
-    absent = [name for name in plugin.requires if importlib.util.find_spec(name) is None]
+    absent = [name for name in plugin.requires if not _is_installed(name)]
     return f"pip install {' '.join(_PACKAGE.get(name, name) for name in absent)}" if absent else ""
+
+
+def _is_installed(package: str) -> bool:
+    try:
+        return importlib.util.find_spec(package) is not None
+    except ModuleNotFoundError:  # of a package that it is in
+        return False
 
 
 def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
@@ -366,17 +366,21 @@ def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
     return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
 
 
-_ENGINE = ("scene.py", "colour.py", "charts.py", "multiview")
+_ENGINE = ("scene.py", "colour.py", "charts.py", "images.py", "multiview")
 
 
-def source_hash(plugin: Plugin) -> str:
-    """Return a hash of the source that makes a plugin's results: its file or folder, and the engine's numerics."""
+def source_hash(*used: Plugin) -> str:
+    """Return a hash of the source that makes a result: the plugins' files or folders, and the engine's numerics."""
     engine = Path(__file__).parent
-    own = Path(inspect.getsourcefile(plugin.cls) or __file__)
-    top = engine / f"{plugin.kind}s"
-    if own.parent != top and own.resolve().parent != top.resolve() and (own.parent / "__init__.py").exists():
-        own = own.parent  # a folder of its own
-    return _hash_files((own, *(engine / name for name in _ENGINE)))
+    return _hash_files((*(_source(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+
+
+def _source(plugin: Plugin) -> Path:
+    """A plugin's file, or its folder where it has one of its own."""
+    file = Path(inspect.getsourcefile(plugin.cls) or __file__)
+    shared = (Path(__file__).parent / f"{plugin.kind}s").resolve()
+    has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
+    return file.parent if has_folder else file
 
 
 @functools.cache

@@ -13,13 +13,14 @@ import json
 import os
 import tempfile
 import time
+import uuid
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, OutputError
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,28 +123,37 @@ def _read(out: Path) -> pd.DataFrame:
 
 
 def _newest(rows: pd.DataFrame) -> pd.DataFrame:
-    """Keep the newest of each score, and only what comes from the newest options, data and code of a restoration."""
+    """Keep the newest of each score, and of each restoration only what belongs to its newest try.
+
+    Scores of other options, data or code are not mixed, and a try that failed leaves no older scores standing.
+    """
     if rows.empty:
         return rows
-    rows = rows.assign(_method_code=rows["code"].str.split(".").str[0])
-    same = ["options_id", "data_id", "_method_code"]
-    latest = rows.sort_values("time", kind="stable").groupby(_RESTORATION)[same].transform("last")
-    rows = rows[(rows[same] == latest.loc[rows.index]).all(axis=1)]
+    rows = rows.assign(_code=rows["code"].str.split(".").str[0]).sort_values("time", kind="stable")
+    same = ["options_id", "data_id", "_code"]
+    rows = rows[(rows[same] == rows.groupby(_RESTORATION)[same].transform("last")).all(axis=1)]
+    ended = rows["time"].where((rows["metric"] == "seconds") & (rows["status"] != "ok"), "")
+    rows = rows[rows["time"] >= ended.groupby([rows[c] for c in _RESTORATION]).transform("max")]
+    job_failed = rows["view"] == ""  # stands until the job has done anything since
+    rows = rows[~job_failed | (rows["time"] == rows.groupby(["dataset", "method"])["time"].transform("max"))]
     score = [*_RESTORATION, "metric", "variant"]
     rows = rows[rows["time"] == rows.groupby(score)["time"].transform("max")]
-    return rows.drop(columns="_method_code").drop_duplicates([*score, "region"]).reset_index(drop=True)
+    return rows.drop(columns="_code").drop_duplicates([*score, "region"]).sort_index().reset_index(drop=True)
 
 
 class Part:
-    """The rows of one job, written as they come: at most a second's worth is not yet on the disk."""
+    """The rows of one job, written as they come: at most a second's worth is not yet on the disk.
+
+    job: a word that tells people whose it is.
+    """
 
     def __init__(self, out: Path, job: str) -> None:
-        self._path = out / PARTS / f"{job}-{os.getpid()}.parquet"
+        self._path = out / PARTS / f"{job}-{uuid.uuid4().hex}.parquet"  # no other run's, whatever its process id
         self._rows: list[Row] = []
         self._written = time.monotonic()
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Keep rows; InputError when the disk is full."""
+        """Keep rows; OutputError when they cannot be written."""
         self._rows.extend(rows)
         if time.monotonic() - self._written > _FLUSH_SECONDS:
             self.flush()
@@ -159,7 +169,8 @@ def merge(out: Path) -> pd.DataFrame:
     """Join the parts into the table, and return it. Safe beside other processes that do the same."""
     from filelock import FileLock
 
-    out.mkdir(parents=True, exist_ok=True)
+    if not out.is_dir():
+        return frame([])
     with FileLock(out / f".{TABLE}.lock"):
         parts = list((out / PARTS).glob("*.parquet"))
         rows = _read(out)
@@ -181,10 +192,13 @@ def _write_table(rows: pd.DataFrame, path: Path) -> None:
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is either the old one or the whole new one. InputError when the disk is full."""
-    path.parent.mkdir(parents=True, exist_ok=True)
+    """Write a file so that it is either the old one or the whole new one.
+
+    Raises OutputError, in words for the user, when the disk is full or the place cannot be written to.
+    """
     try:
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=f".{path.name}.", delete=False) as file:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".writing-", delete=False) as file:
             try:
                 file.write(content)
                 file.flush()
@@ -196,5 +210,5 @@ def write_atomically(path: Path, content: bytes) -> None:
                 raise
     except OSError as fault:
         if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            raise InputError(f"{path}: the disk is full; free some space and give the same command again") from fault
-        raise InputError(f"{path}: cannot be written ({fault.strerror}); choose another out=...") from fault
+            raise OutputError(f"{path}: the disk is full; free some space and give the same command again") from fault
+        raise OutputError(f"{path}: cannot be written ({fault.strerror}); choose another out=...") from fault

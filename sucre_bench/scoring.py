@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import plugins, progress, results
 from sucre_bench.api import score
-from sucre_bench.compare import ARROW, number
 from sucre_bench.config import metric_choices
 from sucre_bench.errors import InputError
 from sucre_bench.images import read_rgb
 from sucre_bench.scene import Array, Plane, Restoration, View
+from sucre_bench.tables import ARROW, number
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -15,7 +15,8 @@ from sucre_bench import config, console, plugins, progress, provenance, results,
 from sucre_bench.config import CONF, Choice, Job, Sweep
 from sucre_bench.errors import InputError, SucreBenchError
 from sucre_bench.plugins import Plugin
-from sucre_bench.run import open_scenes, run_job, selected
+from sucre_bench.resume import Done
+from sucre_bench.run import Task, open_scenes, run_job, tasks
 from sucre_bench.scene import Scene
 
 if TYPE_CHECKING:
@@ -40,29 +41,36 @@ class Fault:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What a command came to. The counts are of restorations: one view by one method."""
+    """What a command came to. The counts are of restorations: one view by one method.
+
+    methods: the labels in the order they were asked for; crashed: a process ended that should not have.
+    """
 
     rows: pd.DataFrame
     out: Path
+    methods: tuple[str, ...]
+    wants_report: bool
     ok: int
     cached: int
     failed: tuple[Fault, ...]
     skipped: tuple[Fault, ...]
     scores_failed: tuple[Fault, ...]
     interrupted: bool
+    crashed: bool
 
     @property
     def exit_code(self) -> int:
         """0 when everything asked for was done or had a reason not to be; 130 after Ctrl-C."""
         if self.interrupted:
             return 130
-        return 1 if self.failed or self.scores_failed or not self.ok else 0
+        return 1 if self.failed or self.scores_failed or self.crashed or not self.ok else 0
 
 
 def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = ()) -> Outcome:
     """Run what the overrides ask for.
 
-    Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed.
+    Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
+    OutputError when results cannot be written.
     """
     overrides = list(overrides)
     if plugin_files:
@@ -77,15 +85,15 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
         _write_provenance(sweep, planned)
         started = results.now()
         parent = tracking.start_sweep(sweep, name=out.name) or ""
-        interrupted = False
+        interrupted = crashed = False
         try:
             with _terminated_as_interrupt():
-                _launch(sweep, parent, sum(len(plan.views) for plan in planned))
+                crashed = not _launch(sweep, parent, sum(len(plan.tasks) for plan in planned))
         except KeyboardInterrupt:
             interrupted = True
         finally:
             rows = results.merge(out)
-        outcome = _outcome(rows, out, planned, started, interrupted)
+        outcome = _outcome(rows, planned, started, interrupted, crashed)
         if parent:
             tracking.finish_sweep(sweep, parent, rows, outcome.exit_code == 0)
     return outcome
@@ -96,10 +104,10 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
 
 @dataclass(frozen=True)
 class _Planned:
-    """A job with the views it will restore, as (scene, view) names, and the data it works on."""
+    """A job with what it will do, and the data it works on."""
 
     job: Job
-    views: tuple[tuple[str, str], ...]
+    tasks: tuple[Task, ...]
     data_id: str
 
 
@@ -119,8 +127,7 @@ def _check(sweep: Sweep) -> list[_Planned]:
                 _made(choice)
             if key not in opened:
                 opened[key] = open_scenes(job.dataset)
-            views = selected(opened[key], job)
-            planned.append(_Planned(job, tuple((s.name, v.name) for s, v in views), _data_id(opened[key])))
+            planned.append(_Planned(job, tuple(tasks(job, opened[key])), _data_id(opened[key])))
         except SucreBenchError as fault:
             problems.append(str(fault))
     if not problems:
@@ -161,9 +168,9 @@ def _clashes(planned: Sequence[_Planned]) -> list[str]:
             continue
         there = rows[rows["dataset"] == job.dataset.label]
         scenes = set(there["scene"]) - {""}
-        if scenes and plan.views and not scenes & {scene for scene, _ in plan.views}:
+        if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             said.append(
-                f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.views[0][0]}; "
+                f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
                 "give another out=... or dataset.label=..."
             )
         own = there[(there["method"] == job.method.label) & (there["scene"] != "")]
@@ -182,8 +189,8 @@ def _clashes(planned: Sequence[_Planned]) -> list[str]:
 _view_done: ContextVar[Callable[[], None] | None] = ContextVar("view_done", default=None)
 
 
-def _launch(sweep: Sweep, parent: str, restorations: int) -> None:
-    """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere."""
+def _launch(sweep: Sweep, parent: str, restorations: int) -> bool:
+    """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere; return whether all came back."""
     import hydra
 
     arguments = [*sweep.overrides, f"tracking.parent_run='{parent}'", *(["--multirun"] if sweep.multirun else [])]
@@ -201,10 +208,10 @@ def _launch(sweep: Sweep, parent: str, restorations: int) -> None:
                 finally:
                     _view_done.reset(token)
     except SystemExit as ended:  # Hydra's way to say that a job's process died; the missing rows tell which
-        if ended.code:
-            progress.say("failed  a job did not come back; see above")
+        return not ended.code
     finally:
         sys.argv = before
+    return True
 
 
 def _hydra_job(settings: DictConfig) -> None:
@@ -260,32 +267,57 @@ def _config(sweep: Sweep) -> str:
     return str(yaml.safe_dump({**shared, "sweep": list(sweep.overrides), "jobs": differing}, sort_keys=False))
 
 
-def _outcome(rows: pd.DataFrame, out: Path, planned: Sequence[_Planned], started: str, interrupted: bool) -> Outcome:
+def _outcome(
+    rows: pd.DataFrame, planned: Sequence[_Planned], started: str, interrupted: bool, crashed: bool
+) -> Outcome:
     own = rows[rows["metric"] == "seconds"]
     state = {(r.dataset, r.scene, r.view, r.method): (r.status, r.reason, r.time) for r in own.itertuples()}
     ok = cached = 0
     failed: list[Fault] = []
     skipped: list[Fault] = []
     for plan in planned:
-        job = plan.job
-        whole = state.get((job.dataset.label, "", "", job.method.label))
-        for scene, view in plan.views:
+        job, done = plan.job, Done.of(plan.job)
+        of = (job.dataset.label, job.method.label)
+        for task in plan.tasks:
+            scene, view = task.scene.name, task.view.name
             status, reason, when = state.get(
-                (job.dataset.label, scene, view, job.method.label),
-                whole if whole and whole[2] >= started else ("missing", "did not finish", ""),
+                (of[0], scene, view, of[1]), state.get((of[0], "", "", of[1]), ("missing", "", ""))
             )
-            fault = Fault(f"{job.dataset.label} / {job.method.label}", view, reason)
+            # What was there before counts where it is what was asked for; else this job never got to it.
+            is_new = when >= started
+            if not is_new and not done.covers(task.base, task.place.restored(job.out, job.method.label)):
+                status, reason = "missing", "did not finish"
+            fault = Fault(f"{of[0]} / {of[1]}", view, reason)
             if status == "ok":
-                ok, cached = ok + 1, cached + (when < started)
+                ok, cached = ok + 1, cached + (not is_new)
             elif status == "skipped":
                 skipped.append(fault)
             elif not (status == "missing" and interrupted):
                 failed.append(fault)
-    labels = {(plan.job.dataset.label, plan.job.method.label) for plan in planned}
-    scores = rows[(rows["status"] == "failed") & (rows["metric"] != "seconds")]
-    scores_failed = [
-        Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)
-        for r in scores.itertuples()
-        if (r.dataset, r.method) in labels
-    ]
-    return Outcome(rows, out, ok, cached, tuple(failed), tuple(skipped), tuple(scores_failed), interrupted)
+    first = planned[0].job
+    return Outcome(
+        rows=rows,
+        out=first.out,
+        methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
+        wants_report=first.report,
+        ok=ok,
+        cached=cached,
+        failed=tuple(failed),
+        skipped=tuple(skipped),
+        scores_failed=tuple(_failed_scores(rows, planned)),
+        interrupted=interrupted,
+        crashed=crashed,
+    )
+
+
+def _failed_scores(rows: pd.DataFrame, planned: Sequence[_Planned]) -> Iterator[Fault]:
+    """The scores among those asked for that a metric failed to give."""
+    asked = {
+        (plan.job.dataset.label, plan.job.method.label, task.scene.name, task.view.name, metric.plugin.name)
+        for plan in planned
+        for task in plan.tasks
+        for metric in plan.job.metrics
+    }
+    for r in rows[rows["status"] == "failed"].itertuples():
+        if (r.dataset, r.method, r.scene, r.view, r.metric) in asked:
+            yield Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)

@@ -85,6 +85,21 @@ def test_the_last_lines_say_what_came_out_and_where(bench, toys: str):
     assert "\x1b" not in done.stdout  # no colours where nobody sees them
 
 
+@pytest.mark.parametrize("out", ["a_file", "a_file/below"])
+def test_a_place_that_cannot_be_written_to_is_one_line(bench, toys: str, tmp_path: Path, out: str):
+    (tmp_path / "a_file").write_text("")
+    done = bench("run", "--plugin", toys, "dataset=toy", "method=gain", "tracking.uri=off", f"out={out}")
+    assert done.returncode == 2
+    assert len(done.stderr.splitlines()) == 1
+    assert "cannot be written" in done.stderr
+
+
+def test_no_page_is_written_where_none_is_wanted(bench, toys: str, tmp_path: Path):
+    bench("run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[psnr]", "tracking.uri=off", "report=False")
+    assert (tmp_path / "outputs" / "scores.parquet").exists()
+    assert not (tmp_path / "outputs" / "report").exists()
+
+
 def test_compare_reads_what_run_wrote(bench, toys: str):
     bench("run", "-m", "--plugin", toys, "dataset=toy", "method=gain", "method.gain=0.5,1", "metrics=[redness]",
           "tracking.uri=off", "out=results")  # fmt: skip
@@ -93,7 +108,7 @@ def test_compare_reads_what_run_wrote(bench, toys: str):
     latex = bench("compare", "results", "--metric", "redness", "--format", "latex").stdout
     assert latex.startswith("\\begin{tabular}{lr}\n\\toprule")
     by_view = bench("compare", "results", "--by", "view", "--format", "csv").stdout
-    assert "gain · v1.png" in by_view
+    assert "toy · v1.png,gain," in by_view
 
 
 def test_cfg_prints_the_configuration_and_runs_nothing(bench, tmp_path: Path):

@@ -1,13 +1,15 @@
 from __future__ import annotations
 
+import io
 import itertools
 import json
 from dataclasses import replace
 
 import numpy as np
 import pytest
+from rich.console import Console
 
-from sucre_bench import InputError, compare
+from sucre_bench import InputError, compare, tables
 from sucre_bench.results import Row, frame
 
 ROW = Row(
@@ -52,7 +54,7 @@ def test_methods_are_compared_only_on_what_all_of_them_have():
 
 def test_a_method_that_failed_everywhere_is_a_hole_and_restricts_nobody():
     comparison = table({"a": [1, 2], "b": [None, None]})
-    assert comparison.rows == ("a", "b")
+    assert comparison.methods == ("a", "b")
     assert set(cells(comparison)) == {"a"}
     assert comparison.columns[0].n_units == 2
 
@@ -76,7 +78,7 @@ def test_a_lead_within_chance_is_a_tie():
     rng = np.random.default_rng(2)
     noisy = cells(table({"a": list(rng.normal(20, 5, 10)), "b": list(rng.normal(20, 5, 10))}))
     assert sorted(c.tie for c in noisy.values()) == [False, True]
-    assert "which may be chance" in compare.verdicts(table({"a": [1, 9, 5], "b": [2, 8, 4.9]}))[0]
+    assert "which may be chance" in tables.verdicts(table({"a": [1, 9, 5], "b": [2, 8, 4.9]}))[0]
 
 
 def test_charts_of_one_view_are_not_independent():
@@ -110,18 +112,86 @@ def test_an_unknown_metric_gets_the_nearest_name():
 
 
 def test_rows_come_in_the_order_they_were_run():
-    assert table({"zebra": [1, 2], "ant": [3, 4]}).rows == ("zebra", "ant")
+    assert table({"zebra": [1, 2], "ant": [3, 4]}).methods == ("zebra", "ant")
 
 
 def test_every_format_holds_every_method():
     comparison = table({"plain": [1, 2, 3], "with_under_score": [2, 3, 4]})
     for how in ("md", "latex", "csv", "json"):
-        text = compare.render(comparison, how)
+        text = tables.as_text([comparison], how)
         assert "plain" in text
         assert "with_under_score" in text.replace("\\_", "_")
-    assert r"with\_under\_score" in compare.render(comparison, "latex")
-    assert "**" in compare.render(comparison, "md")
-    assert [line["mean"] for line in json.loads(compare.render(comparison, "json"))] == [2, 3]
+    assert r"with\_under\_score" in tables.as_text([comparison], "latex")
+    assert "**" in tables.as_text([comparison], "md")
+    assert [line["mean"] for line in json.loads(tables.as_text([comparison], "json"))] == [2, 3]
+
+
+def test_several_tables_are_one_text_a_program_can_read():
+    both = compare.compare(frame([ROW, replace(ROW, dataset="lake")]))
+    assert [line["table"] for line in json.loads(tables.as_text(both, "json"))] == ["sea", "lake"]
+    assert tables.as_text(both, "csv").count("metric,variant") == 1
+    assert "**lake**" in tables.as_text(both, "md")
+
+
+def test_labels_are_shown_as_they_are():
+    """Square brackets mean colours to the terminal's library, backslashes and braces something to LaTeX."""
+    comparison = table({"w=[abc]": [1, 2], "a{b}_[/red]": [3, 4]})
+    console = Console(file=io.StringIO(), width=120)
+    console.print(tables.as_table(comparison, 120))
+    assert "w=[abc]" in console.file.getvalue()
+    assert "a{b}_[/red]" in console.file.getvalue()
+    assert r"a\{b\}\_" in tables.as_text([comparison], "latex")
+
+
+@pytest.mark.parametrize("n", [2, 3, 4, 8])
+def test_equal_methods_are_rarely_told_apart_however_few_the_views(n: int):
+    """95 % intervals: of equal methods, one pair in twenty may be called different."""
+    rng = np.random.default_rng(n)
+    told_apart = 0
+    for _ in range(300):
+        values = cells(table({"a": list(rng.normal(size=n)), "b": list(rng.normal(size=n))}))
+        told_apart += not any(cell.tie for cell in values.values())
+    assert told_apart / 300 < 0.1
+
+
+def test_a_mean_lies_in_its_interval_however_many_charts_a_view_has():
+    rows = [replace(ROW, view=f"v{v}", region="c0", value=10.0 + v % 3) for v in range(6)]
+    rows += [replace(ROW, view="v9", region=f"c{c}", value=40.0) for c in range(20)]
+    (comparison,) = compare.compare(frame(rows))
+    cell = cells(comparison)["m"]
+    assert cell.low < cell.mean < cell.high
+
+
+def test_an_infinite_score_is_shown_and_claims_nothing():
+    """A perfect restoration has an infinite PSNR."""
+    comparison = table({"perfect": [np.inf, 30.0], "good": [29.0, 28.0]})
+    assert cells(comparison)["perfect"].mean == np.inf
+    assert not np.isfinite(cells(comparison)["perfect"].low)
+    assert tables.verdicts(comparison) == []
+    assert "inf ± -" in tables._plain(cells(comparison)["perfect"])
+
+
+def test_methods_that_ran_on_older_data_are_left_out_and_named():
+    rows = [replace(ROW, method="old", data_id="d1"), replace(ROW, method="new", data_id="d2", time="2026-01-02")]
+    (comparison,) = compare.compare(frame(rows))
+    assert (comparison.methods, comparison.stale) == (("new",), ("old",))
+    assert "left out, for they ran on other data: old" in tables.as_text([comparison], "md")
+
+
+def test_by_view_ranks_methods_within_each_view():
+    scores = (("a", "v0", 9), ("b", "v0", 8), ("a", "v1", 1), ("b", "v1", 2))
+    first, second = compare.compare(frame([replace(ROW, method=m, view=v, value=x) for m, v, x in scores]), by="view")
+    assert (first.title, second.title) == ("sea · v0", "sea · v1")
+    assert (cells(first)["a"].rank, cells(second)["a"].rank) == (1, 2)
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [(0, "0"), (0.0002, "0.0002"), (0.0312, "0.031"), (0.5, "0.500"), (1.234, "1.23"), (31.74, "31.7"), (123.4, "123"),
+     (np.nan, "-"), (np.inf, "inf"), (-12.34, "-12.3")],
+)  # fmt: skip
+def test_numbers_keep_the_figures_that_matter(value: float, text: str):
+    assert tables.number(value) == text
 
 
 def test_folders_of_different_data_are_not_compared(tmp_path):

@@ -74,8 +74,24 @@ def test_a_sweep_makes_a_job_of_every_combination():
 
 
 def test_one_label_for_two_configurations_is_refused():
-    with pytest.raises(InputError, match="two jobs of this sweep are both called 'toy / mine'"):
+    with pytest.raises(InputError, match="two jobs of this sweep would both be 'toy / mine'"):
         jobs("method.gain=1,2", "method.label=mine", multirun=True)
+
+
+@pytest.mark.parametrize("swept", ["views=[v0.png],[v1.png]", "metrics=[psnr],[ssim]"])
+def test_jobs_that_differ_only_in_what_is_scored_or_which_views_are_refused(swept: str):
+    with pytest.raises(InputError, match="two jobs of this sweep are the same, 'toy / gain'"):
+        jobs(swept, multirun=True)
+
+
+def test_labels_that_would_share_a_folder_are_refused():
+    with pytest.raises(InputError, match="two jobs of this sweep would both be"):
+        jobs("method.gain=1,2", "method.label='a b','a_b'", multirun=True)
+
+
+def test_an_option_of_the_swept_methods_need_not_be_one_of_the_default_method():
+    sweep = config.jobs(["dataset=toy", "method=gain,gain2", "method.gain=2", "metrics=[psnr]"], multirun=True)
+    assert [job.method.options["gain"] for job in sweep.jobs] == [2, 2]
 
 
 def test_every_job_of_a_sweep_is_checked_before_any_runs():
@@ -108,6 +124,9 @@ def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
     assert jobs("views=v1.png").jobs[0].views == ("v1.png",)
     listed = tmp_path / "views.txt"
     listed.write_text("v2.png\n\nv0.png\n")
+    (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match=r"binary.txt: not a list of views"):
+        jobs(f"views={tmp_path / 'binary.txt'}")
     assert jobs(f"views={listed}").jobs[0].views == ("v2.png", "v0.png")
 
 

@@ -82,8 +82,14 @@ def test_a_missing_file_is_named(tmp_path: Path):
 
 def test_two_plugins_of_one_name_are_refused_with_both_places(tmp_path: Path):
     load_file(write(tmp_path, "GrayWorld"))
-    with pytest.raises(PluginError, match=r"two methods are called 'gray_world'.*gray_world\.py.*rename one"):
-        discover("method")
+    with pytest.raises(PluginError, match=r"two methods have this name, in .*gray_world\.py and .*grayworld\.py"):
+        find("method", "gray_world")
+    assert find("method", "underwater")  # the others are none the worse
+
+
+def test_a_built_in_file_given_again_is_the_same_plugin():
+    load_file(Path(plugins.__file__).parent / "methods" / "gray_world.py")
+    assert find("method", "gray_world").name == "gray_world"
 
 
 def package(folder: Path, module: str, text: str) -> None:
@@ -161,12 +167,12 @@ def test_create_refuses_what_the_fields_do_not_say():
 
 
 def test_what_is_not_installed_comes_with_the_line_that_installs_it():
-    @method(requires=("numpy", "skimage", "nonexistent_package_xyz"))
+    @method(requires=("numpy", "skimage", "nonexistent_package_xyz.part"))
     @dataclass(frozen=True)
     class Needy:
         pass
 
-    assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz"
+    assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz.part"
 
 
 def test_the_source_hash_follows_the_plugins_own_file(tmp_path: Path):

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from sucre_bench import InputError, results
+from sucre_bench.errors import OutputError
 from sucre_bench.results import Part, Row, frame, merge, read
 
 ROW = Row(
@@ -81,3 +82,33 @@ def test_columns_and_types_are_the_same_for_no_rows_and_many():
 def test_equal_options_have_equal_ids_whatever_their_order():
     assert results.fingerprint({"a": 1, "b": 2}) == results.fingerprint({"b": 2, "a": 1})
     assert results.fingerprint({"a": 1})[1] != results.fingerprint({"a": 2})[1]
+
+
+WHOLE = replace(ROW, metric="seconds", variant="wall")
+
+
+def test_a_try_that_failed_leaves_no_older_scores_standing(tmp_path: Path):
+    write(tmp_path, "one", WHOLE, ROW)
+    write(tmp_path, "two", replace(WHOLE, status="failed", reason="boom", time=LATER))
+    rows = read(tmp_path)
+    assert rows[["metric", "status"]].to_numpy().tolist() == [["seconds", "failed"]]
+
+
+def test_the_failure_of_a_whole_job_is_forgotten_once_it_works(tmp_path: Path):
+    write(tmp_path, "one", replace(WHOLE, scene="", view="", data_id="", status="failed", reason="no data"))
+    assert read(tmp_path)["status"].tolist() == ["failed"]
+    write(tmp_path, "two", replace(WHOLE, time=LATER))
+    assert read(tmp_path)["status"].tolist() == ["ok"]
+
+
+def test_two_jobs_of_one_process_and_name_keep_all_their_rows(tmp_path: Path):
+    write(tmp_path, "same", ROW)
+    write(tmp_path, "same", replace(ROW, view="b.png"))
+    assert set(read(tmp_path)["view"]) == {"a.png", "b.png"}
+
+
+@pytest.mark.parametrize("place", ["a_file/out.txt", "x" * 300 + "/out.txt"])
+def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: str):
+    (tmp_path / "a_file").write_text("")
+    with pytest.raises(OutputError, match="cannot be written"):
+        results.write_atomically(tmp_path / place, b"")

@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from sucre_bench import InputError, plugins, results, sweep
+from sucre_bench import plugins, results, sweep
+from sucre_bench.errors import OutputError
 from sucre_bench.plugins import find
 
 
@@ -148,6 +149,39 @@ def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str
     assert "Traceback" in (out / "logs" / "failures.log").read_text() or fault in ("shape", "nan", "none")
 
 
+def test_a_view_that_fails_now_has_no_scores_left_from_before(out: Path):
+    run(out, "method.label=x")
+    assert run(out, "method=faulty", "method.label=x", "overwrite=always").exit_code == 1
+    rows = results.read(out)
+    assert rows.loc[rows["view"] == "v1.png", "status"].tolist() == ["failed"]
+
+
+NEEDS_A_BROKEN_LIBRARY = """
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+
+@method(requires=("broken_library_xyz",))
+@dataclass(frozen=True)
+class Uses:
+    def restore(self, scene, view):
+        return Restoration(view.rgb)
+"""
+
+
+def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
+    (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    plugins.load_file(tmp_path / "uses.py")
+    outcome = run(out, "method=uses,gain", multirun=True)
+    plugins.discover.cache_clear()
+    assert (outcome.ok, outcome.exit_code) == (3, 1)
+    assert {f.reason for f in outcome.failed} == {"OSError: libcudart.so: cannot open"}
+
+
 def test_a_failed_view_is_tried_again(out: Path):
     run(out, "method=faulty", "method.label=x")
     again = run(out, "method=faulty", "method.label=x")
@@ -206,7 +240,7 @@ def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkey
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(InputError, match=r"the disk is full; free some space and give the same command again"):
+    with pytest.raises(OutputError, match=r"the disk is full; free some space and give the same command again"):
         run(out, "overwrite=always")
     assert (out / "scores.parquet").read_bytes() == before
     assert not [p for p in out.rglob(".*") if p.suffix != ".lock"]  # no half-written file is left
@@ -268,6 +302,18 @@ def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str):
     outcome = sweep.run([*arguments, f"out={out}", *launcher], True, [toys])
     assert outcome.exit_code == 1
     assert "did not finish" in {f.reason for f in outcome.failed}
+
+
+def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
+    run(out, "method.label=x")
+    arguments = ["dataset=toy", "method=faulty,gain", "metrics=[psnr]", "tracking.uri=off", f"out={out}"]
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    run(out, "method=faulty", "method.fault=none", "views=[v0.png,v2.png]")
+    outcome = sweep.run([*arguments, "overwrite=always", *launcher], True, [toys])
+    assert (outcome.exit_code, outcome.cached, outcome.crashed) == (1, 0, False)
+    arguments[1] = "method=faulty"
+    outcome = sweep.run([*arguments, "method.fault=die,nan", "overwrite=always", *launcher], True, [toys])
+    assert (outcome.exit_code, outcome.cached, outcome.crashed) == (1, 0, True)
 
 
 def test_a_method_that_is_not_installed_stops_before_any_work(

@@ -77,6 +77,13 @@ def test_a_reference_of_another_size_is_named(bench, folders):
     assert "a.png: 96x64, but its reference is 10x10" in done.stderr
 
 
+def test_a_metric_that_cannot_apply_says_why(bench, folders):
+    done = bench("score", str(folders[0]), "--metrics", "psnr, uciqe")
+    assert done.returncode == 1
+    assert "psnr: needs reference" in done.stderr
+    assert "uciqe" in done.stdout
+
+
 def test_one_image_is_enough(bench, folders):
     done = bench("score", str(folders[0] / "a.png"), "--reference", str(folders[1] / "a.png"), "--metrics", "psnr")
     assert done.returncode == 0

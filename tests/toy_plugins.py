@@ -70,6 +70,12 @@ class Gain:
         return Restoration(view.rgb * self.gain)
 
 
+@method(name="gain2")
+@dataclass(frozen=True)
+class AlsoGain(Gain):
+    """The same under another name."""
+
+
 @method(needs={"charts"})
 @dataclass(frozen=True)
 class NeedsCharts:

@@ -44,8 +44,7 @@ def build(terrain: Terrain, near: Texture, far: Texture, boards: Sequence[Board]
         import open3d
     except (ImportError, OSError) as fault:
         raise InputError(
-            f"dataset demo: Open3D does not load ({fault}); pip install open3d, and on Debian or Ubuntu "
-            "apt-get install libusb-1.0-0 libgl1 libegl1 libx11-6 libudev1 libidn2-0"
+            f"dataset demo: Open3D does not load ({fault}); `sucre-bench doctor` says what to install"
         ) from fault
     tensor = open3d.core.Tensor.from_numpy
     caster = open3d.t.geometry.RaycastingScene()

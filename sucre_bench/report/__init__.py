@@ -7,9 +7,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
+from urllib.parse import quote
 
 from sucre_bench import compare, layout, provenance, results
 from sucre_bench.compare import Comparison
+from sucre_bench.tables import ARROW, left_out, number, title
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,6 +20,7 @@ __all__ = ["write"]
 
 _THUMBNAIL = 420  # pixels wide
 _QUALITY = 82
+_MOST_VIEWS = 100  # of a dataset; a page of more would be slow to open
 
 
 def write(out: Path, rows: pd.DataFrame) -> Path:
@@ -28,10 +31,10 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     pages = Environment(loader=PackageLoader("sucre_bench", "report"), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"number": compare.number, "title": compare.title}
+    pages.filters |= {"number": number, "title": title}
     ok = rows[rows["status"] == "ok"]
     page = pages.get_template("page.html.j2").render(
-        datasets=[_Section.of(out, rows, table) for table in (compare.compare(ok) if len(ok) else [])],
+        datasets=[_Section.of(out, rows, table) for table in (compare.compare(rows) if len(ok) else [])],
         failed=_reasons(rows, "failed"),
         skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
         environment=provenance.read(out / "environment.json"),
@@ -63,35 +66,40 @@ class _Shown:
 
 @dataclass(frozen=True)
 class _Section:
-    """A dataset on the page."""
+    """A dataset on the page. not_shown: how many of its views have no pictures on the page, for there are too many."""
 
     table: Comparison
-    methods: Sequence[str]
+    notes: Sequence[str]
     views: Sequence[_Shown]
+    not_shown: int
     charts: Sequence[tuple[str, list[list[Any]]]]
 
     @classmethod
     def of(cls, out: Path, rows: pd.DataFrame, table: Comparison) -> _Section:
-        own = rows[rows["dataset"] == table.dataset]
-        methods = list(own.sort_values("time", kind="stable")["method"].drop_duplicates())
-        return cls(table, methods, _views(out, own, methods), _charts(own, methods))
+        own = rows[rows["dataset"] == table.title]
+        names = own.loc[own["view"] != "", ["scene", "view"]].drop_duplicates().sort_values(["scene", "view"])
+        shown = names.iloc[:: -(-len(names) // _MOST_VIEWS)] if len(names) else names
+        views = [_shown(out, own, table, scene, view) for scene, view in shown.itertuples(index=False)]
+        return cls(table, left_out(table), views, len(names) - len(shown), _charts(own, table.methods))
 
 
-def _views(out: Path, rows: pd.DataFrame, methods: Sequence[str]) -> list[_Shown]:
-    whole = rows[(rows["metric"] == "seconds") & (rows["view"] != "")]
-    views = []
-    for (scene, view), own in whole.sort_values(["scene", "view"]).groupby(["scene", "view"]):
-        dataset = str(own["dataset"].iloc[0])
-        place = layout.find(dataset, str(scene), str(view), out)
-        reasons = dict(zip(own["method"], own["status"] + ": " + own["reason"], strict=True))
-        restored: dict[str, _Picture | str] = {}
-        for method in methods:
-            picture = _picture(out, place.restored(out, method)) if place else None
-            restored[method] = picture or reasons.get(method, "not run")
-        original = _picture(out, place.original(out)) if place else None
-        reference = _picture(out, place.reference(out)) if place else None
-        views.append(_Shown(str(view), original, reference, restored))
-    return views
+def _shown(out: Path, rows: pd.DataFrame, table: Comparison, scene: str, view: str) -> _Shown:
+    whole = rows[(rows["metric"] == "seconds") & (rows["scene"] == scene) & (rows["view"] == view)]
+    state = {r.method: (r.status, r.reason) for r in whole.itertuples()}
+    place = layout.find(table.title, scene, view, out)
+    restored: dict[str, _Picture | str] = {}
+    for method in table.methods:
+        status, reason = state.get(method, ("not run", ""))
+        picture = _picture(out, place.restored(out, method)) if place and status == "ok" else None
+        restored[method] = picture or f"{status}: {reason}".rstrip(": ")
+    original = _picture(out, place.original(out)) if place else None
+    reference = _picture(out, place.reference(out)) if place else None
+    return _Shown(_name(rows, scene, view), original, reference, restored)
+
+
+def _name(rows: pd.DataFrame, scene: str, view: str) -> str:
+    """A view's name, with its scene where there are several."""
+    return f"{scene} · {view}" if len(set(rows["scene"]) - {""}) > 1 else view
 
 
 def _picture(out: Path, path: Path) -> _Picture | None:
@@ -104,7 +112,7 @@ def _picture(out: Path, path: Path) -> _Picture | None:
     small = cv2.resize(image, (_THUMBNAIL, height), interpolation=cv2.INTER_AREA)
     _, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
     data = base64.b64encode(encoded.tobytes()).decode()
-    link = "../" + "/".join(path.relative_to(out).parts)
+    link = "../" + quote("/".join(path.relative_to(out).parts))
     return _Picture(f"data:image/jpeg;base64,{data}", link)
 
 
@@ -113,16 +121,16 @@ def _charts(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, list[
     charts = rows[
         (rows["status"] == "ok") & (rows["region"] != "image") & ~rows["region"].str.contains("/", regex=False)
     ]
-    charts = charts[charts["metric"] != "water"]
     tables = []
     for (metric, variant), own in charts.groupby(["metric", "variant"], sort=False):
-        wide = own.pivot_table(index=["view", "region"], columns="method", values="value", aggfunc="first")
+        wide = own.pivot_table(index=["scene", "view", "region"], columns="method", values="value", aggfunc="first")
+        wide = wide.reindex(columns=list(methods))
         unit = own["unit"].iloc[0]
         lines = [
-            [f"{view} · {region}", *(float(line[m]) if m in line and line[m] == line[m] else None for m in methods)]
-            for (view, region), line in wide.iterrows()
+            [f"{_name(rows, scene, view)} · {region}", *(None if value != value else value for value in line)]
+            for (scene, view, region), line in zip(wide.index, wide.to_numpy().tolist(), strict=True)
         ]
-        tables.append((f"{metric} ({variant}) {compare.ARROW[own['better'].iloc[0]]} {unit}", lines))
+        tables.append((f"{metric} ({variant}) {ARROW[own['better'].iloc[0]]} {unit}", lines))
     return tables
 
 

@@ -1,0 +1,84 @@
+"""Restoring one view, measured, and checked against what a method must return."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import PluginError
+from sucre_bench.scene import Restoration, Scene, View
+
+__all__ = ["Measured", "measured_restore"]
+
+
+@dataclass(frozen=True)
+class Measured:
+    """A restoration, and what it took: wall seconds, MB of memory above what was held before."""
+
+    restoration: Restoration
+    seconds: float
+    peak_mb: float
+
+
+def measured_restore(method: Any, name: str, scene: Scene, view: View) -> Measured:
+    """Restore a view and measure it. PluginError when the result is not what a method must return.
+
+    The view's own planes are decoded before the clock starts: reading the target is not restoring it.
+    """
+    _ = view.rgb, view.has_depth
+    with _PeakMemory() as memory:
+        started = time.perf_counter()
+        restoration = method.restore(scene, view)
+        seconds = time.perf_counter() - started
+    if not isinstance(restoration, Restoration):
+        raise PluginError(f"{name}: returned {type(restoration).__name__}; a method returns a Restoration")
+    image = np.asarray(restoration.image)
+    if image.shape != view.rgb.shape or not np.issubdtype(image.dtype, np.floating):
+        raise PluginError(
+            f"{name}: returned an image {image.shape} {image.dtype}; it must be {view.rgb.shape} and floating"
+        )
+    if not np.isfinite(image).all(axis=-1).any():
+        raise PluginError(f"{name}: gave no pixel of {view.name} a colour; its result is all NaN or infinite")
+    info = {**restoration.info, "true_water": scene.water} if scene.water else dict(restoration.info)
+    return Measured(replace(restoration, image=image, info=info), seconds, memory.peak_mb)
+
+
+class _PeakMemory:
+    """The highest resident memory in a `with`, in MB above that at its start; GPU memory where torch holds some.
+
+    Linux keeps the high-water mark and lets a process reset its own; elsewhere it is unknown (NaN).
+    """
+
+    _STATUS = Path("/proc/self/status")
+
+    def __enter__(self) -> _PeakMemory:
+        self.peak_mb = math.nan
+        try:
+            Path("/proc/self/clear_refs").write_text("5")
+            self._before = self._read("VmRSS")
+        except OSError:
+            self._before = math.nan
+        if gpu := self._gpu():
+            gpu.reset_peak_memory_stats()
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        if not math.isnan(self._before):
+            self.peak_mb = max(0.0, self._read("VmHWM") - self._before)
+        if gpu := self._gpu():
+            self.peak_mb = float(np.nansum([self.peak_mb, gpu.max_memory_allocated() / 2**20]))
+
+    def _read(self, name: str) -> float:
+        line = next(line for line in self._STATUS.read_text().splitlines() if line.startswith(name))
+        return int(line.split()[1]) / 1024
+
+    @staticmethod
+    def _gpu() -> Any:
+        torch = sys.modules.get("torch")
+        return torch.cuda if torch and torch.cuda.is_initialized() else None
