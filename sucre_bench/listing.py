@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 import math
+import shutil
+import textwrap
 from dataclasses import MISSING
 from pathlib import Path
 from typing import Any
@@ -22,32 +24,48 @@ def as_json(what: str) -> str:
 
 
 def as_text(what: str, colour: bool) -> str:
-    """Each with its needs, licence, options and whether it can run here."""
-    import click
-
-    def dim(text: str) -> str:
-        return click.style(text, dim=True) if colour else text
-
+    """Each with its needs, licence, options and whether it can run here, wrapped to the terminal."""
     if what == "experiments":
         return "\n".join(f"{e['name']}  {e['description']}" for e in _experiments()) or "no experiments"
-    lines = []
-    for plugin in plugins.discover(_kind(what)).values():
-        if isinstance(plugin, Broken):
-            text = f"{plugin.name}  does not import: {plugin.reason}"
-            lines.append(click.style(text, fg="red") if colour else text)
-            continue
-        about = _about(plugin)
-        missing = plugins.missing_packages(plugin)
-        state = f"  [not installed: {missing}]" if missing else ""
-        lines.append((click.style(plugin.name, bold=True) if colour else plugin.name) + state)
-        lines.append(f"    {plugin.summary}")
-        facts = [f"{key}: {about[key]}" for key in ("needs", "variants", "options", "licence", "cites") if about[key]]
-        lines += [dim(f"    {line}") for line in map(_flat, facts)]
-    return "\n".join(lines) or f"no {what}"
+    entries = [_entry(plugin, colour) for plugin in plugins.discover(_kind(what)).values()]
+    if what == "metrics":
+        entries.append("metric:variant, * computed unless others are asked for")
+    return "\n\n".join(entries) or f"no {what}"
 
 
-def _flat(text: str) -> str:
-    return text.translate(str.maketrans("", "", "[]'{}"))
+def _entry(plugin: Plugin | Broken, colour: bool) -> str:
+    import click
+
+    def styled(text: str, **style: Any) -> str:
+        return click.style(text, **style) if colour else text
+
+    if isinstance(plugin, Broken):
+        return styled(f"{plugin.name}  cannot be used: {plugin.reason}", fg="red")
+    about, lines = _about(plugin), [styled(plugin.name, bold=True)]
+    if about["install"]:
+        lines[0] += styled(f"  not installed: {about['install']}", fg="red")
+    lines += _wrapped("", plugin.summary)
+    if plugin.kind == "metric":
+        lines += _wrapped("", f"{plugin.better} is better{', in ' + plugin.unit if plugin.unit else ''}")
+    for key in ("needs", "licence", "cites"):
+        text = ", ".join(about[key]) if key == "needs" else about[key]
+        lines += _wrapped(f"{key}  ", text) if text else []
+    for name, said in plugin.variants.items():
+        lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
+    for option in plugins.options(plugin.cls):
+        choices = f" ({'|'.join(option.choices)})" if option.choices else ""
+        default = "" if option.default is MISSING else f"={_plain_default(option.default)}"
+        lines += _wrapped(f"{option.name}{default}{choices}  ", option.help)
+    return "\n".join(lines)
+
+
+def _wrapped(head: str, text: str) -> list[str]:
+    width = max(60, shutil.get_terminal_size().columns)
+    return textwrap.wrap(head + text, width, initial_indent="    ", subsequent_indent="        ")
+
+
+def _plain_default(value: Any) -> str:
+    return "none" if value is None else str(value)
 
 
 def _kind(what: str) -> Kind:
