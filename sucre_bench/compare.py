@@ -9,7 +9,7 @@ bootstrap would promise too much. Two methods tie when the interval of their pai
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
@@ -166,7 +166,8 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str]) -> Comparison:
             len(values) - len(everywhere),
         )
         columns.append(column)
-        cells |= {(name, column): cell for name, cell in _cells(everywhere, column.better == "lower").items()}
+        for name, cell in _cells(everywhere, column.better == "lower").items():
+            cells[name, column] = replace(cell, tie=False) if column.metric in COSTS else cell
     columns.sort(key=lambda c: c.metric in COSTS)  # scores as they were run, what a restoration costs last
     return Comparison(title, tuple(n for n in methods if n not in stale), tuple(columns), cells, tuple(stale))
 
