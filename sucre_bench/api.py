@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.colour import display
-from sucre_bench.config import metric_choices
 from sucre_bench.errors import InputError
+from sucre_bench.job import metric_choices
 from sucre_bench.restoring import Measured, measured_restore
 from sucre_bench.scene import Restoration, Scene, View
 from sucre_bench.scores import score_rows
@@ -41,7 +41,7 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
     plugin: plugins.Plugin = method.__plugin__
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
-    measured = measured_restore(method, plugin.name, scene, view)
+    measured = measured_restore(method, scene, view)
     about = {
         "method": plugin.name,
         "options": {"name": plugin.name, "display": plugin.display, **asdict(method)},

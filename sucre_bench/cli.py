@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
@@ -13,6 +14,8 @@ import sucre_bench
 from sucre_bench.errors import SucreBenchError
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from sucre_bench.sweep import Fault, Outcome
 
 __all__ = ["cli", "main"]
@@ -25,19 +28,28 @@ def main() -> None:
     except click.exceptions.Abort:
         sys.exit(130)
     except click.ClickException as fault:
-        fault.show()
+        _say(f"error: {fault.format_message()}", "red", err=True)
         sys.exit(fault.exit_code)
     except click.exceptions.Exit as ended:
         sys.exit(ended.exit_code)
     except SucreBenchError as fault:
         for line in str(fault).splitlines():
-            click.secho(f"error: {line}", fg="red", err=True)
+            _say(f"error: {line}", "red", err=True)
         sys.exit(2)
     except KeyboardInterrupt:
         sys.exit(130)
     except BrokenPipeError:
         sys.stderr.close()
         sys.exit(141)
+
+
+def _say(text: str, colour: str, err: bool = False) -> None:
+    """Print a line in colour, where colours are wanted and seen."""
+    from rich.text import Text
+
+    from sucre_bench import console
+
+    (console.err if err else console.out).print(Text(text, style=colour), soft_wrap=True)
 
 
 @click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
@@ -103,7 +115,9 @@ def _show_outcome(outcome: Outcome) -> None:
         ("yellow", "skipped", outcome.skipped),
     ):
         for line in _grouped(faults):
-            click.secho(f"{kind}  {line}", fg=colour)
+            _say(f"{kind}  {line}", colour)
+    for line in _not_scored(outcome.rows):
+        _say(f"not scored  {line}", "dim")
     if outcome.interrupted:
         click.echo("stopped; the same command goes on from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
@@ -124,6 +138,17 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
         yield f"{where} / {which}: {reason}"
+
+
+def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
+    """A line a reason for the scores that views could not give."""
+    skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != "seconds")]
+    why = skipped["reason"].str.split(",").str[0]
+    for reason, own in skipped.groupby(why, sort=False):
+        views = own[["dataset", "scene", "view"]].drop_duplicates()
+        everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
+        where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
+        yield f"{', '.join(dict.fromkeys(own['metric']))}{where}: {reason}"
 
 
 @cli.command()
@@ -160,7 +185,7 @@ def score(
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # unasked, what does not apply is no fault
     for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
-        click.secho(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", fg="red", err=True)
+        _say(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", "red", err=True)
     sys.exit(1 if len(asked) else 0)
 
 
@@ -174,7 +199,11 @@ def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
 
     for file in plugin_files:
         plugins.load_file(file)
-    click.echo(listing.as_json(what) if as_json else listing.as_text(what, colour=sys.stdout.isatty()))
+    click.echo(
+        listing.as_json(what)
+        if as_json
+        else listing.as_text(what, colour=sys.stdout.isatty() and "NO_COLOR" not in os.environ)
+    )
 
 
 @cli.command()

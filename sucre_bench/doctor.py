@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import platform
 import shutil
 import subprocess
@@ -75,7 +76,8 @@ def _torch() -> str:
 def _line(name: str, found: str | None, remedy: str) -> int:
     """Print one line; return how many faults it is."""
     click.echo(f"{name:24}", nl=False)
-    click.secho(found or f"missing: {remedy}", fg=None if found else "red")
+    plain = found is not None or "NO_COLOR" in os.environ
+    click.secho(found or f"missing: {remedy}", fg=None if plain else "red")
     return 0 if found else 1
 
 

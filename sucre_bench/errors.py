@@ -5,7 +5,16 @@ from __future__ import annotations
 import difflib
 from collections.abc import Iterable
 
-__all__ = ["InputError", "OutputError", "PluginError", "SolveError", "SucreBenchError", "did_you_mean", "one_line"]
+__all__ = [
+    "ANY_FAULT",
+    "InputError",
+    "OutputError",
+    "PluginError",
+    "SolveError",
+    "SucreBenchError",
+    "did_you_mean",
+    "one_line",
+]
 
 
 class SucreBenchError(Exception):
@@ -26,6 +35,10 @@ class PluginError(SucreBenchError):
 
 class SolveError(SucreBenchError):
     """An estimation has no meaningful answer on this input."""
+
+
+# What foreign code may do to us: sys.exit in a plugin must not end the bench, Ctrl-C must.
+ANY_FAULT = (Exception, SystemExit)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

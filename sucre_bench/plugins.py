@@ -9,6 +9,7 @@ be cheap: heavy packages are named in ``requires`` and imported where they are u
 from __future__ import annotations
 
 import ast
+import contextlib
 import functools
 import hashlib
 import importlib
@@ -24,10 +25,10 @@ import textwrap
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, field, fields, is_dataclass
 from pathlib import Path
-from types import ModuleType
-from typing import Any, Literal, Protocol, TypeVar, get_args, get_origin, get_type_hints
+from types import ModuleType, UnionType
+from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import InputError, PluginError, did_you_mean, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, PluginError, did_you_mean, one_line
 from sucre_bench.scene import Array, Restoration, Scene, Score, View
 
 __all__ = [
@@ -212,8 +213,9 @@ def load_file(path: str | Path) -> None:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
-        spec.loader.exec_module(module)
-    except Exception as fault:
+        with contextlib.redirect_stdout(sys.stderr):  # what it prints is no part of our output
+            spec.loader.exec_module(module)
+    except ANY_FAULT as fault:
         del sys.modules[module.__name__]
         raise PluginError(f"{path}: does not import, {one_line(fault)}; mend the file") from fault
     if not _plugins_in(module):
@@ -229,11 +231,43 @@ def discover(kind: Kind) -> dict[str, Plugin | Broken]:
     for entry in _everywhere(kind):
         if isinstance(entry, Plugin) and entry.kind != kind:
             continue
+        if isinstance(entry, Plugin) and (fault := _unusable(entry)):
+            entry = Broken(entry.name, fault)
         other = found.get(entry.name)
         if other is not None and _where(other) != _where(entry):
             entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
         found[entry.name] = entry
     return dict(sorted(found.items()))
+
+
+# Set by the bench beside a plugin's own options.
+RESERVED = frozenset({"name", "label", "display", "variants"})
+
+
+def _unusable(plugin: Plugin) -> str:
+    """Why a plugin's options cannot be configured; empty when they can."""
+    try:
+        hints = get_type_hints(plugin.cls)
+    except ANY_FAULT as fault:
+        return f"its annotations do not resolve, {one_line(fault)}"
+    for option in fields(plugin.cls):
+        if option.init and option.name in RESERVED:
+            return f"option '{option.name}' has a reserved name"
+        if option.init and not _is_plain(hints[option.name]):
+            return (
+                f"option '{option.name}' is {hints[option.name]}; use numbers, strings, paths, Literal words or tuples"
+            )
+    return ""
+
+
+def _is_plain(annotation: Any) -> bool:
+    """Whether Hydra can hold an option of this type."""
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return all(isinstance(word, str) for word in args)
+    if origin in (Union, UnionType, tuple, list):
+        return all(_is_plain(arg) for arg in args if arg not in (type(None), Ellipsis))
+    return annotation in (int, float, str, bool, Path)
 
 
 def _everywhere(kind: Kind) -> Iterator[Plugin | Broken]:
@@ -249,12 +283,11 @@ def _everywhere(kind: Kind) -> Iterator[Plugin | Broken]:
 
 def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
     try:
-        loaded = load()
-    except Exception as fault:
+        with contextlib.redirect_stdout(sys.stderr):
+            loaded = load()
+        return [loaded.__plugin__] if hasattr(loaded, "__plugin__") else list(_plugins_in(loaded))
+    except ANY_FAULT as fault:
         return [Broken(name, one_line(fault))]
-    if hasattr(loaded, "__plugin__"):
-        return [loaded.__plugin__]
-    return list(_plugins_in(loaded))
 
 
 def _plugins_in(module: ModuleType) -> list[Plugin]:

@@ -26,7 +26,7 @@ class Measured:
     peak_mb: float
 
 
-def measured_restore(method: Any, name: str, scene: Scene, view: View) -> Measured:
+def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
     """Restore a view and measure it. PluginError when the result is not what a method must return.
 
     The view's own planes are decoded before the clock starts: reading the target is not restoring it.
@@ -37,14 +37,14 @@ def measured_restore(method: Any, name: str, scene: Scene, view: View) -> Measur
         restoration = method.restore(scene, view)
         seconds = time.perf_counter() - started
     if not isinstance(restoration, Restoration):
-        raise PluginError(f"{name}: returned {type(restoration).__name__}; a method returns a Restoration")
+        raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
     image = np.asarray(restoration.image)
     if image.shape != view.rgb.shape or not np.issubdtype(image.dtype, np.floating):
         raise PluginError(
-            f"{name}: returned an image {image.shape} {image.dtype}; it must be {view.rgb.shape} and floating"
+            f"the method returned an image {image.shape} {image.dtype}; it must be {view.rgb.shape} and floating"
         )
     if not np.isfinite(image).all(axis=-1).any():
-        raise PluginError(f"{name}: gave no pixel of {view.name} a colour; its result is all NaN or infinite")
+        raise PluginError(f"the method gave no pixel of {view.name} a colour; its result is all NaN or infinite")
     info = {**restoration.info, "true_water": scene.water} if scene.water else dict(restoration.info)
     return Measured(replace(restoration, image=image, info=info), seconds, memory.peak_mb)
 

@@ -9,12 +9,13 @@ from __future__ import annotations
 import contextlib
 import errno
 import hashlib
+import io
 import json
 import os
 import tempfile
 import time
 import uuid
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
@@ -113,7 +114,8 @@ def _read(out: Path) -> pd.DataFrame:
     tables = [frame([])]
     for path in [out / TABLE, *sorted((out / PARTS).glob("*.parquet"))]:
         try:
-            tables.append(pd.read_parquet(path)[list(COLUMNS)])
+            content = io.BytesIO(path.read_bytes())  # whole: the file may be replaced while it is read
+            tables.append(pd.read_parquet(content)[list(COLUMNS)])
         except FileNotFoundError:
             continue  # merged by another process just now, or never written
         except (pyarrow.ArrowInvalid, KeyError, OSError) as fault:
@@ -161,17 +163,16 @@ class Part:
     def flush(self) -> None:
         """Write everything to the disk now."""
         if self._rows:
-            _write_table(frame(self._rows), self._path)
+            with _locked(self._path.parent.parent):
+                _write_table(frame(self._rows), self._path)
         self._written = time.monotonic()
 
 
 def merge(out: Path) -> pd.DataFrame:
     """Join the parts into the table, and return it. Safe beside other processes that do the same."""
-    from filelock import FileLock
-
     if not out.is_dir():
         return frame([])
-    with FileLock(out / f".{TABLE}.lock"):
+    with _locked(out):
         parts = list((out / PARTS).glob("*.parquet"))
         rows = _read(out)
         if parts:
@@ -183,9 +184,24 @@ def merge(out: Path) -> pd.DataFrame:
     return rows
 
 
-def _write_table(rows: pd.DataFrame, path: Path) -> None:
-    import io
+@contextlib.contextmanager
+def _locked(out: Path) -> Iterator[None]:
+    """Keep other processes from joining parts while one is written, or the other way round."""
+    from filelock import FileLock
 
+    try:
+        out.mkdir(parents=True, exist_ok=True)
+        lock = FileLock(out / f".{TABLE}.lock")
+        lock.acquire()
+    except OSError as fault:
+        raise _not_writable(out, fault) from fault
+    try:
+        yield
+    finally:
+        lock.release()
+
+
+def _write_table(rows: pd.DataFrame, path: Path) -> None:
     buffer = io.BytesIO()
     rows.to_parquet(buffer, index=False)
     write_atomically(path, buffer.getvalue())
@@ -209,6 +225,10 @@ def write_atomically(path: Path, content: bytes) -> None:
                 Path(file.name).unlink(missing_ok=True)
                 raise
     except OSError as fault:
-        if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-            raise OutputError(f"{path}: the disk is full; free some space and give the same command again") from fault
-        raise OutputError(f"{path}: cannot be written ({fault.strerror}); choose another out=...") from fault
+        raise _not_writable(path, fault) from fault
+
+
+def _not_writable(path: Path, fault: OSError) -> OutputError:
+    if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+        return OutputError(f"{path}: the disk is full; free some space and give the same command again")
+    return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another out=...")

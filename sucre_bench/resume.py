@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench import results
-from sucre_bench.config import Job
 from sucre_bench.errors import InputError
+from sucre_bench.job import Job
 from sucre_bench.results import Row
 from sucre_bench.scores import code_of
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import io
 import math
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,8 +15,8 @@ import numpy as np
 
 from sucre_bench import plugins, progress, results
 from sucre_bench.colour import display, to_8bit
-from sucre_bench.config import Choice, Job
-from sucre_bench.errors import InputError, OutputError, PluginError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, OutputError, PluginError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.job import Choice, Job
 from sucre_bench.layout import Place, file_name, log_path, places
 from sucre_bench.restoring import measured_restore
 from sucre_bench.results import Part, Row
@@ -23,7 +24,7 @@ from sucre_bench.resume import Done
 from sucre_bench.scene import Array, Restoration, Scene, View
 from sucre_bench.scores import keep_traceback, score_rows, without
 
-__all__ = ["Task", "open_scenes", "run_job", "tasks"]
+__all__ = ["Task", "failed_row", "open_scenes", "run_job", "tasks"]
 
 
 @dataclass(frozen=True)
@@ -46,8 +47,8 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
     try:
         todo = list(tasks(job, open_scenes(job.dataset)))
         method = _ready(job.method)
-    except Exception as fault:
-        part.add([_failed(job, _base_row(job), fault)])
+    except ANY_FAULT as fault:
+        part.add([failed_row(job, fault)])
         part.flush()
         return True
     done, worked = Done.of(job), False
@@ -74,9 +75,17 @@ def open_scenes(dataset: Choice) -> list[Scene]:
     except (ImportError, OSError) as fault:
         reason = f"dataset '{dataset.label}': {one_line(fault)}"
         raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
-    except Exception as fault:
+    except ANY_FAULT as fault:
         raise PluginError(f"dataset '{dataset.label}': {one_line(fault)}; mend the plugin") from fault
-    if not scenes or not all(len(scene) for scene in scenes):
+    for scene in scenes:
+        if not isinstance(scene, Scene):
+            raise PluginError(
+                f"dataset '{dataset.label}': yields {type(scene).__name__}; scenes() yields Scene objects"
+            )
+        name, times = Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
+        if times > 1:
+            raise PluginError(f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique")
+    if not any(len(scene) for scene in scenes):
         raise InputError(f"dataset '{dataset.label}': no views; check its options")
     return scenes
 
@@ -131,7 +140,7 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
     try:
         if "depth" in job.method.plugin.needs and not view.has_depth:
             return [without(task.base, "skipped", f"{view.name} has no depth map")]
-        measured = measured_restore(method, job.method.label, scene, view)
+        measured = measured_restore(method, scene, view)
         shown = display(measured.restoration.image, job.method.display, view.encoding)
         _keep(job, task, measured.restoration, shown)
         base = replace(
@@ -145,7 +154,7 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
         return score_rows(measured, shown, view, job.metrics, base, log_path(job.out))
     except OutputError:
         raise
-    except Exception as fault:
+    except ANY_FAULT as fault:
         return [_failed(job, task.base, fault)]
 
 
@@ -179,7 +188,12 @@ def _as_npz(restoration: Restoration) -> bytes:
     return buffer.getvalue()
 
 
-def _failed(job: Job, base: Row, fault: Exception) -> Row:
+def failed_row(job: Job, fault: BaseException) -> Row:
+    """Say that a whole job failed, and return the row that says why."""
+    return _failed(job, _base_row(job), fault)
+
+
+def _failed(job: Job, base: Row, fault: BaseException) -> Row:
     """Say so at once, keep the traceback in the log, and return the row that says why."""
     where = " / ".join(name for name in (base.dataset, base.scene, base.view, base.method) if name)
     keep_traceback(log_path(job.out), where)

@@ -9,8 +9,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from sucre_bench import plugins, results
-from sucre_bench.config import MetricChoice
-from sucre_bench.errors import one_line
+from sucre_bench.errors import ANY_FAULT, one_line
+from sucre_bench.job import MetricChoice
 from sucre_bench.plugins import Plugin
 from sucre_bench.restoring import Measured
 from sucre_bench.results import Row
@@ -32,6 +32,8 @@ def score_rows(
         for name, variant, unit, value in took
     ]
     offers = _offers(view, measured.restoration)
+    restoration = replace(measured.restoration, image=_locked(measured.restoration.image))
+    shown = _locked(shown)
     for choice in metrics:
         plugin = choice.plugin
         own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code_of(base, plugin))
@@ -41,8 +43,15 @@ def score_rows(
             if absent:
                 rows.append(without(row, "skipped", absent))
             else:
-                rows += _scored(choice, measured.restoration, shown, view, row, log)
+                rows += _scored(choice, restoration, shown, view, row, log)
     return rows
+
+
+def _locked(array: Array) -> Array:
+    """The same array, read-only: what one metric may not do to the next."""
+    locked = array.view()
+    locked.setflags(write=False)
+    return locked
 
 
 def code_of(base: Row, metric: Plugin) -> str:
@@ -64,9 +73,10 @@ def _scored(
             replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=float(s.coverage))
             for s in scores
         ]
-    except Exception as fault:
+    except ANY_FAULT as fault:
         keep_traceback(log, f"{base.dataset} / {base.method} / {view.name} / {base.metric}:{base.variant}")
         return [without(base, "failed", one_line(fault))]
+    rows = [without(row, "skipped", "no value (NaN)") if math.isnan(row.value) else row for row in rows]
     return rows or [without(base, "skipped", "nothing to score in this view")]
 
 

@@ -7,11 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sucre_bench import plugins, progress, results
 from sucre_bench.api import score
-from sucre_bench.config import metric_choices
 from sucre_bench.errors import InputError
 from sucre_bench.images import read_rgb
+from sucre_bench.job import metric_choices
 from sucre_bench.scene import Array, Plane, Restoration, View
 from sucre_bench.tables import ARROW, number
 
@@ -49,6 +51,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     names = list(metrics) or _applicable(reference is not None)
     metric_choices(names)  # a typo is told before anything is read
     files = _images(images)
+    if reference is not None and not reference.exists():
+        raise InputError(f"{reference}: no such folder; give the references as a folder or one image")
     tables = []
     for name, path in progress.track(files.items(), f"scoring {images.name}"):
         try:
@@ -59,7 +63,6 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
             tables.append(score(Restoration(view.rgb, info={"method": images.name}), view, names))
         except InputError as fault:
             tables.append(_failed(images.name, name, str(fault)))
-            progress.say(f"failed  {fault}")
     rows = pd.concat(tables, ignore_index=True)
     return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
 
@@ -118,6 +121,8 @@ def summary(rows: pd.DataFrame) -> Table:
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
         values = scores["value"]
         title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
-        figures = (values.mean(), values.std(ddof=0), values.min(), values.max())
+        finite = values[np.isfinite(values)]
+        spread = finite.std(ddof=0) if len(finite) == len(values) else np.nan
+        figures = (values.mean(), spread, values.min(), values.max())
         table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
     return table

@@ -16,7 +16,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
 
 from sucre_bench import progress, results
-from sucre_bench.config import Job, Sweep
+from sucre_bench.config import Sweep
+from sucre_bench.errors import InputError
+from sucre_bench.job import Job
 from sucre_bench.layout import file_name
 from sucre_bench.results import fingerprint
 
@@ -49,8 +51,8 @@ def _harmless(action: Callable[P, T]) -> Callable[P, T | None]:
 
 def _client(uri: str) -> MlflowClient:
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
-    os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "2")
-    os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "20")
+    os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
+    os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
     import logging
 
     logging.getLogger("alembic").setLevel(logging.WARNING)  # it tells of every migration of a new store
@@ -75,6 +77,10 @@ def _connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
 
     lock, artifacts = Path(tempfile.gettempdir()) / f"sucre_bench-{fingerprint({'uri': uri})[1]}.lock", None
     if uri.startswith("sqlite:///"):
+        if awkward := set(uri) & set("?%#"):
+            raise InputError(
+                f"{uri}: mlflow cannot keep a store under a path with {' '.join(awkward)}; set tracking.uri="
+            )
         store = Path(uri.removeprefix("sqlite:///"))
         store.parent.mkdir(parents=True, exist_ok=True)
         lock, artifacts = store.with_name(f".{store.name}.lock"), (store.parent / "mlartifacts").as_uri()

@@ -145,3 +145,16 @@ def test_other_data_do_not_take_over_an_output_folder(bench, dive: Path, tmp_pat
     assert done.returncode == 2
     assert "its 'colmap' is scene dive, not other; give another out=... or dataset.label=..." in done.stderr
     assert set(results.read(tmp_path / "results")["scene"]) == {"dive"}
+
+
+def test_two_dives_in_one_sweep_are_told_apart_by_their_folders(bench, dive: Path, tmp_path: Path):
+    other = write_dive(tmp_path / "other", NAMES)
+    done = run(bench, f"{dive},{other}")
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in (tmp_path / "results" / "restored").iterdir()} == {"colmap,root=dive", "colmap,root=other"}
+
+
+def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench, tmp_path: Path):
+    dive = write_dive(tmp_path / "dive ünï=1,[x]", NAMES)
+    assert f"write \"dataset.root='{dive}'\"" in run(bench, dive).stderr
+    assert run(bench, f"'{dive}'").returncode == 0

@@ -104,11 +104,11 @@ def test_compare_reads_what_run_wrote(bench, toys: str):
     bench("run", "-m", "--plugin", toys, "dataset=toy", "method=gain", "method.gain=0.5,1", "metrics=[redness]",
           "tracking.uri=off", "out=results")  # fmt: skip
     table = bench("compare", "results").stdout
-    assert "redness: gain leads gain,gain=0.5 by" in table
+    assert "redness: gain,gain=1.0 leads gain,gain=0.5 by" in table
     latex = bench("compare", "results", "--metric", "redness", "--format", "latex").stdout
     assert latex.startswith("\\begin{tabular}{lr}\n\\toprule")
     by_view = bench("compare", "results", "--by", "view", "--format", "csv").stdout
-    assert "toy · v1.png,gain," in by_view
+    assert 'toy · v1.png,"gain,gain=0.5"' in by_view
 
 
 def test_cfg_prints_the_configuration_and_runs_nothing(bench, tmp_path: Path):

@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sucre_bench import InputError, config
+from sucre_bench import InputError, config, job
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -38,6 +38,13 @@ def jobs(*overrides: str, multirun: bool = False) -> config.Sweep:
         ("+speed=3", "speed: no option of the configuration"),
         ("+method.speed=3", "speed: no option of gain"),
         ("method=gain,faulty", "several values; add -m"),
+        ("method=null", "method=None: one name at a time"),
+        ("dataset=[toy,demo]", "one name at a time; -m dataset=a,b runs several"),
+        ("out=${nowhere}", "Interpolation key 'nowhere' not found"),
+        ("hydra.launcher.n_jbs=2", "no option 'n_jbs' in hydra.launcher"),
+        ("hydra/launcher=jobli", "no hydra/launcher is called 'jobli'; did you mean 'joblib'"),
+        ("dataset.label=ünï", "special characters need quotes; write \"dataset.label='ünï'\""),
+        ("hydra.job.chdir=true", "leave it false"),
         ("dataset=colmap", "colmap.root: must be given; add dataset.root=..."),
         ("method.gain", "an override reads key=value"),
     ],
@@ -50,26 +57,29 @@ def test_a_wrong_override_is_one_clear_line(override: str, said: str):
 
 
 def test_options_reach_the_plugin_with_their_types(tmp_path: Path):
-    (job,) = jobs("method.gain=2", f"method.log={tmp_path / 'log'}").jobs
-    method = job.method.make()
+    (one,) = jobs("method.gain=2", f"method.log={tmp_path / 'log'}").jobs
+    method = one.method.make()
     assert (method.gain, method.log, method.mode) == (2.0, tmp_path / "log", "plain")
 
 
-def test_the_label_names_what_is_not_at_its_default_but_for_paths():
+def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     def label(*overrides: str) -> str:
         return jobs(*overrides).jobs[0].method.label
 
     assert label() == "gain"
-    assert label("method.gain=1.0") == "gain"
-    assert label("method.gain=0.5", "method.log=/tmp/x") == "gain,gain=0.5"
-    assert label("method.display=gray-world") == "gain,display=gray-world"
+    assert label("method.gain=0.5", "method.log=/tmp/x") == "gain"
     assert label("method.gain=2", "method.label=mine") == "mine"
+    swept = jobs("method.gain=0.5,1", "method.log=/tmp/x,/elsewhere/y", "method.mode=fancy", multirun=True)
+    assert [j.method.label for j in swept.jobs] == [
+        "gain,gain=0.5,log=x", "gain,gain=0.5,log=y", "gain,gain=1.0,log=x", "gain,gain=1.0,log=y",
+    ]  # fmt: skip
 
 
 def test_a_sweep_makes_a_job_of_every_combination():
     sweep = jobs("method=gain", "method.gain=1,2", "dataset.views=2,3", multirun=True)
     assert {(j.method.label, j.dataset.label) for j in sweep.jobs} == {
-        ("gain", "toy,views=2"), ("gain", "toy"), ("gain,gain=2.0", "toy,views=2"), ("gain,gain=2.0", "toy"),
+        ("gain,gain=1.0", "toy,views=2"), ("gain,gain=1.0", "toy,views=3"),
+        ("gain,gain=2.0", "toy,views=2"), ("gain,gain=2.0", "toy,views=3"),
     }  # fmt: skip
 
 
@@ -115,7 +125,7 @@ def test_metrics_are_chosen_by_list_and_preset_and_variant():
 
 
 def test_metric_choices_read_name_and_variant():
-    chosen = config.metric_choices(["redness:double", "psnr", "redness"])
+    chosen = job.metric_choices(["redness:double", "psnr", "redness"])
     assert {c.plugin.name: c.variants for c in chosen} == {"redness": ("double", "plain"), "psnr": ("masked",)}
 
 
@@ -130,10 +140,12 @@ def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
     assert jobs(f"views={listed}").jobs[0].views == ("v2.png", "v0.png")
 
 
-def test_the_seed_reaches_whatever_has_one_and_another_seed_is_another_label():
+def test_the_seed_reaches_whatever_has_one_and_swept_seeds_have_labels_of_their_own():
     (job,) = config.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
     assert job.dataset.options["seed"] == 7
-    assert job.dataset.label == "demo,seed=7"
+    assert job.dataset.label == "demo"
+    replicates = config.jobs(["dataset=demo", "method=gain", "seed=0,1"], multirun=True)
+    assert [j.dataset.label for j in replicates.jobs] == ["demo,seed=0", "demo,seed=1"]
 
 
 def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path: Path):

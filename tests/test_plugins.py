@@ -1,5 +1,7 @@
 from __future__ import annotations
 
+import json
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -7,6 +9,7 @@ from typing import Literal
 import pytest
 
 from sucre_bench import InputError, PluginError, method, plugins
+from sucre_bench.config import jobs
 from sucre_bench.plugins import Broken, create, discover, find, load_file, missing_packages, options, source_hash
 
 METHOD = """
@@ -63,6 +66,7 @@ def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: P
         ("import nonexistent_package_xyz\n", "ModuleNotFoundError: No module named 'nonexistent_package_xyz'"),
         ("def broken(:\n", "SyntaxError"),
         ("raise RuntimeError('two\\nlines')\n", "RuntimeError: two lines"),
+        ("import sys; sys.exit(0)\n", "SystemExit: 0"),
     ],
 )
 def test_a_file_that_does_not_import_is_one_line_with_the_reason(tmp_path: Path, text: str, said: str):
@@ -115,6 +119,35 @@ def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: P
     assert "gray_world" in known
     with pytest.raises(PluginError, match="division by zero"):
         find("method", "their_broken_package")
+
+
+@pytest.mark.parametrize(
+    ("field", "said"),
+    [
+        ("weights: dict[str, float] = None", "option 'weights' is dict[str, float]"),
+        ("kernel: 'np.ndarray' = None", "annotations do not resolve, NameError"),
+        ("level: Literal[1, 2] = 1", "option 'level' is typing.Literal[1, 2]"),
+        ("label: str = ''", "option 'label' has a reserved name"),
+    ],
+)
+def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path: Path, field: str, said: str):
+    path = write(tmp_path, "Odd")
+    path.write_text(
+        path.read_text()
+        .replace("from dataclasses", "from typing import Literal\nfrom dataclasses")
+        .replace("    def restore", f"    {field}\n    def restore")
+    )
+    load_file(path)
+    with pytest.raises(PluginError, match=re.escape(said)):
+        find("method", "odd")
+    assert jobs(["dataset=demo", "method=underwater"], multirun=False)
+
+
+def test_what_a_plugin_prints_when_imported_is_no_output_of_ours(tmp_path: Path, bench):
+    path = write(tmp_path, "Chatty")
+    path.write_text("print('hello')\n" + path.read_text())
+    done = bench("list", "methods", "--json", "--plugin", str(path))
+    assert "chatty" in {m["name"] for m in json.loads(done.stdout)}
 
 
 def test_a_typo_gets_the_nearest_name():

@@ -56,11 +56,11 @@ def test_scores_are_those_of_the_picture_that_is_kept(out: Path):
     """PSNR against the reference, worked out here from the files alone."""
     import cv2
 
-    outcome = run(out, "method.gain=1.1")
+    outcome = run(out, "method.gain=1.1", "save=full")
     rows = outcome.rows[(outcome.rows["metric"] == "psnr") & (outcome.rows["view"] == "v1.png")]
     scene = next(iter(find("dataset", "toy").cls().scenes()))
     reference = scene["v1.png"].reference
-    kept = cv2.imread(str(out / "restored" / "toy" / "gain,gain=1.1" / "v1.png"))[..., ::-1] / 255.0
+    kept = cv2.imread(str(out / "restored" / "toy" / "gain" / "v1.png"))[..., ::-1] / 255.0
     expected = -10 * np.log10(((kept - reference) ** 2).mean())
     assert rows["value"].item() == pytest.approx(expected, abs=0.02)  # the file is rounded to 8 bits
 
@@ -137,6 +137,7 @@ def test_an_unknown_view_is_named_before_any_work(out: Path):
         ("nan", "gave no pixel of v1.png a colour"),
         ("none", "returned NoneType; a method returns a Restoration"),
         ("mutate", "ValueError: assignment destination is read-only"),
+        ("exit", "SystemExit: 0"),
     ],
 )
 def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str, reason: str):
@@ -194,6 +195,26 @@ def test_a_failing_metric_costs_only_its_own_score(out: Path):
     rows = outcome.rows
     assert rows.loc[rows["metric"] == "stumbles", "status"].tolist() == ["ok", "ok", "failed"]
     assert (rows.loc[rows["metric"] == "psnr", "status"] == "ok").all()
+
+
+def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_is_stopped(out: Path):
+    rows = run(out, "metrics=[redness,undefined,painter,uciqe]").rows.set_index("metric")
+    assert set(rows.loc["undefined", "status"]) == {"skipped"}
+    assert set(rows.loc["undefined", "reason"]) == {"no value (NaN)"}
+    assert set(rows.loc["painter", "status"]) == {"failed"}
+    assert (rows.loc["redness", "value"] > 0).all()
+
+
+def test_a_dataset_with_two_views_of_one_name_is_refused(out: Path):
+    with pytest.raises(sweep.ProblemsError, match=r"2 views are called 'a.png'; names must be unique"):
+        run(out, "dataset=twins")
+
+
+def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert run(Path("'~/results'")).ok == 3
+    assert (tmp_path / "results" / "scores.parquet").is_file()
 
 
 def test_a_method_whose_needs_are_not_met_is_skipped_with_the_reason(out: Path):
@@ -300,8 +321,9 @@ def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str):
     arguments = ["dataset=toy", "method=faulty", "method.fault=die,none", "metrics=[psnr]", "tracking.uri=off"]
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     outcome = sweep.run([*arguments, f"out={out}", *launcher], True, [toys])
-    assert outcome.exit_code == 1
-    assert "did not finish" in {f.reason for f in outcome.failed}
+    assert (outcome.ok, outcome.exit_code) == (2, 1)  # the other job's, whose worker was taken down with it
+    killed = {f.reason for f in outcome.failed if "die" in f.where}
+    assert killed == {"the job's process was killed, for want of memory perhaps; try smaller images"}
 
 
 def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
@@ -310,10 +332,10 @@ def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     run(out, "method=faulty", "method.fault=none", "views=[v0.png,v2.png]")
     outcome = sweep.run([*arguments, "overwrite=always", *launcher], True, [toys])
-    assert (outcome.exit_code, outcome.cached, outcome.crashed) == (1, 0, False)
+    assert (outcome.exit_code, outcome.cached) == (1, 0)
     arguments[1] = "method=faulty"
     outcome = sweep.run([*arguments, "method.fault=die,nan", "overwrite=always", *launcher], True, [toys])
-    assert (outcome.exit_code, outcome.cached, outcome.crashed) == (1, 0, True)
+    assert (outcome.exit_code, outcome.cached, outcome.ok) == (1, 0, 2)
 
 
 def test_a_method_that_is_not_installed_stops_before_any_work(

@@ -69,6 +69,12 @@ def test_a_missing_reference_is_named_and_the_others_are_scored(bench, folders):
     assert (scores(done.stdout)["metric"] == "psnr").sum() == 1
 
 
+def test_a_missing_folder_of_references_is_one_line(bench, folders):
+    done = bench("score", str(folders[0]), "--reference", "nowhere")
+    assert done.returncode == 2
+    assert done.stderr.splitlines() == ["error: nowhere: no such folder; give the references as a folder or one image"]
+
+
 def test_a_reference_of_another_size_is_named(bench, folders):
     images, truth = folders
     cv2.imwrite(str(truth / "a.png"), np.zeros((10, 10, 3), np.uint8))

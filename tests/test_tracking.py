@@ -70,3 +70,10 @@ def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.Ca
     outcome = sweep.run([*arguments, "tracking.uri=http://127.0.0.1:9"], False)
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert capsys.readouterr().err.count("mlflow: not logged") == 1
+
+
+def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
+    out = tmp_path / "50% done"
+    outcome = sweep.run(["dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'"], False)
+    assert (outcome.ok, outcome.exit_code) == (3, 0)
+    assert "mlflow: not logged" in capsys.readouterr().err

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 import signal
+import sys
 import time
 from collections.abc import Iterator
 from dataclasses import dataclass
@@ -48,6 +49,16 @@ class TwoScenes:
             yield Scene(name, [view], frozenset(), data_id=name)
 
 
+@dataset()
+@dataclass(frozen=True)
+class Twins:
+    """Two views of one name."""
+
+    def scenes(self) -> Iterator[Scene]:
+        view = View("a.png", Arrays(np.zeros((8, 8, 3))))
+        yield Scene("twins", [view, view], frozenset())
+
+
 @method()
 @dataclass(frozen=True)
 class Gain:
@@ -90,7 +101,7 @@ class NeedsCharts:
 class Faulty:
     """Fails on one view, in a way of one's choice."""
 
-    fault: Literal["raise", "shape", "nan", "none", "mutate", "die"] = "raise"
+    fault: Literal["raise", "shape", "nan", "none", "mutate", "exit", "die"] = "raise"
     """What it does."""
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -105,6 +116,8 @@ class Faulty:
                 return None  # type: ignore[return-value]
             case "mutate":
                 view.rgb[:] = 0
+            case "exit":
+                sys.exit(0)
             case "die":
                 os.kill(os.getpid(), signal.SIGKILL)
         raise ValueError("boom\nover two lines")
@@ -128,3 +141,22 @@ class Stumbles:
         if view.name == "v2.png":
             raise RuntimeError("no score")
         yield Score(0.5)
+
+
+@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
+@dataclass(frozen=True)
+class Undefined:
+    """A metric that has no value here."""
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+        yield Score(float("nan"))
+
+
+@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
+@dataclass(frozen=True)
+class Painter:
+    """A metric that writes into the picture it is shown."""
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+        shown[:] = 0
+        yield Score(0.0)

@@ -1,0 +1,238 @@
+"""What one Hydra job is to do: a dataset, a method, metrics, each with its options, read from a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args, get_origin
+
+from sucre_bench import plugins
+from sucre_bench.colour import check_display
+from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.plugins import Kind, Plugin
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+__all__ = ["Choice", "Job", "MetricChoice", "RunConfig", "Tracking", "metric_choices"]
+
+
+@dataclass
+class Tracking:
+    """Where results are logged besides the table.
+
+    uri: an mlflow tracking URI, default a store in the output folder; "off" logs nowhere.
+    """
+
+    uri: str = "sqlite:///${out}/mlflow.db"
+    experiment: str = "sucre_bench"
+    parent_run: str = ""
+
+
+@dataclass
+class RunConfig:
+    """What `sucre-bench run` accepts beside dataset, method and metrics.
+
+    swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them.
+    """
+
+    dataset: Any = field(default_factory=dict)
+    method: Any = field(default_factory=dict)
+    metrics: dict[str, Any] = field(default_factory=dict)
+    out: str = "outputs"
+    views: Any = None
+    every: int = 1
+    first: int | None = None
+    overwrite: str = "missing"
+    save: str = "display"
+    seed: int = 0
+    report: bool = True
+    plugins: list[str] = field(default_factory=list)
+    swept: list[str] = field(default_factory=list)
+    tracking: Tracking = field(default_factory=Tracking)
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A plugin with the options it is to be made with. display: a method's normalisation, else empty."""
+
+    plugin: Plugin
+    label: str
+    options: Mapping[str, Any]
+    display: str = ""
+
+    def make(self) -> Any:
+        """Create the plugin. InputError when an option is not acceptable."""
+        return plugins.create(self.plugin, self.options)
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What a row keeps as options."""
+        display = {"display": self.display} if self.display else {}
+        return {"name": self.plugin.name, **display, **{k: _plain(v) for k, v in self.options.items()}}
+
+
+@dataclass(frozen=True)
+class MetricChoice:
+    """A metric and the variants of it to compute."""
+
+    choice: Choice
+    variants: tuple[str, ...]
+
+    @property
+    def plugin(self) -> Plugin:
+        return self.choice.plugin
+
+
+@dataclass(frozen=True)
+class Job:
+    """One dataset, one method, some metrics: what one Hydra job does."""
+
+    dataset: Choice
+    method: Choice
+    metrics: tuple[MetricChoice, ...]
+    out: Path
+    views: tuple[str, ...] | None
+    every: int
+    first: int | None
+    overwrite: str
+    save: str
+    seed: int
+    report: bool
+    tracking: Tracking
+    config: str  # as YAML, resolved
+
+    @classmethod
+    def of(cls, config: DictConfig) -> Job:
+        """Read a composed configuration. InputError for what its types alone cannot tell."""
+        import yaml
+        from omegaconf import OmegaConf
+        from omegaconf.errors import OmegaConfBaseException
+
+        try:
+            values: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+        except OmegaConfBaseException as fault:
+            raise InputError(f"{str(fault).splitlines()[0]}; mend the ${{...}} in an override") from fault
+        values.pop("hydra", None)
+        _only_known("the configuration", values, {f.name for f in fields(RunConfig)})
+        for name, choices in (("overwrite", ("missing", "always", "never")), ("save", ("display", "full"))):
+            if values[name] not in choices:
+                raise InputError(f"{name}={values[name]}: not a choice; {did_you_mean(values[name], choices)}")
+        if values["every"] < 1:
+            raise InputError(f"every={values['every']}: at least 1; every=5 takes each fifth view")
+        if values["first"] is not None and values["first"] < 1:
+            raise InputError(f"first={values['first']}: at least 1; first=5 takes the first five views")
+        return cls(
+            dataset=_choice("dataset", values["dataset"], values["swept"]),
+            method=_choice("method", values["method"], values["swept"]),
+            metrics=_metrics(values["metrics"]),
+            out=Path(values["out"]).expanduser(),
+            views=_view_names(values["views"]),
+            every=values["every"],
+            first=values["first"],
+            overwrite=values["overwrite"],
+            save=values["save"],
+            seed=values["seed"],
+            report=values["report"],
+            tracking=Tracking(**values["tracking"]),
+            config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
+        )
+
+
+def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
+    values = dict(values or {})
+    if "name" not in values:
+        raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
+    plugin = plugins.find(kind, values.pop("name"))
+    label, display = values.pop("label", None), values.pop("display", "")
+    if display:
+        check_display(display)
+    types = {o.name: o.type for o in plugins.options(plugin.cls)}
+    _only_known(plugin.name, values, set(types))
+    given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
+    options = {name: _typed(types[name], value) for name, value in given.items()}
+    plugins.check_options(plugin, options)
+    return Choice(plugin, label or _label(plugin, {**options, "display": display}, swept), options, display)
+
+
+def _only_known(place: str, given: Iterable[str], known: set[str]) -> None:
+    for name in given:
+        if name not in known:
+            raise InputError(f"{name}: no option of {place}; {did_you_mean(name, known)}")
+
+
+def _typed(annotation: Any, value: Any) -> Any:
+    if isinstance(value, list) and (get_origin(annotation) is tuple or annotation is tuple):
+        return tuple(value)
+    wants_path = Path in (annotation, *get_args(annotation))
+    return Path(value).expanduser() if wants_path and isinstance(value, str) else value
+
+
+def _label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:
+    """The plugin's name, and those of its values that a sweep goes over; a place by its last name."""
+    named = [name for name in values if f"{plugin.kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
+    told = [(name, values[name]) for name in named]
+    parts = [f"{name}={value.name if isinstance(value, Path) else _plain(value)}" for name, value in told]
+    return ",".join([plugin.name, *parts]).replace(" ", "")
+
+
+def _plain(value: Any) -> Any:
+    """As a row or a label keeps it."""
+    if isinstance(value, Path):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _plain_tree(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain_tree(inner) for key, inner in value.items()}
+    return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else _plain(value)
+
+
+def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
+    chosen = []
+    for given in values.values():
+        variants = tuple(given["variants"])
+        choice = _choice("metric", {k: v for k, v in given.items() if k != "variants"})
+        chosen.append(MetricChoice(choice, _variants(choice.plugin, variants)))
+    if not chosen:
+        raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
+    return tuple(chosen)
+
+
+def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
+    """Read "name", "name:variant" and "name:all", as Python and `sucre-bench score` take them."""
+    chosen: dict[str, list[str]] = {}
+    for text in names:
+        name, _, variant = text.partition(":")
+        plugin = plugins.find("metric", name)
+        chosen.setdefault(name, []).extend([variant] if variant else plugin.default)
+    return _metrics({name: {"name": name, "variants": variants} for name, variants in chosen.items()})
+
+
+def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
+    if "all" in names:
+        return tuple(plugin.variants)
+    for name in names:
+        if name not in plugin.variants:
+            raise InputError(f"{plugin.name}: no variant '{name}'; {did_you_mean(name, plugin.variants)}")
+    return tuple(dict.fromkeys(names))
+
+
+def _view_names(given: Any) -> tuple[str, ...] | None:
+    """A list of names, one name, or the path of a text file with one name a line."""
+    if given is None:
+        return None
+    names = [str(n) for n in given] if isinstance(given, list) else [str(given)]
+    if len(names) == 1 and names[0].endswith(".txt"):
+        path = Path(names[0]).expanduser()
+        if not path.is_file():
+            raise InputError(f"{path}: no such list of views; give a text file with one view name a line")
+        try:
+            names = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        except (OSError, UnicodeDecodeError) as fault:
+            raise InputError(f"{path}: not a list of views, {one_line(fault)}; save it as UTF-8 text") from fault
+    if not names:
+        raise InputError("views: an empty list; name some views, or leave views= out for all of them")
+    return tuple(names)

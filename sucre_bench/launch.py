@@ -1,0 +1,134 @@
+"""Running the jobs of a sweep through Hydra's launchers, and what to do when one takes others with it."""
+
+from __future__ import annotations
+
+import os
+import signal
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import ProcessPoolExecutor
+from concurrent.futures.process import BrokenProcessPool
+from contextlib import contextmanager, nullcontext
+from contextvars import ContextVar
+from multiprocessing import get_context
+from typing import TYPE_CHECKING
+
+from sucre_bench import config, console, plugins, progress, results, tracking
+from sucre_bench.check import Planned, states
+from sucre_bench.config import CONF, Sweep
+from sucre_bench.errors import PluginError, SucreBenchError, one_line
+from sucre_bench.job import Job
+from sucre_bench.layout import file_name, log_path
+from sucre_bench.run import failed_row, run_job
+from sucre_bench.scores import keep_traceback
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+__all__ = ["launch", "rescue", "terminated_as_interrupt"]
+
+# Steps the line of the whole sweep; None in the processes of a parallel launcher, which each tell of their own job.
+_view_done: ContextVar[Callable[[], None] | None] = ContextVar("view_done", default=None)
+
+
+def launch(sweep: Sweep, parent: str, restorations: int) -> bool:
+    """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere; return whether all came back."""
+    import hydra
+
+    arguments = [*sweep.overrides, f"tracking.parent_run='{parent}'", *(["--multirun"] if sweep.multirun else [])]
+    config.register()
+    main = hydra.main(config_path=f"pkg://{CONF}", config_name="config", version_base="1.3")(_hydra_job)
+    with _as_command_line(["sucre-bench run", *arguments]):
+        return _run_main(main, sweep, restorations)
+
+
+@contextmanager
+def _as_command_line(arguments: list[str]) -> Iterator[None]:
+    """Let Hydra read its command from where it looks, and raise what it trips over instead of printing it."""
+    before, sys.argv = sys.argv, arguments
+    full = os.environ.get("HYDRA_FULL_ERROR")
+    os.environ["HYDRA_FULL_ERROR"] = "1"
+    try:
+        yield
+    finally:
+        sys.argv = before
+        del os.environ["HYDRA_FULL_ERROR"]
+        if full is not None:
+            os.environ["HYDRA_FULL_ERROR"] = full
+
+
+def _run_main(main: Callable[[], None], sweep: Sweep, restorations: int) -> bool:
+    try:
+        if len(sweep.jobs) == 1 or not sweep.in_process:
+            main()
+        else:
+            with progress.line(f"{len(sweep.jobs)} jobs", restorations) as step:
+                token = _view_done.set(step)
+                try:
+                    main()
+                finally:
+                    _view_done.reset(token)
+    except Exception as fault:  # of a launcher: jobs turn their own faults into rows
+        keep_traceback(log_path(sweep.jobs[0].out), "launcher")
+        progress.say(f"failed  the launcher: {one_line(fault)[:160]}")
+        return False
+    return True
+
+
+def rescue(planned: Sequence[Planned], started: str, parent: str) -> None:
+    """Run what a dead worker of this machine took with it, each job in a process of its own.
+
+    The job that kills its process again gets a row that says so; the others finish.
+    """
+    progress.say("a worker process died; what it left undone runs again, each job in a process of its own")
+    for plan in planned:
+        rows = results.merge(plan.job.out)
+        if all(status != "missing" for status, _, _ in states(rows, plan, started)):
+            continue
+        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
+            try:
+                alone.submit(_run_alone, plan.job.config, parent).result()
+            except BrokenProcessPool:
+                fault = PluginError("the job's process was killed, for want of memory perhaps; try smaller images")
+                part = results.Part(plan.job.out, file_name(plan.job.method.label))
+                part.add([failed_row(plan.job, fault)])
+                part.flush()
+
+
+def _run_alone(configuration: str, parent: str) -> None:
+    import yaml
+    from omegaconf import OmegaConf
+
+    settings = OmegaConf.create(yaml.safe_load(configuration))
+    settings.tracking.parent_run = parent
+    _hydra_job(settings)
+
+
+def _hydra_job(settings: DictConfig) -> None:
+    for file in settings.plugins:
+        plugins.load_file(file)
+    job = Job.of(settings)
+    with nullcontext() if progress.is_watched() else console.plain():
+        try:
+            if run_job(job, _view_done.get() or (lambda: None)):
+                tracking.log_job(job)
+        except SucreBenchError as fault:
+            progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}")
+
+
+@contextmanager
+def terminated_as_interrupt() -> Iterator[None]:
+    """Let a polite kill end like Ctrl-C: what is done is kept and joined."""
+
+    def interrupt(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    try:
+        before = signal.signal(signal.SIGTERM, interrupt)
+    except ValueError:  # not the main thread: whoever runs us handles signals
+        yield
+        return
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGTERM, before)
