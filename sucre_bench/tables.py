@@ -32,7 +32,7 @@ def number(value: float) -> str:
     for least, text in ((100, f"{value:.0f}"), (10, f"{value:.1f}"), (1, f"{value:.2f}"), (0.1, f"{value:.3f}")):
         if size >= least:
             return text
-    return f"{value:.2g}"
+    return f"{value:#.2g}" if size else "0"
 
 
 def verdicts(comparison: Comparison) -> list[str]:
