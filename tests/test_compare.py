@@ -189,8 +189,10 @@ def test_by_view_ranks_methods_within_each_view():
 
 @pytest.mark.parametrize(
     ("value", "text"),
-    [(0, "0"), (0.0002, "0.00020"), (0.02, "0.020"), (0.0312, "0.031"), (0.5, "0.500"), (1.234, "1.23"), (31.74, "31.7"), (123.4, "123"),
-     (np.nan, "-"), (np.inf, "inf"), (-12.34, "-12.3")],
+    [
+        (0, "0"), (0.0002, "0.00020"), (0.02, "0.020"), (0.0312, "0.031"), (0.5, "0.500"), (1.234, "1.23"),
+        (31.74, "31.7"), (123.4, "123"), (np.nan, "-"), (np.inf, "inf"), (-12.34, "-12.3"),
+    ],
 )  # fmt: skip
 def test_numbers_keep_the_figures_that_matter(value: float, text: str):
     assert tables.number(value) == text
