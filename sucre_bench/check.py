@@ -36,6 +36,7 @@ class Planned:
 
 
 def check(sweep: Sweep) -> list[Planned]:
+    """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
     problems: list[str] = []
     if len({job.out.resolve() for job in sweep.jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")

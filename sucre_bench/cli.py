@@ -27,6 +27,8 @@ def main() -> None:
         cli(standalone_mode=False)
     except click.exceptions.Abort:
         sys.exit(130)
+    except click.exceptions.NoArgsIsHelpError as fault:
+        click.echo(fault.format_message())
     except click.ClickException as fault:
         _say(f"error: {fault.format_message()}", "red", err=True)
         sys.exit(fault.exit_code)

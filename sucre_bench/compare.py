@@ -126,8 +126,9 @@ def compare(
     if by == "method":
         groups = rows.groupby(["dataset"], sort=False)
     else:
+        rows = rows[rows["view"] != ""]
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
-        groups = rows[rows["view"] != ""].groupby(["dataset", *(["scene"] if several else []), by], sort=False)
+        groups = rows.groupby(["dataset", *(["scene"] if several else []), by], sort=False)
     return [
         _table(" · ".join(map(str, key)), own, [n for n in order if n in set(own["method"])]) for key, own in groups
     ]

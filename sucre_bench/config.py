@@ -9,11 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import MISSING, dataclass, field, make_dataclass
+from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, one_line
 from sucre_bench.job import Job, RunConfig
 from sucre_bench.layout import file_name
 from sucre_bench.mistakes import GROUPS, check_experiment, in_our_words, not_an_override
@@ -34,14 +35,20 @@ CONF = "sucre_bench.conf"
 def register() -> None:
     """Tell Hydra's config store every plugin's options; what cannot be used is left out."""
     from hydra.core.config_store import ConfigStore
+    from omegaconf import OmegaConf
 
     store = ConfigStore.instance()
     store.store(name="base_run", node=RunConfig)
     for group, kind in GROUPS.items():
-        for plugin in plugins.discover(kind).values():
+        for plugin in list(plugins.discover(kind).values()):
             if isinstance(plugin, Plugin):
                 package = f"metrics.{plugin.name}" if kind == "metric" else group
-                store.store(group=group, name=plugin.name, node=_schema(plugin), package=package)
+                try:
+                    node = OmegaConf.structured(_schema(plugin))
+                except Exception as fault:  # a default that is not of its option's type, say
+                    plugins.set_aside(plugin, one_line(fault))
+                    continue
+                store.store(group=group, name=plugin.name, node=node, package=package)
 
 
 def _schema(plugin: Plugin) -> type[Any]:
@@ -71,7 +78,7 @@ def _field(value: Any) -> Any:
 
 
 def _hydra_type(annotation: Any) -> Any:
-    """The nearest type OmegaConf can check: it knows neither Literal (checked by `plugins.create`) nor tuple."""
+    """The nearest type OmegaConf can check: it knows neither Literal (checked by `plugins.check_options`) nor tuple."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return str
@@ -117,6 +124,7 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
     or two jobs of one label.
     """
+    overrides = [_at_home(text) for text in overrides]
     parsed = _parse(overrides)
     for override in parsed:
         if override.key_or_group == "plugins":  # before its plugins can be configured
@@ -140,6 +148,13 @@ class _Expansion:
     jobs: list[list[str]]
     swept: tuple[str, ...]
     multirun: bool
+
+
+def _at_home(override: str) -> str:
+    """An override with a leading ~ expanded; the shell only does that to whole words."""
+    key, equals, value = override.partition("=")
+    bare = value.strip("'\"")
+    return f"{key}='{Path(bare).expanduser()}'" if equals and bare.startswith("~/") else override
 
 
 def _parse(overrides: Sequence[str]) -> list[Override]:
@@ -176,7 +191,10 @@ def _expand(parsed: list[Override], multirun: bool) -> _Expansion:
     swept = tuple(dict.fromkeys(o.key_or_group for o in everything if o.is_sweep_override()))
     try:
         (batch,) = BasicSweeper.split_arguments([o for o in everything if not o.is_hydra_override()], None)
-    except HydraException:  # another sweeper decides the values as it goes; only what is fixed can be checked
+    except HydraException as fault:
+        if str(base.hydra.sweeper._target_).endswith("BasicSweeper"):
+            raise InputError(f"{one_line(fault)}; list the values, or choose hydra/sweeper=...") from fault
+        # Another sweeper decides the values as it goes; only what is fixed can be checked.
         return _Expansion([fixed], swept, True)
     settings = [o.input_line or "" for o in everything if o.is_hydra_override()]
     return _Expansion([settings + one for one in batch], swept, True)
@@ -204,7 +222,6 @@ def _distinct(planned: Sequence[Job]) -> None:
         if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
             if (other.method, other.dataset) != (job.method, job.dataset):
-                raise InputError(
-                    f"two jobs of this sweep would both be '{name}'; leave out method.label, dataset.label"
-                )
+                of = "method" if other.dataset == job.dataset else "dataset"
+                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
             raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.colour import check_display
@@ -146,12 +146,12 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
         raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
     plugin = plugins.find(kind, values.pop("name"))
     label, display = values.pop("label", None), values.pop("display", "")
-    if display:
+    if kind == "method":
         check_display(display)
     types = {o.name: o.type for o in plugins.options(plugin.cls)}
     _only_known(plugin.name, values, set(types))
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
-    options = {name: _typed(types[name], value) for name, value in given.items()}
+    options = {name: plugins.typed(types[name], value) for name, value in given.items()}
     plugins.check_options(plugin, options)
     return Choice(plugin, label or _label(plugin, {**options, "display": display}, swept), options, display)
 
@@ -160,13 +160,6 @@ def _only_known(place: str, given: Iterable[str], known: set[str]) -> None:
     for name in given:
         if name not in known:
             raise InputError(f"{name}: no option of {place}; {did_you_mean(name, known)}")
-
-
-def _typed(annotation: Any, value: Any) -> Any:
-    if isinstance(value, list) and (get_origin(annotation) is tuple or annotation is tuple):
-        return tuple(value)
-    wants_path = Path in (annotation, *get_args(annotation))
-    return Path(value).expanduser() if wants_path and isinstance(value, str) else value
 
 
 def _label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:

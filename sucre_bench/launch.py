@@ -10,6 +10,7 @@ from concurrent.futures import ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, nullcontext
 from contextvars import ContextVar
+from enum import Enum
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
@@ -25,14 +26,23 @@ from sucre_bench.scores import keep_traceback
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-__all__ = ["launch", "rescue", "terminated_as_interrupt"]
+__all__ = ["Ended", "launch", "rescue", "terminated_as_interrupt"]
+
+
+class Ended(Enum):
+    """How a launcher came back; what each job did is in the rows."""
+
+    WELL = "well"
+    WORKER_DIED = "worker died"
+    CRASHED = "crashed"
+
 
 # Steps the line of the whole sweep; None in the processes of a parallel launcher, which each tell of their own job.
 _view_done: ContextVar[Callable[[], None] | None] = ContextVar("view_done", default=None)
 
 
-def launch(sweep: Sweep, parent: str, restorations: int) -> bool:
-    """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere; return whether all came back."""
+def launch(sweep: Sweep, parent: str, restorations: int) -> Ended:
+    """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere; return how that ended."""
     import hydra
 
     arguments = [*sweep.overrides, f"tracking.parent_run='{parent}'", *(["--multirun"] if sweep.multirun else [])]
@@ -57,7 +67,7 @@ def _as_command_line(arguments: list[str]) -> Iterator[None]:
             os.environ["HYDRA_FULL_ERROR"] = full
 
 
-def _run_main(main: Callable[[], None], sweep: Sweep, restorations: int) -> bool:
+def _run_main(main: Callable[[], None], sweep: Sweep, restorations: int) -> Ended:
     try:
         if len(sweep.jobs) == 1 or not sweep.in_process:
             main()
@@ -70,9 +80,11 @@ def _run_main(main: Callable[[], None], sweep: Sweep, restorations: int) -> bool
                     _view_done.reset(token)
     except Exception as fault:  # of a launcher: jobs turn their own faults into rows
         keep_traceback(log_path(sweep.jobs[0].out), "launcher")
+        if type(fault).__name__ == "TerminatedWorkerError":  # joblib's, of a copy of loky that it hides
+            return Ended.WORKER_DIED
         progress.say(f"failed  the launcher: {one_line(fault)[:160]}")
-        return False
-    return True
+        return Ended.CRASHED
+    return Ended.WELL
 
 
 def rescue(planned: Sequence[Planned], started: str, parent: str) -> None:

@@ -28,6 +28,7 @@ from pathlib import Path
 from types import ModuleType, UnionType
 from typing import Any, Literal, Protocol, TypeVar, Union, get_args, get_origin, get_type_hints
 
+from sucre_bench.colour import check_display
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError, did_you_mean, one_line
 from sucre_bench.scene import Array, Restoration, Scene, Score, View
 
@@ -49,7 +50,9 @@ __all__ = [
     "missing_needs",
     "missing_packages",
     "options",
+    "set_aside",
     "source_hash",
+    "typed",
 ]
 
 Kind = Literal["method", "dataset", "metric"]
@@ -159,6 +162,7 @@ def method(
     requires: import names of packages it uses when it runs; cites, licence: of the method it implements;
     display: the normalisation its result is shown and scored with, see `sucre_bench.colour.display`.
     """
+    check_display(display)
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, display=display)
 
 
@@ -185,6 +189,8 @@ def metric(
     variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
     unit: as printed; better: "higher" or "lower"; range: of possible values.
     """
+    if better not in ("higher", "lower"):
+        raise PluginError(f"metric: better='{better}'; it is 'higher' or 'lower'")
     chosen = tuple(default) or tuple(variants)[:1]
     about = {"unit": unit, "better": better, "range": range, "variants": dict(variants), "default": chosen}
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
@@ -207,7 +213,8 @@ def load_file(path: str | Path) -> None:
         return
     if not path.is_file():
         raise PluginError(f"{path}: no such plugin file; give the path of a .py file")
-    spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}", path)
+    of = hashlib.blake2b(str(path).encode(), digest_size=4).hexdigest()  # two files may have one name
+    spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}_{of}", path)
     if spec is None or spec.loader is None:
         raise PluginError(f"{path}: not a Python file; give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
@@ -310,6 +317,11 @@ def find(kind: Kind, name: str) -> Plugin:
     return plugin
 
 
+def set_aside(plugin: Plugin, reason: str) -> None:
+    """From now on, treat a plugin as one that cannot be used."""
+    discover(plugin.kind)[plugin.name] = Broken(plugin.name, reason)
+
+
 def _where(plugin: Plugin | Broken) -> str:
     return str(Path(inspect.getsourcefile(plugin.cls) or "").resolve()) if isinstance(plugin, Plugin) else plugin.name
 
@@ -366,6 +378,9 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
     for name, value in values.items():
         if name not in known:
             raise InputError(f"{plugin.kind} '{plugin.name}': no option '{name}'; {did_you_mean(name, known)}")
+        if not _fits(known[name].type, value):
+            of = getattr(known[name].type, "__name__", known[name].type)
+            raise InputError(f"{plugin.name}.{name}: {value!r} is not {of}; see `sucre-bench list {plugin.kind}s`")
         if known[name].choices and value not in known[name].choices:
             hint = did_you_mean(str(value), known[name].choices)
             raise InputError(f"{plugin.name}.{name}: '{value}' is not a choice; {hint}")
@@ -374,10 +389,32 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
         raise InputError(f"{plugin.name}.{missing[0]}: must be given; add {plugin.kind}.{missing[0]}=...")
 
 
+def _fits(annotation: Any, value: Any) -> bool:
+    """Whether a value may stand where a number, a truth value or text is asked for; other types are not checked."""
+    kinds = [kind for kind in (annotation, *get_args(annotation)) if kind in (bool, int, float, str)]
+    if annotation not in (bool, int, float, str) and get_origin(annotation) not in (Union, UnionType):
+        return True
+    if not kinds or (value is None and type(None) in get_args(annotation)) or isinstance(value, Path):
+        return True
+    return any(type(value) is kind or (kind is float and type(value) is int) for kind in kinds)
+
+
 def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
-    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise."""
+    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise.
+
+    A path may be given as text, a tuple as a list.
+    """
     check_options(plugin, values)
-    return plugin.cls(**values)
+    types = {o.name: o.type for o in options(plugin.cls)}
+    return plugin.cls(**{name: typed(types[name], value) for name, value in values.items()})
+
+
+def typed(annotation: Any, value: Any) -> Any:
+    """Return an option's value as its type: text as a path, a list as a tuple; else as it is."""
+    if isinstance(value, list) and get_origin(annotation) is tuple:
+        return tuple(value)
+    is_path = Path in (annotation, *get_args(annotation))
+    return Path(value).expanduser() if is_path and isinstance(value, (str, Path)) else value
 
 
 def missing_packages(plugin: Plugin) -> str:

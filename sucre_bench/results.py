@@ -41,8 +41,8 @@ class Row:
 
     method: the configuration's label; options: all its options as JSON, options_id their hash; region: "image", a
     chart, or "<chart>/<patch>"; coverage: share of the region scored; status: "ok", "failed" or "skipped" (value NaN,
-    `reason` says why); seconds, peak_mb: of the restoration (wall time; resident memory above what was held before);
-    code: hashes of the method's and the metric's source; data_id: hash of the data; time: UTC, ISO 8601.
+    `reason` says why); seconds, peak_mb: of the restoration (wall time; memory above what was held before, with the
+    GPU's); code: hashes of source, the restoration's and the metric's; data_id: hash of the data; time: UTC, ISO 8601.
     The row of metric "seconds" stands for the restoration as a whole: it is the one that says failed or skipped.
     """
 
@@ -231,4 +231,4 @@ def write_atomically(path: Path, content: bytes) -> None:
 def _not_writable(path: Path, fault: OSError) -> OutputError:
     if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return OutputError(f"{path}: the disk is full; free some space and give the same command again")
-    return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another out=...")
+    return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")

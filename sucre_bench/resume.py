@@ -60,5 +60,5 @@ class Done:
         if any(k.metric == base.metric and k.status == "skipped" for k in kept):
             return whole in there
         files = [picture, *([picture.with_suffix(".npz")] if self.job.save == "full" else [])]
-        wanted = {(m.plugin.name, variant, code_of(base, m.plugin)) for m in self.job.metrics for variant in m.variants}
+        wanted = {(m.plugin.name, variant, code_of(base, m)) for m in self.job.metrics for variant in m.variants}
         return {whole, *wanted} <= there and all(file.is_file() for file in files)

@@ -5,15 +5,15 @@ from __future__ import annotations
 import math
 import traceback
 from collections.abc import Iterable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 from sucre_bench import plugins, results
 from sucre_bench.errors import ANY_FAULT, one_line
 from sucre_bench.job import MetricChoice
-from sucre_bench.plugins import Plugin
 from sucre_bench.restoring import Measured
-from sucre_bench.results import Row
+from sucre_bench.results import Row, fingerprint
 from sucre_bench.scene import Array, Restoration, View
 
 __all__ = ["code_of", "keep_traceback", "score_rows", "without"]
@@ -36,7 +36,7 @@ def score_rows(
     shown = _locked(shown)
     for choice in metrics:
         plugin = choice.plugin
-        own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code_of(base, plugin))
+        own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code_of(base, choice))
         absent = plugins.missing_needs(plugin, offers).replace("the scene", "the view")
         for variant in choice.variants:
             row = replace(own, variant=variant)
@@ -54,9 +54,10 @@ def _locked(array: Array) -> Array:
     return locked
 
 
-def code_of(base: Row, metric: Plugin) -> str:
-    """What a score's row says as code: the restoration's hash, then the metric's."""
-    return f"{base.code.split('.')[0]}.{plugins.source_hash(metric)}"
+def code_of(base: Row, metric: MetricChoice) -> str:
+    """What a score's row says as code: the restoration's hash, then the metric's source and options."""
+    options = f"-{fingerprint(metric.choice.options)[1]}" if metric.choice.options else ""
+    return f"{base.code.split('.')[0]}.{plugins.source_hash(metric.plugin)}{options}"
 
 
 def without(base: Row, status: results.Status, reason: str) -> Row:
@@ -97,6 +98,7 @@ def keep_traceback(log: Path | None, where: str) -> None:
     """Append the exception being handled to a log, if there is one."""
     if log is None:
         return
-    log.parent.mkdir(parents=True, exist_ok=True)
-    with log.open("a", encoding="utf-8") as file:
-        file.write(f"--- {results.now()} {where}\n{traceback.format_exc()}\n")
+    with suppress(OSError):  # the log is a courtesy: the row has the reason
+        log.parent.mkdir(parents=True, exist_ok=True)
+        with log.open("a", encoding="utf-8") as file:
+            file.write(f"--- {results.now()} {where}\n{traceback.format_exc()}\n")

@@ -43,8 +43,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     """Score every image under a folder (or one file): the long table's columns, the folder's name as the method.
 
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
-    every metric that applies, in all its variants. An image that cannot be read is a failed row.
-    Raises InputError when there is no image, or no reference of that name.
+    every metric that applies, in all its variants. An image that cannot be read, or has no reference of its name, is a
+    failed row. Raises InputError when there is no image, or no folder of references.
     """
     import pandas as pd
 
@@ -53,16 +53,16 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     files = _images(images)
     if reference is not None and not reference.exists():
         raise InputError(f"{reference}: no such folder; give the references as a folder or one image")
-    tables = []
-    for name, path in progress.track(files.items(), f"scoring {images.name}"):
+    label, tables = images.resolve().name, []
+    for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
             view = View(name, _Files(path, _partner(name, reference)))
             if view.reference is not None and view.reference.shape != view.rgb.shape:
                 sizes = [f"{w}x{h}" for h, w, _ in (view.rgb.shape, view.reference.shape)]
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
-            tables.append(score(Restoration(view.rgb, info={"method": images.name}), view, names))
+            tables.append(score(Restoration(view.rgb, info={"method": label}), view, names))
         except InputError as fault:
-            tables.append(_failed(images.name, name, str(fault)))
+            tables.append(_failed(label, name, str(fault)))
     rows = pd.concat(tables, ignore_index=True)
     return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import config, console, plugins, provenance, results, tracking
 from sucre_bench.check import Planned, ProblemsError, check, states
 from sucre_bench.config import Sweep
-from sucre_bench.launch import launch, rescue, terminated_as_interrupt
+from sucre_bench.launch import Ended, launch, rescue, terminated_as_interrupt
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -76,10 +76,10 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
         interrupted = crashed = False
         try:
             with terminated_as_interrupt():
-                crashed = not launch(sweep, parent, sum(len(plan.tasks) for plan in planned))
-                if crashed and sweep.launcher.endswith("JoblibLauncher"):
+                ended = launch(sweep, parent, sum(len(plan.tasks) for plan in planned))
+                crashed = ended is Ended.CRASHED
+                if ended is Ended.WORKER_DIED:
                     rescue(planned, started, parent)
-                    crashed = False  # what a job still lacks counts as failed
         except KeyboardInterrupt:
             interrupted = True
         finally:

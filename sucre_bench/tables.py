@@ -12,7 +12,7 @@ from sucre_bench.compare import COSTS, Cell, Column, Comparison
 if TYPE_CHECKING:
     from rich.console import RenderableType
 
-__all__ = ["ARROW", "Format", "as_table", "as_text", "number", "title", "verdicts"]
+__all__ = ["ARROW", "Format", "as_table", "as_text", "left_out", "number", "title", "verdicts"]
 
 Format = Literal["md", "latex", "csv", "json"]
 

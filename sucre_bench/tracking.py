@@ -162,8 +162,8 @@ def _log_values(client: MlflowClient, run_id: str, rows: pd.DataFrame, params: d
     metrics = []
     for (metric, variant), scores in ok.groupby(["metric", "variant"]):
         key = f"{metric}.{variant}"
-        metrics.append(Metric(key, float(scores["value"].mean()), _stamp(scores), 0))
         by_view = scores.groupby(["scene", "view"])["value"].mean()
+        metrics.append(Metric(key, float(by_view.mean()), _stamp(scores), 0))
         for (scene, view), value in by_view.items():
             metrics.append(Metric(f"views/{key}", float(value), _stamp(scores), steps[f"{scene}/{view}"]))
     listed = [Param(name, _text(value)[:_LONGEST_PARAM]) for name, value in params.items()]

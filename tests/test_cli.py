@@ -62,6 +62,12 @@ def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str],
     assert said in done.stderr
 
 
+def test_the_bare_command_shows_its_help(bench):
+    done = bench()
+    assert done.returncode == 0
+    assert done.stdout.startswith("Usage: sucre-bench")
+
+
 def test_an_unknown_flag_is_not_taken_for_an_override(bench):
     done = bench("run", "--mutlirun", "method=gray_world")
     assert done.returncode == 2

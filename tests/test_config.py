@@ -88,6 +88,11 @@ def test_one_label_for_two_configurations_is_refused():
         jobs("method.gain=1,2", "method.label=mine", multirun=True)
 
 
+def test_a_range_is_no_list_for_the_sweeper_that_tries_every_value():
+    with pytest.raises(InputError, match="list the values, or choose hydra/sweeper="):
+        jobs("method.gain=interval(0,1)", multirun=True)
+
+
 @pytest.mark.parametrize("swept", ["views=[v0.png],[v1.png]", "metrics=[psnr],[ssim]"])
 def test_jobs_that_differ_only_in_what_is_scored_or_which_views_are_refused(swept: str):
     with pytest.raises(InputError, match="two jobs of this sweep are the same, 'toy / gain'"):

@@ -8,7 +8,7 @@ from typing import Literal
 
 import pytest
 
-from sucre_bench import InputError, PluginError, method, plugins
+from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.config import jobs
 from sucre_bench.plugins import Broken, create, discover, find, load_file, missing_packages, options, source_hash
 
@@ -128,6 +128,7 @@ def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: P
         ("kernel: 'np.ndarray' = None", "annotations do not resolve, NameError"),
         ("level: Literal[1, 2] = 1", "option 'level' is typing.Literal[1, 2]"),
         ("label: str = ''", "option 'label' has a reserved name"),
+        ("count: int = None", "cannot be used"),
     ],
 )
 def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path: Path, field: str, said: str):
@@ -138,9 +139,23 @@ def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path
         .replace("    def restore", f"    {field}\n    def restore")
     )
     load_file(path)
+    assert jobs(["dataset=demo", "method=underwater"], multirun=False)
     with pytest.raises(PluginError, match=re.escape(said)):
         find("method", "odd")
-    assert jobs(["dataset=demo", "method=underwater"], multirun=False)
+
+
+def test_two_files_of_one_name_are_two_modules(tmp_path: Path):
+    for folder, name in (("a", "First"), ("b", "Second")):
+        (tmp_path / folder).mkdir()
+        load_file(write(tmp_path / folder, name, "mine.py"))
+    assert find("method", "first").cls.__module__ != find("method", "second").cls.__module__
+
+
+def test_a_decorator_refuses_what_nobody_could_use():
+    with pytest.raises(PluginError, match="better='up'; it is 'higher' or 'lower'"):
+        metric(variants={"only": ""}, unit="", better="up", range=(0, 1))  # type: ignore[arg-type]
+    with pytest.raises(InputError, match="display 'strech': unknown"):
+        method(display="strech")
 
 
 def test_what_a_plugin_prints_when_imported_is_no_output_of_ours(tmp_path: Path, bench):
@@ -197,6 +212,9 @@ def test_create_refuses_what_the_fields_do_not_say():
         create(plugin, {"rat": 1})
     with pytest.raises(InputError, match=r"'sof' is not a choice; did you mean 'soft'"):
         create(plugin, {"kind": "sof"})
+    with pytest.raises(InputError, match=r"rate: 'fast' is not float"):
+        create(plugin, {"rate": "fast"})
+    assert create(plugin, {"rate": 2}) == Documented(rate=2)
 
 
 def test_what_is_not_installed_comes_with_the_line_that_installs_it():

@@ -81,6 +81,7 @@ def test_run_twice_computes_nothing_again(out: Path, tmp_path: Path):
         ("overwrite=never", 0),
         ("metrics=[psnr,redness,ssim]", 3),
         ("metrics=[psnr]", 0),
+        ("metrics.redness.factor=2", 3),
         ("dataset.tag=other", 3),
         ("save=full", 3),
         ("views=[v1.png]", 0),
@@ -210,11 +211,18 @@ def test_a_dataset_with_two_views_of_one_name_is_refused(out: Path):
         run(out, "dataset=twins")
 
 
+def test_a_log_that_cannot_be_written_costs_no_result(out: Path):
+    (out / "logs" / "failures.log").mkdir(parents=True)
+    assert (run(out, "method=faulty").ok, run(out, "method=faulty").cached) == (2, 2)
+
+
 def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.chdir(tmp_path)
-    assert run(Path("'~/results'")).ok == 3
+    assert run(Path("'~/results'"), "method.log='~/calls'").ok == 3
     assert (tmp_path / "results" / "scores.parquet").is_file()
+    assert (tmp_path / "calls").is_file()
+    assert not (tmp_path / "~").exists()
 
 
 def test_a_method_whose_needs_are_not_met_is_skipped_with_the_reason(out: Path):

@@ -72,6 +72,21 @@ def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.Ca
     assert capsys.readouterr().err.count("mlflow: not logged") == 1
 
 
+def test_means_are_those_of_the_table(tmp_path: Path):
+    """Views count alike there, however many charts each has."""
+    from sucre_bench import compare
+    from sucre_bench.datasets.demo import Demo
+
+    list(Demo(root=tmp_path, width=480, height=360, views=5).scenes())
+    demo = ["dataset=demo", f"dataset.root={tmp_path}", "dataset.width=480", "dataset.height=360", "dataset.views=5"]
+    outcome = sweep.run([*demo, "method=underwater", "metrics=[psi]", f"out={tmp_path / 'out'}"], False)
+    (column,) = [c for c in compare.compare(outcome.rows)[0].columns if c.metric == "psi"]
+    (child,) = [r for r in runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}") if "method" in r.data.tags]
+    assert column.n_units % column.n_views, "the views must differ in their number of charts to show it"
+    mean = compare.compare(outcome.rows)[0].cells["underwater", column].mean
+    assert child.data.metrics["psi.colour"] == pytest.approx(mean)
+
+
 def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "50% done"
     outcome = sweep.run(["dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'"], False)

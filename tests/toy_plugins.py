@@ -123,13 +123,19 @@ class Faulty:
         raise ValueError("boom\nover two lines")
 
 
-@metric(variants={"plain": "the red channel's mean", "double": "twice that"}, unit="", better="higher", range=(0, 2))
+@metric(variants={"plain": "the red channel's mean", "double": "twice that"}, unit="", better="higher", range=(0, 9))
 @dataclass(frozen=True)
 class Redness:
     """Mean red of the shown picture."""
 
+    factor: float = 1.0
+    """What it is multiplied by."""
+
     def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
-        yield Score(float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1), n_pixels=shown[..., 0].size)
+        yield Score(
+            float(np.nanmean(shown[..., 0])) * (2 if variant == "double" else 1) * self.factor,
+            n_pixels=shown[..., 0].size,
+        )
 
 
 @metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import base64
+import shlex
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -31,7 +32,7 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     pages = Environment(loader=PackageLoader("sucre_bench", "report"), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"number": number, "title": title}
+    pages.filters |= {"number": number, "title": title, "shell": shlex.join}
     ok = rows[rows["status"] == "ok"]
     page = pages.get_template("page.html.j2").render(
         datasets=[_Section.of(out, rows, table) for table in (compare.compare(rows) if len(ok) else [])],
