@@ -145,6 +145,7 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
 def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     """A line a reason for the scores that views could not give."""
     skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != "seconds")]
+    skipped = skipped[~skipped["reason"].str.startswith("nothing to score")]  # a method without water, say
     why = skipped["reason"].str.split(",").str[0]
     for reason, own in skipped.groupby(why, sort=False):
         views = own[["dataset", "scene", "view"]].drop_duplicates()
