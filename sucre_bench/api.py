@@ -10,6 +10,7 @@ from sucre_bench import plugins, results
 from sucre_bench.colour import display
 from sucre_bench.errors import InputError
 from sucre_bench.job import metric_choices
+from sucre_bench.options import create
 from sucre_bench.restoring import Measured, measured_restore
 from sucre_bench.scene import Restoration, Scene, View
 from sucre_bench.scores import score_rows
@@ -25,7 +26,7 @@ def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
 
     Raises InputError for an unknown name or option, and for data that are not as expected.
     """
-    yield from plugins.create(plugins.find("dataset", name), options).scenes()
+    yield from create(plugins.find("dataset", name), options).scenes()
 
 
 def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Restoration:
@@ -35,7 +36,7 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
     Raises InputError where the scene lacks what the method needs, PluginError for a result that breaks the contract.
     """
     if isinstance(method, str):
-        method = plugins.create(plugins.find("method", method), options)
+        method = create(plugins.find("method", method), options)
     elif options:
         raise InputError(f"{type(method).__name__}: options given beside a method object; give them when making it")
     plugin: plugins.Plugin = method.__plugin__

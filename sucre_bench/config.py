@@ -18,6 +18,7 @@ from sucre_bench.errors import InputError, one_line
 from sucre_bench.job import Job, RunConfig
 from sucre_bench.layout import file_name
 from sucre_bench.mistakes import GROUPS, check_experiment, in_our_words, not_an_override
+from sucre_bench.options import options_of
 from sucre_bench.plugins import Plugin
 
 if TYPE_CHECKING:
@@ -57,7 +58,7 @@ def _schema(plugin: Plugin) -> type[Any]:
     from omegaconf import MISSING as ASK
 
     own: list[tuple[str, Any, Any]] = []
-    for option in plugins.options(plugin.cls):
+    for option in options_of(plugin.cls):
         default = ASK if option.default is MISSING else option.default
         own.append((option.name, _hydra_type(option.type), II("seed") if option.name == "seed" else default))
     added: list[tuple[str, Any, Any]] = [("name", str, plugin.name)]
@@ -78,7 +79,7 @@ def _field(value: Any) -> Any:
 
 
 def _hydra_type(annotation: Any) -> Any:
-    """The nearest type OmegaConf can check: it knows neither Literal (checked by `plugins.check_options`) nor tuple."""
+    """The nearest type OmegaConf can check: it knows neither Literal (checked by `options.check_options`) nor tuple."""
     origin, args = get_origin(annotation), get_args(annotation)
     if origin is Literal:
         return str

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins
 from sucre_bench.colour import check_display
 from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.options import check_options, create, options_of, typed
 from sucre_bench.plugins import Kind, Plugin
 
 if TYPE_CHECKING:
@@ -64,7 +65,7 @@ class Choice:
 
     def make(self) -> Any:
         """Create the plugin. InputError when an option is not acceptable."""
-        return plugins.create(self.plugin, self.options)
+        return create(self.plugin, self.options)
 
     @property
     def record(self) -> dict[str, Any]:
@@ -148,11 +149,11 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     label, display = values.pop("label", None), values.pop("display", "")
     if kind == "method":
         check_display(display)
-    types = {o.name: o.type for o in plugins.options(plugin.cls)}
+    types = {o.name: o.type for o in options_of(plugin.cls)}
     _only_known(plugin.name, values, set(types))
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
-    options = {name: plugins.typed(types[name], value) for name, value in given.items()}
-    plugins.check_options(plugin, options)
+    options = {name: typed(types[name], value) for name, value in given.items()}
+    check_options(plugin, options)
     return Choice(plugin, label or _label(plugin, {**options, "display": display}, swept), options, display)
 
 

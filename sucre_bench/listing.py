@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
+from sucre_bench.options import Option, options_of
 from sucre_bench.plugins import Broken, Kind, Plugin
 
 __all__ = ["as_json", "as_text"]
@@ -52,7 +53,7 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
         lines += _wrapped(f"{key}  ", text) if text else []
     for name, said in plugin.variants.items():
         lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
-    for option in plugins.options(plugin.cls):
+    for option in options_of(plugin.cls):
         choices = f" ({'|'.join(option.choices)})" if option.choices else ""
         default = "" if option.default is MISSING else f"={_plain_default(option.default)}"
         lines += _wrapped(f"{option.name}{default}{choices}  ", option.help)
@@ -81,7 +82,7 @@ def _about(plugin: Plugin | Broken) -> dict[str, Any]:
         "needs": sorted(plugin.needs),
         "licence": plugin.licence,
         "cites": plugin.cites,
-        "options": {o.name: _option(o) for o in plugins.options(plugin.cls)},
+        "options": {o.name: _option(o) for o in options_of(plugin.cls)},
         "installed": not plugins.missing_packages(plugin),
         "install": plugins.missing_packages(plugin),
         "variants": dict(plugin.variants),
@@ -94,7 +95,7 @@ def _about(plugin: Plugin | Broken) -> dict[str, Any]:
     return about
 
 
-def _option(option: plugins.Option) -> dict[str, Any]:
+def _option(option: Option) -> dict[str, Any]:
     default = "must be given" if option.default is MISSING else option.default
     about: dict[str, Any] = {"default": default if isinstance(default, (int, float, str, bool)) else _text(default)}
     if option.choices:

@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from sucre_bench import Arrays, Camera, Restoration, Scene, View, plugins, restore, score
+from sucre_bench.options import options_of
 from sucre_bench.plugins import Plugin, discover
 from sucre_bench.scene import Water
 
@@ -123,7 +124,7 @@ def test_a_metric_stays_in_its_range_and_says_what_it_measured(plugin: Plugin, k
 def test_every_plugin_is_described(kind: plugins.Kind):
     for plugin in built_in(kind):
         assert plugin.summary.endswith("."), f"{plugin.name}: the docstring's first paragraph is its description"
-        undocumented = [o.name for o in plugins.options(plugin.cls) if not o.help]
+        undocumented = [o.name for o in options_of(plugin.cls) if not o.help]
         assert not undocumented, f"{plugin.name}: a string below each field says what it is: {undocumented}"
 
 

@@ -22,7 +22,8 @@ from sucre_bench.datasets.demo.texture import make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
 from sucre_bench.errors import InputError
 from sucre_bench.multiview.geometry import pixel_rays
-from sucre_bench.plugins import create, find
+from sucre_bench.options import create
+from sucre_bench.plugins import find
 from sucre_bench.scene import Array, Scene, View
 
 SMALL: dict[str, Any] = {"width": 160, "height": 120, "views": 4}

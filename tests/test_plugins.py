@@ -10,7 +10,8 @@ import pytest
 
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.config import jobs
-from sucre_bench.plugins import Broken, create, discover, find, load_file, missing_packages, options, source_hash
+from sucre_bench.options import create, options_of
+from sucre_bench.plugins import Broken, discover, find, load_file, missing_packages, source_hash
 
 METHOD = """
 from dataclasses import dataclass
@@ -199,7 +200,7 @@ class Documented:
 
 
 def test_the_string_below_a_field_is_its_help():
-    rate, kind = options(Documented)
+    rate, kind = options_of(Documented)
     assert (rate.name, rate.default, rate.help) == ("rate", 0.5, "How fast it goes, in steps.")
     assert kind.choices == ("soft", "hard")
     assert kind.help == ""
