@@ -170,6 +170,8 @@ def score(
     sucre-bench score restored/
     sucre-bench score restored/ --reference truth/ --metrics psnr,ssim:all
     sucre-bench score restored/ --metrics uciqe:all,uiqm:all --csv scores.csv
+
+    A folder knows no holes: what is black counts as picture. `sucre-bench run` scores only pixels that have a colour.
     """
     from sucre_bench import console, plugins, results, scoring
 

@@ -94,11 +94,12 @@ def _hydra_type(annotation: Any) -> Any:
 class Sweep:
     """What a command asks for.
 
-    overrides: as Hydra takes them; multirun: whether it is a sweep; launcher: the class of Hydra's that runs its jobs.
+    overrides: the command's, as Hydra takes them; told: what the bench tells each job beside them; multirun: whether it is a sweep; launcher: the class of Hydra's that runs its jobs.
     """
 
     jobs: tuple[Job, ...]
     overrides: tuple[str, ...]
+    told: tuple[str, ...]
     multirun: bool
     launcher: str
 
@@ -139,7 +140,7 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
         planned = tuple(Job.of(_compose([*one, *told])) for one in expansion.jobs)
         launcher = _compose(expansion.jobs[0], hydra=True).hydra.launcher
     _distinct(planned)
-    return Sweep(planned, (*overrides, *told), expansion.multirun, str(launcher.get("_target_", "")))
+    return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, str(launcher.get("_target_", "")))
 
 
 @dataclass(frozen=True)

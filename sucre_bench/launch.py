@@ -45,7 +45,12 @@ def launch(sweep: Sweep, parent: str, restorations: int) -> Ended:
     """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere; return how that ended."""
     import hydra
 
-    arguments = [*sweep.overrides, f"tracking.parent_run='{parent}'", *(["--multirun"] if sweep.multirun else [])]
+    arguments = [
+        *sweep.overrides,
+        *sweep.told,
+        f"tracking.parent_run='{parent}'",
+        *(["--multirun"] if sweep.multirun else []),
+    ]
     config.register()
     main = hydra.main(config_path=f"pkg://{CONF}", config_name="config", version_base="1.3")(_hydra_job)
     with _as_command_line(["sucre-bench run", *arguments]):
