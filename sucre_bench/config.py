@@ -94,7 +94,8 @@ def _hydra_type(annotation: Any) -> Any:
 class Sweep:
     """What a command asks for.
 
-    overrides: the command's, as Hydra takes them; told: what the bench tells each job beside them; multirun: whether it is a sweep; launcher: the class of Hydra's that runs its jobs.
+    overrides: the command's, as Hydra takes them; told: what the bench tells each job beside them; multirun: whether it
+    is a sweep; launcher: the class of Hydra's that runs its jobs.
     """
 
     jobs: tuple[Job, ...]
