@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.colour import gray_world_gain
 
 
 @method(cites="Buchsbaum 1980")
@@ -22,7 +23,5 @@ class GrayWorld:
         """Return the whole image, scaled; it may exceed 1."""
         valid = view.valid
         pixels = view.rgb[valid] if valid.any() else view.rgb.reshape(-1, 3)
-        mean = pixels.mean(axis=0, dtype=np.float64)
-        lit = mean > 1e-6
-        gain = np.where(lit, mean.mean() / np.where(lit, mean, 1), 1)
+        gain = gray_world_gain(pixels)
         return Restoration(view.rgb * gain.astype(np.float32), info={"gain": gain.tolist()})

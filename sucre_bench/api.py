@@ -70,13 +70,20 @@ def score(
     options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
     shown = display(result.image, how, view.encoding)
     base = results.Row(
-        dataset=dataset, scene=info.get("scene", ""), view=view.name, method=info.get("method", ""),
-        options=options, options_id=options_id,
-        metric="seconds", variant="wall", region="image", value=float("nan"), unit="s", better="lower",
-        n_pixels=int(result.valid.sum()), coverage=float(result.valid.mean()), status="ok", reason="",
-        seconds=info.get("seconds", float("nan")), peak_mb=info.get("peak_mb", float("nan")),
-        device=str(info.get("device", "cpu")), seed=int(info.get("options", {}).get("seed", 0)),
-        code=info.get("code", ""), data_id=info.get("data_id", ""), time=results.now(),
-    )  # fmt: skip
+        dataset=dataset,
+        scene=info.get("scene", ""),
+        view=view.name,
+        method=info.get("method", ""),
+        options=options,
+        options_id=options_id,
+        n_pixels=int(result.valid.sum()),
+        coverage=float(result.valid.mean()),
+        seconds=info.get("seconds", float("nan")),
+        peak_mb=info.get("peak_mb", float("nan")),
+        device=str(info.get("device", "cpu")),
+        seed=int(info.get("options", {}).get("seed", 0)),
+        code=info.get("code", ""),
+        data_id=info.get("data_id", ""),
+    )
     measured = Measured(result, base.seconds, base.peak_mb)
     return results.frame(score_rows(measured, shown, view, metric_choices(metrics), base))

@@ -117,7 +117,7 @@ def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[tuple[str, s
 
     What was there before counts where it is what was asked for.
     """
-    job, done = plan.job, Done.of(plan.job)
+    job, done = plan.job, Done.among(rows, plan.job)
     own = rows[(rows["metric"] == "seconds") & (rows["dataset"] == job.dataset.label)]
     own = own[own["method"] == job.method.label]
     known = {(r.scene, r.view): (r.status, r.reason, r.time) for r in own.itertuples()}

@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Encoding
 
-__all__ = ["check_display", "display", "gray_world", "srgb_decode", "srgb_encode", "stretch", "to_8bit"]
+__all__ = ["check_display", "display", "gray_world_gain", "srgb_decode", "srgb_encode", "stretch", "to_8bit"]
 
 
 def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
@@ -30,7 +30,7 @@ def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
         return shown
     pixels: Array = np.asarray(image[valid], dtype=np.float64)  # (P, 3)
     if how == "gray-world":
-        pixels = gray_world(pixels)
+        pixels = pixels * gray_world_gain(pixels)
     elif how != "none":
         low, high = (float(p) for p in how.split("-")[1:])
         pixels = stretch(pixels, low, high)
@@ -58,11 +58,11 @@ def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None =
     return np.asarray(scaled.clip(0, 1))
 
 
-def gray_world(pixels: Array) -> Array:
-    """Scale each channel (P, 3) to the mean of all channels; a channel whose mean is not positive is left alone."""
-    mean = pixels.mean(axis=0)
+def gray_world_gain(pixels: Array) -> Array:
+    """Return the (3,) factors that bring each channel's mean (P, 3) to that of all; 1 for one that is not positive."""
+    mean = pixels.mean(axis=0, dtype=np.float64)
     usable = mean > 1e-6
-    return np.asarray(pixels * np.where(usable, mean.mean() / np.where(usable, mean, 1), 1))
+    return np.asarray(np.where(usable, mean.mean() / np.where(usable, mean, 1), 1))
 
 
 def srgb_decode(encoded: Array) -> Array:

@@ -74,7 +74,7 @@ def _schema(plugin: Plugin) -> type[Any]:
 
 
 def _field(value: Any) -> Any:
-    mutable = isinstance(value, (list, tuple, dict))
+    mutable = isinstance(value, (list, tuple))
     return field(default_factory=lambda: list(value)) if mutable else field(default=value)
 
 
@@ -139,18 +139,18 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
         expansion = _expand(parsed, multirun)
         told = [f"swept=[{','.join(expansion.swept)}]"] if expansion.swept else []
         planned = tuple(Job.of(_compose([*one, *told])) for one in expansion.jobs)
-        launcher = _compose(expansion.jobs[0], hydra=True).hydra.launcher
     _distinct(planned)
-    return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, str(launcher.get("_target_", "")))
+    return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, expansion.launcher)
 
 
 @dataclass(frozen=True)
 class _Expansion:
-    """The overrides of every job, and the keys that differ between them."""
+    """The overrides of every job, the keys that differ between them, and the class of Hydra's that runs them."""
 
     jobs: list[list[str]]
     swept: tuple[str, ...]
     multirun: bool
+    launcher: str
 
 
 def _at_home(override: str) -> str:
@@ -183,13 +183,14 @@ def _expand(parsed: list[Override], multirun: bool) -> _Expansion:
     # How to sweep is Hydra's and the experiment's to say; the rest may only make sense with the values swept over.
     deciding = [o for o in parsed if o.is_hydra_override() or o.key_or_group == "experiment"]
     base = _compose([o.input_line or "" for o in deciding if not o.is_sweep_override()], hydra=True)
+    launcher = str(base.hydra.launcher.get("_target_", ""))
     if base.hydra.job.chdir:
         raise InputError("hydra.job.chdir=true: paths are taken from where you are; leave it false")
     if not (multirun or base.hydra.mode == RunMode.MULTIRUN):
         for override in parsed:
             if override.is_sweep_override():
                 raise InputError(f"{override.input_line}: several values; add -m to run them all")
-        return _Expansion([fixed], (), False)
+        return _Expansion([fixed], (), False, launcher)
     everything = [*_parse([f"{k}={v}" for k, v in (base.hydra.sweeper.get("params") or {}).items()]), *parsed]
     swept = tuple(dict.fromkeys(o.key_or_group for o in everything if o.is_sweep_override()))
     try:
@@ -198,9 +199,9 @@ def _expand(parsed: list[Override], multirun: bool) -> _Expansion:
         if str(base.hydra.sweeper._target_).endswith("BasicSweeper"):
             raise InputError(f"{one_line(fault)}; list the values, or choose hydra/sweeper=...") from fault
         # Another sweeper decides the values as it goes; only what is fixed can be checked.
-        return _Expansion([fixed], swept, True)
+        return _Expansion([fixed], swept, True, launcher)
     settings = [o.input_line or "" for o in everything if o.is_hydra_override()]
-    return _Expansion([settings + one for one in batch], swept, True)
+    return _Expansion([settings + one for one in batch], swept, True, launcher)
 
 
 def _compose(overrides: list[str], hydra: bool = False) -> DictConfig:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import ast
+import functools
 import inspect
 import itertools
 import textwrap
@@ -20,6 +21,10 @@ if TYPE_CHECKING:
 __all__ = ["RESERVED", "Option", "check_options", "create", "options_of", "typed", "unusable"]
 
 
+# Set by the bench beside a plugin's own options.
+RESERVED = frozenset({"name", "label", "display", "variants"})
+
+
 @dataclass(frozen=True)
 class Option:
     """A field of a plugin: its name, type, default (dataclasses.MISSING when it must be given) and what it says."""
@@ -35,10 +40,15 @@ class Option:
         return get_args(self.type) if get_origin(self.type) is Literal else ()
 
 
-def options_of(cls: type[Any]) -> list[Option]:
-    """Return a plugin's fields, with the docstring under each as its help."""
+def options_of(cls: Any) -> tuple[Option, ...]:
+    """Return a plugin class's fields, with the docstring under each as its help."""
+    return _options_of(cls)
+
+
+@functools.cache  # asked for with every score, and it parses the class's source
+def _options_of(cls: Any) -> tuple[Option, ...]:
     hints, said = get_type_hints(cls), _field_docs(cls)
-    return [Option(f.name, hints[f.name], _default(f), said.get(f.name, "")) for f in fields(cls) if f.init]
+    return tuple(Option(f.name, hints[f.name], _default(f), said.get(f.name, "")) for f in fields(cls) if f.init)
 
 
 def _default(f: Any) -> Any:
@@ -106,10 +116,6 @@ def typed(annotation: Any, value: Any) -> Any:
         return tuple(value)
     is_path = Path in (annotation, *get_args(annotation))
     return Path(value).expanduser() if is_path and isinstance(value, (str, Path)) else value
-
-
-# Set by the bench beside a plugin's own options.
-RESERVED = frozenset({"name", "label", "display", "variants"})
 
 
 def unusable(plugin: Plugin) -> str:

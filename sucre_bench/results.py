@@ -11,12 +11,13 @@ import errno
 import hashlib
 import io
 import json
+import math
 import os
 import tempfile
 import time
 import uuid
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import asdict, dataclass, fields
+from dataclasses import asdict, dataclass, field, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -35,6 +36,11 @@ PARTS = "parts"
 _FLUSH_SECONDS = 1.0
 
 
+def now() -> str:
+    """The time as rows keep it."""
+    return datetime.now(UTC).isoformat(timespec="microseconds")
+
+
 @dataclass(frozen=True, slots=True)
 class Row:
     """One score, or the reason why there is none.
@@ -43,42 +49,38 @@ class Row:
     chart, or "<chart>/<patch>"; coverage: share of the region scored; status: "ok", "failed" or "skipped" (value NaN,
     `reason` says why); seconds, peak_mb: of the restoration (wall time; memory above what was held before, with the
     GPU's); code: hashes of source, the restoration's and the metric's; data_id: hash of the data; time: UTC, ISO 8601.
-    The row of metric "seconds" stands for the restoration as a whole: it is the one that says failed or skipped.
+    The row of metric "seconds" stands for the restoration as a whole: it is the one that says failed or skipped, and
+    what a row is before anything is known.
     """
 
-    dataset: str
-    scene: str
-    view: str
-    method: str
-    options: str
-    options_id: str
-    metric: str
-    variant: str
-    region: str
-    value: float
-    unit: str
-    better: str
-    n_pixels: int
-    coverage: float
-    status: Status
-    reason: str
-    seconds: float
-    peak_mb: float
-    device: str
-    seed: int
-    code: str
-    data_id: str
-    time: str
+    dataset: str = ""
+    scene: str = ""
+    view: str = ""
+    method: str = ""
+    options: str = "{}"
+    options_id: str = ""
+    metric: str = "seconds"
+    variant: str = "wall"
+    region: str = "image"
+    value: float = math.nan
+    unit: str = "s"
+    better: str = "lower"
+    n_pixels: int = 0
+    coverage: float = 1.0
+    status: Status = "ok"
+    reason: str = ""
+    seconds: float = math.nan
+    peak_mb: float = math.nan
+    device: str = "cpu"
+    seed: int = 0
+    code: str = ""
+    data_id: str = ""
+    time: str = field(default_factory=now)
 
 
 COLUMNS = tuple(f.name for f in fields(Row))
 _RESTORATION = ["dataset", "scene", "view", "method"]
 _NUMBERS = {"value": "float64", "n_pixels": "int64", "coverage": "float64", "seconds": "float64", "peak_mb": "float64"}
-
-
-def now() -> str:
-    """The time as rows keep it."""
-    return datetime.now(UTC).isoformat(timespec="microseconds")
 
 
 def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.job import Job
 from sucre_bench.results import Row
 from sucre_bench.scores import code_of
+
+if TYPE_CHECKING:
+    import pandas as pd
 
 __all__ = ["Done"]
 
@@ -36,11 +40,15 @@ class Done:
     @classmethod
     def of(cls, job: Job) -> Done:
         """Read the output folder of a job; one without a table holds nothing."""
-        kept: dict[tuple[str, str], list[_Kept]] = {}
         try:
-            rows = results.read(job.out)
+            return cls.among(results.read(job.out), job)
         except InputError:
-            return cls(job, kept)
+            return cls(job, {})
+
+    @classmethod
+    def among(cls, rows: pd.DataFrame, job: Job) -> Done:
+        """Pick what a table holds of a job."""
+        kept: dict[tuple[str, str], list[_Kept]] = {}
         own = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
         for r in own[own["status"] != "failed"].itertuples():
             one = _Kept(r.metric, r.variant, r.code, r.status, r.options_id, r.data_id)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import importlib
 import io
-import math
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -113,13 +112,13 @@ def _selected(scenes: Sequence[Scene], job: Job) -> list[tuple[Scene, View]]:
 def _base_row(job: Job) -> Row:
     options, options_id = results.fingerprint(job.method.record)
     return Row(
-        dataset=job.dataset.label, scene="", view="", method=job.method.label,
-        options=options, options_id=options_id,
-        metric="seconds", variant="wall", region="image", value=math.nan, unit="s", better="lower",
-        n_pixels=0, coverage=1.0, status="ok", reason="", seconds=math.nan, peak_mb=math.nan,
-        device="cpu", seed=int(job.method.options.get("seed", job.seed)),
-        code=plugins.source_hash(job.dataset.plugin, job.method.plugin), data_id="", time=results.now(),
-    )  # fmt: skip
+        dataset=job.dataset.label,
+        method=job.method.label,
+        options=options,
+        options_id=options_id,
+        seed=int(job.method.options.get("seed", job.seed)),
+        code=plugins.source_hash(job.dataset.plugin, job.method.plugin),
+    )
 
 
 def _ready(choice: Choice) -> Any:

@@ -15,6 +15,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.images import read_rgb
 from sucre_bench.job import metric_choices
 from sucre_bench.scene import Array, Plane, Restoration, View
+from sucre_bench.scores import without
 from sucre_bench.tables import ARROW, number
 
 if TYPE_CHECKING:
@@ -62,7 +63,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
             tables.append(score(Restoration(view.rgb, info={"method": label}), view, names))
         except InputError as fault:
-            tables.append(_failed(label, name, str(fault)))
+            tables.append(results.frame([without(results.Row(method=label, view=name), "failed", str(fault))]))
     rows = pd.concat(tables, ignore_index=True)
     return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
 
@@ -98,16 +99,6 @@ def _applicable(with_reference: bool) -> list[str]:
     has = frozenset({"reference"} if with_reference else ())
     known = [p for p in plugins.discover("metric").values() if isinstance(p, plugins.Plugin)]
     return [f"{p.name}:all" for p in known if p.needs <= has]
-
-
-def _failed(method: str, view: str, reason: str) -> pd.DataFrame:
-    nan = float("nan")
-    row = results.Row(
-        dataset="", scene="", view=view, method=method, options="{}", options_id="", metric="seconds", variant="wall",
-        region="image", value=nan, unit="s", better="lower", n_pixels=0, coverage=0.0, status="failed", reason=reason,
-        seconds=nan, peak_mb=nan, device="cpu", seed=0, code="", data_id="", time=results.now(),
-    )  # fmt: skip
-    return results.frame([row])
 
 
 def summary(rows: pd.DataFrame) -> Table:

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import config, console, plugins, provenance, results, tracking
+from sucre_bench import config, console, provenance, results, tracking
 from sucre_bench.check import Planned, ProblemsError, check, states
 from sucre_bench.config import Sweep
 from sucre_bench.launch import Ended, launch, rescue, terminated_as_interrupt
@@ -62,8 +62,6 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
     """
     overrides = list(overrides)
     if plugin_files:
-        for file in plugin_files:
-            plugins.load_file(file)
         listed = ",".join("'" + str(Path(f).resolve()).replace("'", r"\'") + "'" for f in plugin_files)
         overrides.append(f"plugins=[{listed}]")
     sweep = config.jobs(overrides, multirun)
