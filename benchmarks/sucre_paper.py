@@ -15,7 +15,8 @@ import torch
 
 import sucre_bench as sb
 from sucre_bench.methods.sucre.adam import minimise
-from sucre_bench.multiview.observations import Observations, observe
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.multiview.observe import observe
 
 START = np.full((3, 3), 0.1)
 TURNS = 3

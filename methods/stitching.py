@@ -19,7 +19,7 @@ class Stitching:
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the stitched image, NaN where the view has no depth. Raises SolveError when it has none at all."""
-        from sucre_bench.multiview.observations import observe
+        from sucre_bench.multiview.observe import observe
 
         observations = observe(view, scene.views)
         nearest = np.full(len(observations.pixels), np.inf, dtype=np.float32)

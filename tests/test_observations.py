@@ -11,8 +11,9 @@ import pytest
 from made_scene import make_camera, make_pose, make_scene
 
 from sucre_bench import Arrays, InputError, SolveError, View
-from sucre_bench.multiview import observations as module
-from sucre_bench.multiview.observations import Observations, Seen, arrange, observe
+from sucre_bench.multiview import observe as module
+from sucre_bench.multiview.observations import Observations, Seen, arrange
+from sucre_bench.multiview.observe import observe
 from sucre_bench.multiview.pairing import lift, match
 from sucre_bench.progress import watched_by
 
@@ -34,7 +35,7 @@ def by_pixel(observations: Observations) -> dict[int, list[tuple[int, float, tup
 
 
 def test_every_pixel_with_depth_has_its_own_observation_once() -> None:
-    found = by_pixel(observe(TARGET, SCENE.views))
+    found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
     assert sorted(found) == np.flatnonzero(TARGET.depth).tolist()
     rgb, distance = TARGET.rgb.reshape(-1, 3), TARGET.distance.ravel()
     for pixel, seen in found.items():
@@ -45,7 +46,7 @@ def test_every_pixel_with_depth_has_its_own_observation_once() -> None:
 
 
 def test_other_observations_are_the_matches_with_the_other_views_colours() -> None:
-    found = by_pixel(observe(TARGET, SCENE.views))
+    found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
     for index, view in enumerate(SCENE.views):
         if index == OWN:
             continue
@@ -59,7 +60,7 @@ def test_other_observations_are_the_matches_with_the_other_views_colours() -> No
 
 
 def test_pixels_are_sorted_by_falling_count_and_slots_are_prefixes() -> None:
-    observations = observe(TARGET, SCENE.views)
+    observations = observe(TARGET, SCENE.views, with_view=True)
     assert (np.diff(observations.counts) <= 0).all()
     order = np.lexsort((observations.pixels, -observations.counts))
     assert (order == np.arange(len(order))).all()  # equal counts by rising index
@@ -70,13 +71,13 @@ def test_pixels_are_sorted_by_falling_count_and_slots_are_prefixes() -> None:
 
 
 def test_a_pixels_slots_follow_the_order_of_the_views() -> None:
-    observations = observe(TARGET, SCENE.views)
+    observations = observe(TARGET, SCENE.views, with_view=True)
     assert observations.views == tuple(view.name for view in SCENE)
     assert all(views == sorted(views) for views in ([s[0] for s in seen] for seen in by_pixel(observations).values()))
 
 
 def test_blocks_of_pixels_cover_the_slots() -> None:
-    observations = observe(TARGET, SCENE.views)
+    observations = observe(TARGET, SCENE.views, with_view=True)
     whole = [np.arange(part.start, part.stop) for _, part in observations.slots()]
     size = 97
     pieces = [np.empty(0, int)] * len(whole)
@@ -88,7 +89,7 @@ def test_blocks_of_pixels_cover_the_slots() -> None:
 
 
 def test_eight_bit_colours_are_kept_as_eight_bit() -> None:
-    observations = observe(TARGET, SCENE.views)
+    observations = observe(TARGET, SCENE.views, with_view=True)
     assert observations.colour.dtype == np.uint8
     assert observations.distance.dtype == np.float32
 
@@ -97,7 +98,9 @@ def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones() -> None:
     fine = np.float32([[0.1234567, 0.5, 0.7654321]])
     coarse = np.uint8([[51, 102, 255], [0, 1, 2]])
     one, two = np.array([1]), np.array([0, 1])
-    observations = arrange((1, 2), [Seen("b", one, np.float32([2]), fine), Seen("a", two, np.float32([1, 3]), coarse)])
+    observations = arrange(
+        (1, 2), [Seen("b", one, np.float32([2]), fine), Seen("a", two, np.float32([1, 3]), coarse)], with_view=True
+    )
     assert observations.colour.dtype == np.float32
     assert by_pixel(observations) == {
         1: [(0, 2.0, tuple(fine[0])), (1, 3.0, tuple(np.float32([0, 1, 2]) / np.float32(255)))],
@@ -106,7 +109,7 @@ def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones() -> None:
 
 
 def test_colours_go_back_to_their_pixels() -> None:
-    observations = observe(TARGET, SCENE.views)
+    observations = observe(TARGET, SCENE.views, with_view=True)
     image = observations.image(TARGET.rgb.reshape(-1, 3)[observations.pixels].T)
     assert np.array_equal(np.isnan(image).any(axis=-1), TARGET.depth == 0)
     assert np.array_equal(image[TARGET.valid], TARGET.rgb[TARGET.valid])

@@ -13,7 +13,8 @@ from sucre_bench import Arrays, InputError, Scene, SolveError, View
 from sucre_bench.methods.sucre import SucrePaper, adam
 from sucre_bench.methods.sucre.adam import Objective, minimise
 from sucre_bench.methods.sucre.model import derivatives, predict
-from sucre_bench.multiview.observations import Observations, Seen, arrange, observe
+from sucre_bench.multiview.observations import Observations, Seen, arrange
+from sucre_bench.multiview.observe import observe
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]

@@ -61,7 +61,7 @@ class SucrePaper:
         Raises SolveError when no pixel has depth, or when Adam left the range of numbers.
         """
         from sucre_bench.methods.sucre.adam import minimise
-        from sucre_bench.multiview.observations import observe
+        from sucre_bench.multiview.observe import observe
 
         device = self._device()
         observations = observe(view, scene.views)

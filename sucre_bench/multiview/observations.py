@@ -3,6 +3,8 @@
 Pixels are sorted by how many observations they have, most first. Slot k holds every pixel's k-th observation: the
 pixels that have one are a prefix of that order, so a slot is one contiguous array beside the prefix of any array
 over pixels, and sums over a pixel's observations need no scatter (jagged-diagonal storage, Saad 1989).
+
+An observation takes 7 bytes where the images are 8-bit: three colours and a float32 distance.
 """
 
 from __future__ import annotations
@@ -14,17 +16,11 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.errors import InputError, SolveError
-from sucre_bench.multiview.pairing import Surface, lift, match, own_matches
-from sucre_bench.progress import say, track
-from sucre_bench.scene import Array, View
+from sucre_bench.scene import Array
 
-__all__ = ["Observations", "Seen", "arrange", "observe"]
+__all__ = ["Observations", "Seen", "arrange", "compact"]
 
 Indices = npt.NDArray[np.integer[Any]]
-
-# A view is left out when it shows no more than this share of the target's pixels (the authors' program).
-MIN_SHARE = 1e-6
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -37,8 +33,10 @@ class Observations:
     starts: (S + 1,) int64, slot k is elements starts[k] to starts[k + 1] and belongs to the first pixels of that
     number;
     distance: (N,) float32 metres from the observing camera;
-    colour: (3, N) uint8 where all images are 8-bit, else float32 in [0, 1], encoded as the views are;
-    view: (N,) uint16 indices into `views`, rising over a pixel's slots: the target's own is where it is in the scene;
+    colour: (3, N) uint8 or uint16, full scale being 1, where all images are that coarse, else float32 in [0, 1];
+    weight: (N,) float32 of each observation's squared residual, None for 1;
+    view: (N,) uint16 indices into `views`, rising over a pixel's slots, None unless asked for;
+    ray: (2, N) float32, x / z and y / z of the point in the observing camera's frame, None unless asked for;
     unreadable: what is wrong with each view that might have shown something, but has a file that cannot be read.
     """
 
@@ -49,7 +47,9 @@ class Observations:
     starts: Indices
     distance: Array
     colour: npt.NDArray[Any]
-    view: Indices
+    weight: Array | None = None
+    view: Indices | None = None
+    ray: Array | None = None
     unreadable: tuple[str, ...] = ()
 
     def __len__(self) -> int:
@@ -72,13 +72,29 @@ class Observations:
     @property
     def scale(self) -> float:
         """What `colour` is multiplied by to lie in [0, 1]."""
-        return 1 / 255 if self.colour.dtype == np.uint8 else 1.0
+        return 1 / _full_scale(self.colour.dtype)
 
-    def image(self, colours: Array) -> Array:
-        """Return pixels' colours (3, P) as an image (H, W, 3) float32, NaN elsewhere."""
-        image = np.full((self.shape[0] * self.shape[1], 3), np.nan, dtype=np.float32)
-        image[self.pixels] = colours.T
-        return image.reshape(*self.shape, 3)
+    def image(self, values: Array) -> Array:
+        """Return pixels' colours (3, P), or one value each (P,), as an image (H, W[, 3]) float32, NaN elsewhere."""
+        image = np.full((self.shape[0] * self.shape[1], *values.shape[:-1]), np.nan, dtype=np.float32)
+        image[self.pixels] = values.T
+        return image.reshape(*self.shape, *values.shape[:-1])
+
+    def take(self, places: Indices) -> Observations:
+        """Return the observations of some pixels: places (M,), rising indices into `pixels`."""
+        counts = self.counts[places]
+        sizes = (counts[:, None] > np.arange(counts[0])).sum(axis=0) if len(places) else np.empty(0, dtype=np.int64)
+        at = np.concatenate([self.starts[k] + places[:n] for k, n in enumerate(sizes)]) if len(places) else places
+        starts = np.concatenate([[0], np.cumsum(sizes)]).astype(np.int64)
+        per_observation = ("distance", "colour", "weight", "view", "ray")
+        parts: dict[str, Any] = {
+            name: values[..., at] for name in per_observation if (values := getattr(self, name)) is not None
+        }
+        return replace(self, pixels=self.pixels[places], counts=counts, starts=starts, **parts)
+
+
+def _full_scale(dtype: np.dtype[Any]) -> int:
+    return np.iinfo(dtype).max if dtype.kind == "u" else 1
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,59 +102,28 @@ class Seen:
     """What one view shows of a target.
 
     name: the view's; pixels: (M,) int flat indices into the target, each at most once;
-    distance: (M,) float32 metres; colour: (M, 3) uint8, or float32 in [0, 1].
+    distance: (M,) float32 metres; colour: (M, 3) uint8, uint16, or float32 in [0, 1];
+    ray: (2, M) float32, see Observations.
     """
 
     name: str
     pixels: Indices
     distance: Array
     colour: npt.NDArray[Any]
+    ray: Array | None = None
 
 
-def observe(target: View, views: Sequence[View]) -> Observations:
-    """Pair the target with the views (itself among them) and return all observations of its pixels with depth.
-
-    Views without a pose or depth are left out, as are those that show 1e-6 of the target's pixels or less, and those
-    with a file that cannot be read: one damaged image of a dive does not cost the others theirs.
-    Raises SolveError when the target has no pixel with depth; InputError when it has no depth map or pose.
-    """
-    surface = lift(target)
-    if not len(surface.pixels):
-        raise SolveError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
-    height, width = target.depth.shape
-    seen: list[Seen] = []
-    if all(view.name != target.name for view in views):
-        views = [target, *views]
-    unreadable: list[str] = []
-    for view in track(views, "pairing"):
-        try:
-            if (one := _see(surface, target, view, MIN_SHARE * height * width)) is not None:
-                seen.append(one)
-        except InputError as fault:
-            if view.name == target.name:
-                raise
-            unreadable.append(str(fault))
-            say(f"{target.name}: does without {view.name}: {fault}")
-    return replace(arrange((height, width), seen), unreadable=tuple(unreadable))
+def compact(colour: Array) -> npt.NDArray[Any]:
+    """Return colours in [0, 1] as uint8 or uint16 where that loses only float32 rounding: less memory to read."""
+    for dtype, tolerance in ((np.uint8, 1e-4), (np.uint16, 0.02)):
+        levels = colour * np.float32(np.iinfo(dtype).max)
+        rounded = np.rint(levels)
+        if np.abs(levels - rounded).max(initial=0) < tolerance and rounded.max(initial=0) <= np.iinfo(dtype).max:
+            return rounded.astype(dtype)
+    return colour
 
 
-def _see(surface: Surface, target: View, view: View, least: float) -> Seen | None:
-    """What a view shows of the target; None when that is no more than `least` pixels."""
-    matches = own_matches(surface) if view.name == target.name else match(surface, view)
-    if matches is None or len(matches.pixels) <= least:
-        return None
-    colour = view.rgb.reshape(-1, 3)[matches.others]  # (M, 3)
-    return Seen(view.name, matches.pixels.astype(np.int32), matches.distance, _compact(colour))
-
-
-def _compact(colour: Array) -> npt.NDArray[Any]:
-    """Colours as uint8 where that loses nothing but float32 rounding: a quarter of the memory, also to be read."""
-    levels = colour * np.float32(255)
-    rounded = np.rint(levels)
-    return rounded.astype(np.uint8) if np.abs(levels - rounded).max(initial=0) < 1e-4 else colour
-
-
-def arrange(shape: tuple[int, int], seen: Sequence[Seen]) -> Observations:
+def arrange(shape: tuple[int, int], seen: Sequence[Seen], *, with_view: bool = False) -> Observations:
     """Lay out what views show of a target of this shape (H, W); the order of views is that of a pixel's slots."""
     counts = np.zeros(shape[0] * shape[1], dtype=np.int32)
     for one in seen:
@@ -151,15 +136,29 @@ def arrange(shape: tuple[int, int], seen: Sequence[Seen]) -> Observations:
     starts = np.concatenate([[0], np.cumsum(slot_sizes)]).astype(np.int64)
 
     n = int(starts[-1])
-    eight_bit = all(one.colour.dtype == np.uint8 for one in seen)
-    distance, view = np.empty(n, dtype=np.float32), np.empty(n, dtype=np.uint16)
-    colour = np.empty((3, n), dtype=np.uint8 if eight_bit else np.float32)
+    finest = max((one.colour.dtype for one in seen), key=lambda dtype: dtype.itemsize, default=np.dtype(np.uint8))
+    distance, colour = np.empty(n, dtype=np.float32), np.empty((3, n), dtype=finest)
+    view = np.empty(n, dtype=np.uint16) if with_view else None
+    ray = np.empty((2, n), dtype=np.float32) if seen and all(one.ray is not None for one in seen) else None
     filled = np.zeros(len(counts), dtype=np.int32)  # slots, of each pixel
     for index, one in enumerate(seen):
         at = starts[filled[one.pixels]] + place[one.pixels]
         filled[one.pixels] += 1
-        distance[at], view[at] = one.distance, index
-        is_scaled = one.colour.dtype == np.uint8 and not eight_bit
-        colour[:, at] = (one.colour / np.float32(255) if is_scaled else one.colour).T
+        distance[at] = one.distance
+        for channel in range(3):
+            colour[channel, at] = _refined(one.colour[:, channel], finest)
+        if view is not None:
+            view[at] = index
+        if ray is not None:
+            ray[:, at] = one.ray
     names = tuple(one.name for one in seen)
-    return Observations(shape, names, pixels, counts[pixels], starts, distance, colour, view)
+    return Observations(shape, names, pixels, counts[pixels], starts, distance, colour, view=view, ray=ray)
+
+
+def _refined(colour: npt.NDArray[Any], finest: np.dtype[Any]) -> npt.NDArray[Any]:
+    """Colours on the scale of another type, at least as fine."""
+    if colour.dtype == finest:
+        return colour
+    if finest == np.uint16:
+        return colour.astype(np.uint16) * 257  # 65535 / 255
+    return (colour / np.float32(_full_scale(colour.dtype))).astype(finest)
