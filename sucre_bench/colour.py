@@ -2,7 +2,9 @@
 
 A display normalisation has a name that is kept with each score: "none" clips to [0, 1]; "stretch-1-99" clips
 every channel at its percentiles 1 and 99 and maps those to 0 and 1 (SUCRe, sec. 4.2; any two percentiles may be
-named); "gray-world" scales every channel to the mean of all (Buchsbaum 1980).
+named); "linear-stretch-1-99" does so in linear light; "gray-world" scales every channel to the mean of all
+(Buchsbaum 1980); "white-99" scales every channel so that its percentile 99 becomes 1 (the white patch of Land 1977),
+and leaves black where it is.
 """
 
 from __future__ import annotations
@@ -31,8 +33,12 @@ def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
     pixels: Array = np.asarray(image[valid], dtype=np.float64)  # (P, 3)
     if how == "gray-world":
         pixels = pixels * gray_world_gain(pixels)
+    elif how.startswith("white-"):
+        pixels = pixels * _white_gain(pixels, float(how.split("-")[1]))
     elif how != "none":
-        low, high = (float(p) for p in how.split("-")[1:])
+        low, high = (float(p) for p in how.split("-")[-2:])
+        if how.startswith("linear-") and encoding == "gamma":
+            pixels, encoding = srgb_decode(pixels), "linear"
         pixels = stretch(pixels, low, high)
     pixels = pixels.clip(0, 1)
     shown[valid] = srgb_encode(pixels) if encoding == "linear" else pixels
@@ -41,10 +47,14 @@ def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
 
 def check_display(how: str) -> None:
     """Raise InputError unless `how` names a display normalisation."""
-    parts = re.fullmatch(r"stretch-(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)", how)
+    white = re.fullmatch(r"white-(\d+(?:\.\d+)?)", how)
+    if white and 0 < float(white[1]) <= 100:
+        return
+    parts = re.fullmatch(r"(?:linear-)?stretch-(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)", how)
     if how in ("none", "gray-world") or (parts and 0 <= float(parts[1]) < float(parts[2]) <= 100):
         return
-    raise InputError(f"display '{how}': unknown; use none, gray-world or stretch-LOW-HIGH such as stretch-1-99")
+    known = "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99"
+    raise InputError(f"display '{how}': unknown; use {known}")
 
 
 def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None = None) -> Array:
@@ -65,13 +75,20 @@ def gray_world_gain(pixels: Array) -> Array:
     return np.asarray(np.where(usable, mean.mean() / np.where(usable, mean, 1), 1))
 
 
+def _white_gain(pixels: Array, high: float) -> Array:
+    """The (3,) factors that bring a percentile of each channel (P, 3) to 1; 1 for one that is not positive."""
+    top = np.percentile(pixels, high, axis=0)
+    usable = top > 1e-6
+    return np.asarray(np.where(usable, 1 / np.where(usable, top, 1), 1))
+
+
 def srgb_decode(encoded: Array) -> Array:
-    """sRGB transfer function inverted, [0, 1] -> linear [0, 1] (IEC 61966-2-1)."""
+    """sRGB transfer function inverted, [0, 1] -> linear [0, 1] (IEC 61966-2-1); the curve goes on beyond."""
     return np.where(encoded <= 0.04045, encoded / 12.92, ((np.maximum(encoded, 0) + 0.055) / 1.055) ** 2.4)
 
 
 def srgb_encode(linear: Array) -> Array:
-    """sRGB transfer function, linear [0, 1] -> [0, 1] (IEC 61966-2-1)."""
+    """sRGB transfer function, linear [0, 1] -> [0, 1] (IEC 61966-2-1); the curve goes on beyond."""
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
 
 

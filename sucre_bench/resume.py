@@ -67,6 +67,7 @@ class Done:
         whole = (base.metric, base.variant, base.code)
         if any(k.metric == base.metric and k.status == "skipped" for k in kept):
             return whole in there
-        files = [picture, *([picture.with_suffix(".npz")] if self.job.save == "full" else [])]
+        suffixes = [".png", ".json", *([".npz"] if self.job.save == "full" else [])]
+        files = [picture.with_suffix(suffix) for suffix in suffixes]
         wanted = {(m.plugin.name, variant, code_of(base, m)) for m in self.job.metrics for variant in m.variants}
         return {whole, *wanted} <= there and all(file.is_file() for file in files)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import importlib
 import io
+import json
+import time
 from collections import Counter
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
@@ -20,7 +22,7 @@ from sucre_bench.layout import Place, file_name, log_path, places
 from sucre_bench.restoring import measured_restore
 from sucre_bench.results import Part, Row
 from sucre_bench.resume import Done
-from sucre_bench.scene import Array, Restoration, Scene, View
+from sucre_bench.scene import Array, Restoration, Scene, View, Water
 from sucre_bench.scores import keep_traceback, score_rows, without
 
 __all__ = ["Task", "failed_row", "open_scenes", "run_job", "tasks"]
@@ -160,12 +162,14 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
 def _keep(job: Job, task: Task, restoration: Restoration, shown: Array) -> None:
     """Keep the restored picture, and the view and its reference to look at beside it."""
     path, view = task.place.restored(job.out, job.method.label), task.view
+    started = time.perf_counter()
     if job.save == "full":
         results.write_atomically(path.with_suffix(".npz"), _as_npz(restoration))
     _write_image(task.place.original(job.out), display(view.rgb, "none", view.encoding))
     if view.reference is not None:
         _write_image(task.place.reference(job.out), display(view.reference, "none", view.encoding))
     _write_image(path, shown)
+    results.write_atomically(path.with_suffix(".json"), _as_json(restoration, time.perf_counter() - started))
 
 
 def _write_image(path: Path, shown: Array) -> None:
@@ -180,11 +184,29 @@ def _as_npz(restoration: Restoration) -> bytes:
     buffer, water = io.BytesIO(), restoration.water
     arrays: dict[str, Any] = {"image": restoration.image.astype(np.float32)}
     if water is not None:
-        arrays |= {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+        arrays |= _water_arrays(water)
     if restoration.confidence is not None:
         arrays["confidence"] = restoration.confidence.astype(np.float32)
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
+
+
+def _water_arrays(water: Water) -> dict[str, Array]:
+    return {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+
+
+def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
+    """The water, what the method tells of its work, and how long it took to write the pictures."""
+    water = restoration.water
+    known = {} if water is None else _water_arrays(water)
+    info = {name: value for name, value in restoration.info.items() if name != "true_water"}
+    told = known | info | {"write_seconds": write_seconds}
+    return json.dumps(told, indent=1, default=_plain, skipkeys=True).encode()
+
+
+def _plain(value: Any) -> Any:
+    """An array as lists, anything else in words: a method may tell what it likes."""
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 
 def failed_row(job: Job, fault: BaseException) -> Row:

@@ -9,7 +9,7 @@ An observation takes 7 bytes where the images are 8-bit: three colours and a flo
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ import numpy.typing as npt
 
 from sucre_bench.scene import Array
 
-__all__ = ["Observations", "Seen", "arrange", "compact"]
+__all__ = ["Observations", "Seen", "arrange", "compact", "in_memory"]
 
 Indices = npt.NDArray[np.integer[Any]]
 
@@ -37,7 +37,8 @@ class Observations:
     weight: (N,) float32 of each observation's squared residual, None for 1;
     view: (N,) uint16 indices into `views`, rising over a pixel's slots, None unless asked for;
     ray: (2, N) float32, x / z and y / z of the point in the observing camera's frame, None unless asked for;
-    unreadable: what is wrong with each view that might have shown something, but has a file that cannot be read.
+    unreadable: what is wrong with each view that might have shown something, but has a file that cannot be read;
+    read_s: seconds spent reading files, summed over threads; pair_s: seconds that all of it took.
     """
 
     shape: tuple[int, int]
@@ -51,10 +52,17 @@ class Observations:
     view: Indices | None = None
     ray: Array | None = None
     unreadable: tuple[str, ...] = ()
+    read_s: float = 0.0
+    pair_s: float = 0.0
 
     def __len__(self) -> int:
         """N."""
         return len(self.distance)
+
+    @property
+    def n_repeated(self) -> int:
+        """How many pixels have two observations or more; they are the first of the order."""
+        return int(self.starts[2] - self.starts[1]) if len(self.starts) > 2 else 0
 
     def slots(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, slice]]:
         """Yield (n, part) per slot: the first n of pixels[start:stop] have an observation at [part], in that order."""
@@ -118,13 +126,32 @@ def compact(colour: Array) -> npt.NDArray[Any]:
     for dtype, tolerance in ((np.uint8, 1e-4), (np.uint16, 0.02)):
         levels = colour * np.float32(np.iinfo(dtype).max)
         rounded = np.rint(levels)
-        if np.abs(levels - rounded).max(initial=0) < tolerance and rounded.max(initial=0) <= np.iinfo(dtype).max:
+        if not (rounded.min(initial=0) >= 0 and rounded.max(initial=0) <= np.iinfo(dtype).max):  # or NaN
+            continue
+        levels -= rounded
+        if max(levels.max(initial=0), -levels.min(initial=0)) < tolerance:
             return rounded.astype(dtype)
     return colour
 
 
-def arrange(shape: tuple[int, int], seen: Sequence[Seen], *, with_view: bool = False) -> Observations:
-    """Lay out what views show of a target of this shape (H, W); the order of views is that of a pixel's slots."""
+def in_memory(name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
+    """Make an array that is still to be filled; `arrange` may be given another way."""
+    return np.empty(shape, dtype)
+
+
+def arrange(
+    shape: tuple[int, int],
+    seen: list[Seen],
+    *,
+    with_view: bool = False,
+    free: bool = False,
+    empty: Callable[[str, tuple[int, ...], npt.DTypeLike], npt.NDArray[Any]] = in_memory,
+) -> Observations:
+    """Lay out what views show of a target of this shape (H, W); the order of views is that of a pixel's slots.
+
+    free: empty `seen` on the way, so that its memory goes as the result's comes; empty: makes the arrays that have a
+    value per observation, from a field's name, a shape and a type.
+    """
     counts = np.zeros(shape[0] * shape[1], dtype=np.int32)
     for one in seen:
         counts[one.pixels] += 1
@@ -136,12 +163,15 @@ def arrange(shape: tuple[int, int], seen: Sequence[Seen], *, with_view: bool = F
     starts = np.concatenate([[0], np.cumsum(slot_sizes)]).astype(np.int64)
 
     n = int(starts[-1])
-    finest = max((one.colour.dtype for one in seen), key=lambda dtype: dtype.itemsize, default=np.dtype(np.uint8))
-    distance, colour = np.empty(n, dtype=np.float32), np.empty((3, n), dtype=finest)
-    view = np.empty(n, dtype=np.uint16) if with_view else None
-    ray = np.empty((2, n), dtype=np.float32) if seen and all(one.ray is not None for one in seen) else None
+    finest = np.result_type(np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen))
+    distance, colour = empty("distance", (n,), np.float32), empty("colour", (3, n), finest)
+    view = empty("view", (n,), np.uint16) if with_view else None
+    ray = empty("ray", (2, n), np.float32) if seen and all(one.ray is not None for one in seen) else None
     filled = np.zeros(len(counts), dtype=np.int32)  # slots, of each pixel
-    for index, one in enumerate(seen):
+    names = tuple(one.name for one in seen)
+    parts = seen if free else list(seen)
+    for index in range(len(parts)):
+        one = parts.pop(0)
         at = starts[filled[one.pixels]] + place[one.pixels]
         filled[one.pixels] += 1
         distance[at] = one.distance
@@ -151,7 +181,6 @@ def arrange(shape: tuple[int, int], seen: Sequence[Seen], *, with_view: bool = F
             view[at] = index
         if ray is not None:
             ray[:, at] = one.ray
-    names = tuple(one.name for one in seen)
     return Observations(shape, names, pixels, counts[pixels], starts, distance, colour, view=view, ray=ray)
 
 

@@ -1,55 +1,205 @@
-"""Everything that the views of a scene show of a target's pixels."""
+"""Everything that the views of a scene show of a target's pixels.
+
+Views are worked by a few threads, so that files are decoded while others are paired; the result does not depend on
+how many there are.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import replace
+import os
+import time
+from collections import deque
+from collections.abc import Callable, Generator, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor
+from contextlib import ExitStack, closing
+from dataclasses import dataclass, replace
+from functools import partial
+from pathlib import Path
+from typing import Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
+import psutil
 
-from sucre_bench.errors import InputError, SolveError
-from sucre_bench.multiview.observations import Observations, Seen, arrange, compact
-from sucre_bench.multiview.pairing import Surface, lift, match, own_matches
+from sucre_bench.errors import InputError, SolveError, did_you_mean
+from sucre_bench.multiview.mapped import Spool, new_file
+from sucre_bench.multiview.observations import Observations, Seen, arrange, in_memory
+from sucre_bench.multiview.pairing import Rule, Surface, lift, match, own_matches, visible_pixels
+from sucre_bench.multiview.sampling import colours_at, rays_at
 from sucre_bench.progress import say, track
 from sucre_bench.scene import View
 
-__all__ = ["observe"]
+__all__ = ["Kept", "Options", "observe"]
+
+T = TypeVar("T")
+
+# In which encoding colours are kept: the view's own, or linear light.
+Kept = Literal["view", "linear"]
 
 # A view is left out when it shows no more than this share of the target's pixels (the authors' program).
 MIN_SHARE = 1e-6
 
+# A thread holds an image, its depth and what is made of them, some 60 MB at 1920x1080.
+_MOST_THREADS = 16
 
-def observe(target: View, views: Sequence[View], *, with_view: bool = False) -> Observations:
+# What all views will need is foretold from those that are done when these may see so much of all that may be seen.
+_TELLING_SHARE = 1 / 8
+
+
+class Options(TypedDict, total=False):
+    """The options of `observe` that decide its result."""
+
+    rule: Rule
+    tolerance: float
+    encoding: Kept
+    with_view: bool
+    with_ray: bool
+
+
+def observe(
+    target: View,
+    views: Sequence[View],
+    *,
+    rule: Rule = "mutual",
+    tolerance: float = 0.03,
+    encoding: Kept = "view",
+    with_view: bool = False,
+    with_ray: bool = False,
+    folder: Path | None = None,
+) -> Observations:
     """Pair the target with the views (itself among them) and return all observations of its pixels with depth.
 
-    Views without a pose or depth are left out, as are those that show 1e-6 of the target's pixels or less, and those
-    with a file that cannot be read: one damaged image of a dive does not cost the others theirs.
-    Raises SolveError when the target has no pixel with depth; InputError when it has no depth map or pose.
+    rule: "mutual", the paper's, or "depth", see pairing.py; tolerance: of the rule "depth", relative;
+    encoding: "view" keeps colours as they are, "linear" decodes gamma-encoded ones (as sRGB) and keeps 16 bits;
+    with_view, with_ray: fill these fields of the result; folder: an empty folder to hold arrays in, not in memory.
+
+    Where the rule interpolates colours, those of 8-bit images are rounded to 8 bits again: .0011 rms, less than their
+    noise. Colours that are not finite are no observations. Views without a pose or depth are left out, as are those
+    that show 1e-6 of the target's pixels or less, and those with a file that cannot be read: one damaged image of a
+    dive does not cost the others theirs.
+    Raises SolveError when the target has no pixel with depth or too little memory is free; InputError when it has no
+    depth map or pose, or an option is wrong.
     """
+    began = time.perf_counter()
+    _check(rule, tolerance, encoding)
+    _, read_s = _timed(lambda: target.has_depth)
     surface = lift(target)
     if not len(surface.pixels):
         raise SolveError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
-    height, width = target.depth.shape
-    seen: list[Seen] = []
     if all(view.name != target.name for view in views):
         views = [target, *views]
-    unreadable: list[str] = []
-    for view in track(views, "pairing"):
-        try:
-            if (one := _see(surface, target, view, MIN_SHARE * height * width)) is not None:
+    most = visible_pixels(surface, views)
+    chosen = [k for k, view in enumerate(views) if most[k] > 0 or view.name == target.name]
+    tried, most = [views[k] for k in chosen], np.cumsum(most[chosen])
+
+    shape = (surface.camera.height, surface.camera.width)
+    how = (rule, tolerance, encoding, with_ray)
+    see = partial(_see, surface, target.name, MIN_SHARE * shape[0] * shape[1], how)
+    with ExitStack() as stack:
+        spool = stack.enter_context(Spool(folder)) if folder is not None else None
+        outcomes = stack.enter_context(closing(_in_order(see, tried)))
+        seen: list[Seen] = []
+        unreadable: list[str] = []
+        held = _Held(target.name, with_view, int(most[-1]))
+        for k, view in enumerate(track(tried, "pairing")):
+            try:
+                one, seconds = next(outcomes).result()
+            except InputError as fault:
+                if view.name == target.name:
+                    raise
+                unreadable.append(str(fault))
+                say(f"{target.name}: does without {view.name}: {fault}")
+                continue
+            read_s += seconds
+            if one is not None and spool is not None:
+                spool.append(one)
+            elif one is not None:
                 seen.append(one)
-        except InputError as fault:
-            if view.name == target.name:
-                raise
-            unreadable.append(str(fault))
-            say(f"{target.name}: does without {view.name}: {fault}")
-    return replace(arrange((height, width), seen, with_view=with_view), unreadable=tuple(unreadable))
+                held.add(one, int(most[k]))
+        if spool is not None:
+            seen = spool.parts()
+    if not seen:
+        raise SolveError(f"{target.name}: no pixel has both depth and colour; check its image for NaN")
+    empty = in_memory if folder is None else partial(new_file, folder)
+    observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
+    pair_s = time.perf_counter() - began
+    return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=pair_s)
 
 
-def _see(surface: Surface, target: View, view: View, least: float) -> Seen | None:
-    """What a view shows of the target; None when that is no more than `least` pixels."""
-    matches = own_matches(surface) if view.name == target.name else match(surface, view)
+def _check(rule: str, tolerance: float, encoding: str) -> None:
+    for option, value, known in (("rule", rule, get_args(Rule)), ("encoding", encoding, get_args(Kept))):
+        if value not in known:
+            raise InputError(f"{option}={value}: unknown; {did_you_mean(str(value), known)}")
+    if not 0 < tolerance < 1:
+        raise InputError(f"tolerance={tolerance}: not a share of the depth between 0 and 1; give 0.03 for 3 %")
+
+
+def _timed(load: Callable[[], T]) -> tuple[T, float]:
+    began = time.perf_counter()
+    return load(), time.perf_counter() - began
+
+
+def _in_order(work: Callable[[View], T], views: Sequence[View]) -> Generator[Future[T], None, None]:
+    """Yield what a few threads make of the views, in their order, working only a little ahead of what is taken."""
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    n_threads = min(cores, _MOST_THREADS, len(views))
+    with ThreadPoolExecutor(n_threads) as pool:
+        ahead: deque[Future[T]] = deque()
+        try:
+            for view in views:
+                ahead.append(pool.submit(work, view))
+                if len(ahead) > n_threads + 1:
+                    yield ahead.popleft()
+            while ahead:
+                yield ahead.popleft()
+        finally:
+            for future in ahead:
+                future.cancel()
+
+
+def _see(
+    surface: Surface,
+    target: str,
+    least: float,
+    how: tuple[Rule, float, Kept, bool],
+    view: View,
+) -> tuple[Seen | None, float]:
+    """What a view shows of the target, None when that is no more than `least` pixels; seconds spent reading."""
+    rule, tolerance, encoding, with_ray = how
+    _, read_s = _timed(lambda: view.has_depth)
+    matches = own_matches(surface) if view.name == target else match(surface, view, rule, tolerance)
     if matches is None or len(matches.pixels) <= least:
-        return None
-    colour = view.rgb.reshape(-1, 3)[matches.others]  # (M, 3)
-    return Seen(view.name, matches.pixels.astype(np.int32), matches.distance, compact(colour))
+        return None, read_s
+    rgb, seconds = _timed(lambda: view.rgb)
+    assert view.camera is not None
+    if rgb.shape[:2] != (view.camera.height, view.camera.width):
+        sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
+        raise InputError(f"{view.name}: the image is {sizes}; use the images that the cameras belong to")
+    matches, colour = colours_at(matches, rgb, encoding == "linear" and view.encoding == "gamma")
+    if not len(colour):
+        return None, read_s + seconds
+    ray = rays_at(matches, view.camera) if with_ray else None
+    return Seen(view.name, matches.pixels, matches.distance, colour, ray), read_s + seconds
+
+
+@dataclass(slots=True)
+class _Held:
+    """The memory that observations take, watched as they come; see `_TELLING_SHARE`."""
+
+    target: str
+    with_view: bool
+    n_visible: int  # of all views' pixels
+    parts: int = 0  # bytes
+    result: int = 0
+
+    def add(self, one: Seen, n_tried: int) -> None:
+        """Count a view's part. Raises SolveError as soon as it is clear that memory will not do."""
+        arrays = [one.distance, one.colour, *([] if one.ray is None else [one.ray])]
+        self.result += sum(array.nbytes for array in arrays) + (2 * len(one.pixels) if self.with_view else 0)
+        self.parts += sum(array.nbytes for array in arrays) + one.pixels.nbytes
+        share = n_tried / self.n_visible if n_tried > _TELLING_SHARE * self.n_visible else 1.0
+        needed = (self.parts + self.result) / share
+        free = psutil.virtual_memory().available + self.parts
+        if needed > free:
+            sizes = f"its observations take some {needed / 1e9:.1f} GB of memory, {free / 1e9:.1f} GB are free"
+            cure = "use fewer views or smaller images, or give pairs=FOLDER, which keeps them on disk"
+            raise SolveError(f"{self.target}: {sizes}; {cure}")

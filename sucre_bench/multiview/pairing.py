@@ -1,68 +1,78 @@
 """Which pixel of another view shows what a pixel of the target shows (SUCRe, sec. 3, eq. 4 and 5).
 
-A target pixel's centre with its depth is projected into the other view and lands (floor) on a pixel there; that
-pixel's centre with its own depth is projected back. The two are paired when it lands (floor) on the pixel it came
-from. So each target pixel has at most one match in a view, occluded points have none, and one gather per target
-pixel decides it: no map of the other view's own projections is needed.
+Two rules decide it: "mutual", the paper's (mutual.py), and "depth", which asks whether the other view's depth agrees
+(occlusion.py). By both, a target pixel has at most one match in a view and a point that is hidden there has none.
 
-The arithmetic is float32 in the camera's frame (relative poses are formed in float64): it differs from float64
-where a point projects within about 1e-3 px of a pixel's border.
+Views that cannot see any part of the target are told by their poses alone, and none of their files is read.
+Arithmetic is float32 in the camera's frame, where relative poses are formed in float64.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import landing_pixels, relative_pose, unproject
+from sucre_bench.multiview.geometry import relative_pose, unproject
+from sucre_bench.multiview.mutual import mutual
+from sucre_bench.multiview.occlusion import agreeing
 from sucre_bench.scene import Array, Camera, Mask, View
 
-__all__ = ["Matches", "Surface", "lift", "match", "own_matches"]
+__all__ = ["Matches", "Rule", "Surface", "lift", "match", "own_matches", "visible_pixels"]
 
 Indices = npt.NDArray[np.integer[Any]]
+Rule = Literal["mutual", "depth"]
 
 # A tile's points lie in the hull of eight corners, so a view that sees no hull sees no pixel. Smaller tiles fit the
 # scene closer and cost more corners: 64 px makes 510 tiles of a 1920x1080 image, 0.1 ms to test against a view.
 _TILE_PX = 64
-
-# Points worked at a time: temporaries stay in the cache, and products with 3x3 matrices below the size from which
-# BLAS starts threads, whose waiting on a busy machine costs more than the work.
-_CHUNK_PX = 1 << 14
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
     """What a target view shows: its pixels with depth as points, grouped in square tiles of the image.
 
-    camera, cam_from_world: the target's; pixels: (P,) int64 flat indices, tile after tile;
+    camera, cam_from_world: the target's; pixels: (P,) int32 flat indices, tile after tile;
     points: (3, P) float32 metres in the camera's frame, of the pixels' centres;
-    tile_sizes: (T,) pixels in each tile that has any;
-    tile_corners: (3, 8, T) float64, the corners of the frustum piece that holds a tile's points.
+    tile_starts: (T + 1,) int64, tile t, of those that have any, is elements tile_starts[t] to tile_starts[t + 1];
+    tile_corners: (3, 8, T) float64, the corners of the frustum piece that holds a tile's points;
+    corners: (3, 8, 1) float64, of the one that holds all points.
     """
 
     camera: Camera
     cam_from_world: Array
     pixels: Indices
     points: Array
-    tile_sizes: Indices
+    tile_starts: Indices
     tile_corners: Array
+    corners: Array
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Matches:
     """The pairs of a target and one other view.
 
-    pixels: (M,) int64 flat indices into the target, each at most once; others: (M,) int64 flat indices into the
-    other view; distance: (M,) float32 metres from the other view's camera to the centre of its pixel.
+    pixels: (M,) int32 flat indices into the target, each at most once; others: (M,) int32 flat indices into the
+    other view; distance: (M,) float32 metres from the other view's camera to what is seen: by the mutual rule the
+    centre of its pixel, by depth the target's point;
+    at: (M, 2) float32, pixel coordinates x, y of the target's point in the other view, None for the pixel's centre;
+    smooth: (M,) bool, whether the surface around is whole, so that colours may be interpolated there.
     """
 
     pixels: Indices
     others: Indices
     distance: Array
+    at: Array | None = None
+    smooth: Mask | None = None
+
+    def only(self, which: Mask) -> Matches:
+        """Return some of them: which (M,) bool."""
+        fields = (self.pixels, self.others, self.distance, self.at, self.smooth)
+        return Matches(*(None if values is None else values[which] for values in fields))  # type: ignore[arg-type]
 
 
 def lift(view: View) -> Surface:
@@ -73,15 +83,35 @@ def lift(view: View) -> Surface:
     if view.camera is None or view.cam_from_world is None:
         raise InputError(f"{view.name}: the view has no camera pose; pairing needs one, choose a registered view")
     depth = _depth(view, view.camera)
-    v, u = np.nonzero(depth)
-    tile_of = v // _TILE_PX * (depth.shape[1] // _TILE_PX + 1) + u // _TILE_PX
-    by_tile = np.argsort(tile_of.astype(np.int32), kind="stable")
-    v, u, tile_of = v[by_tile], u[by_tile], tile_of[by_tile]
-    d = depth[v, u]
-    tiles, first, sizes = np.unique(tile_of, return_index=True, return_counts=True)
-    points = unproject(view.camera, u + 0.5, v + 0.5, d)
-    corners = _tile_corners(view.camera, u[first], v[first], d, first) if len(tiles) else np.empty((3, 8, 0))
-    return Surface(view.camera, view.cam_from_world, v * depth.shape[1] + u, points, sizes, corners)
+    height, width = depth.shape
+    index = np.arange(height * width, dtype=np.int32).reshape(height, width)
+    corners = [(x, y) for y in range(0, height, _TILE_PX) for x in range(0, width, _TILE_PX)]
+    tiles = [
+        index[y : y + _TILE_PX, x : x + _TILE_PX][depth[y : y + _TILE_PX, x : x + _TILE_PX] > 0] for x, y in corners
+    ]
+    sizes = np.array([len(tile) for tile in tiles])
+    pixels = np.concatenate(tiles)
+    d = depth.ravel()[pixels]
+    starts = np.append(0, np.cumsum(sizes[sizes > 0]))
+    left, top = np.array(corners)[sizes > 0].T
+    boxes = np.stack([left, top, left + _TILE_PX, top + _TILE_PX])
+    return Surface(
+        view.camera,
+        view.cam_from_world,
+        pixels,
+        np.stack([plane.ravel()[pixels] for plane in _points(view.camera, depth)]),
+        starts,
+        _frustum_pieces(view.camera, boxes, d, starts[:-1]),
+        _frustum_pieces(view.camera, np.array([[0], [0], [width], [height]]), d, starts[:1]),
+    )
+
+
+def _points(camera: Camera, depth: Array) -> Iterator[Array]:
+    """The coordinates X, Y, Z (H, W) float32 of the pixels' centres: K^-1 (u + .5, v + .5, 1) d."""
+    for of_u, of_v, of_one in np.linalg.inv(camera.K):
+        along_x = (of_u * (np.arange(camera.width) + 0.5) + of_one).astype(np.float32)
+        along_y = (of_v * (np.arange(camera.height) + 0.5)).astype(np.float32)
+        yield (along_x + along_y[:, None]) * depth
 
 
 def _depth(view: View, camera: Camera) -> Array:
@@ -92,10 +122,14 @@ def _depth(view: View, camera: Camera) -> Array:
     return depth
 
 
-def _tile_corners(camera: Camera, u: Indices, v: Indices, depth: Array, first: Indices) -> Array:
-    """The tiles that hold pixels (u, v), as frustum pieces between their least and largest depth: (3, 8, T)."""
-    left, top = u // _TILE_PX * _TILE_PX, v // _TILE_PX * _TILE_PX
-    right, bottom = left + _TILE_PX, top + _TILE_PX
+def _frustum_pieces(camera: Camera, boxes: Indices, depth: Array, first: Indices) -> Array:
+    """The corners (3, 8, T) of boxes in the image (left, top, right, bottom), over their range of depth.
+
+    first: (T,) indices into depth, where that of each box begins.
+    """
+    if not len(depth):
+        return np.empty((3, 8, 0))
+    left, top, right, bottom = boxes
     near, far = np.minimum.reduceat(depth, first), np.maximum.reduceat(depth, first)
     x = np.stack([left, right, left, right] * 2)  # (8, T)
     y = np.stack([top, top, bottom, bottom] * 2)
@@ -104,58 +138,69 @@ def _tile_corners(camera: Camera, u: Indices, v: Indices, depth: Array, first: I
 
 def own_matches(surface: Surface) -> Matches:
     """Return the target's pairs with itself: every pixel with depth, by definition and not by rounding."""
-    return Matches(surface.pixels, surface.pixels, _norm(surface.points))
+    distance = np.sqrt((surface.points * surface.points).sum(axis=0)).astype(np.float32)
+    return Matches(surface.pixels, surface.pixels, distance)
 
 
-def _norm(points: Array) -> Array:
-    return np.asarray(np.sqrt((points * points).sum(axis=0)), dtype=np.float32)
+def visible_pixels(surface: Surface, views: Sequence[View]) -> Indices:
+    """Return how many of the target's pixels each view may see at most: (V,) int64, told by poses alone.
+
+    0 for a view without a pose, and for one that looks elsewhere. All views are tried first against the whole target
+    at once, then those that are left tile by tile.
+    """
+    most = np.zeros(len(views), dtype=np.int64)
+    posed = [k for k, view in enumerate(views) if view.camera is not None and view.cam_from_world is not None]
+    if posed:
+        near = _may_be_seen(*_fields_of_view(surface, [views[k] for k in posed]), surface.corners).any(axis=-1)
+        for k in np.array(posed)[near]:
+            most[k] = np.diff(_visible_ranges(surface, views[k])).sum()
+    return most
 
 
-def match(surface: Surface, view: View) -> Matches | None:
+def _fields_of_view(surface: Surface, views: Sequence[View]) -> tuple[Array, Indices, Array]:
+    """Intrinsic matrices (V, 3, 3), image sizes (V, 2) and poses (V, 4, 4), from the target's frame to the cameras'."""
+    cameras = [view.camera for view in views if view.camera is not None]
+    poses = [view.cam_from_world for view in views if view.cam_from_world is not None]
+    sizes = np.array([(camera.width, camera.height) for camera in cameras])
+    return np.stack([camera.K for camera in cameras]), sizes, relative_pose(np.stack(poses), surface.cam_from_world)
+
+
+def _visible_ranges(surface: Surface, view: View) -> Indices:
+    """(R, 2) starts and stops of the tiles that a view may see."""
+    seen = _may_be_seen(*_fields_of_view(surface, [view]), surface.tile_corners)[0]
+    return np.stack([surface.tile_starts[:-1], surface.tile_starts[1:]], axis=1)[seen]
+
+
+def match(surface: Surface, view: View, rule: Rule = "mutual", tolerance: float = 0.03) -> Matches | None:
     """Return the pairs of a target and another view; None when that view lacks a pose or depth, or cannot see it.
 
     The view's depth map is read only when part of the target is in its field of view, its image never.
-    Raises InputError when its depth map is of another size than its camera's image.
+    tolerance: of the rule "depth", relative. Raises InputError when its depth map is not of its camera's size.
     """
     if view.camera is None or view.cam_from_world is None:
         return None
-    to_view = relative_pose(view.cam_from_world, surface.cam_from_world)
-    seen = _may_be_seen(view.camera, to_view, surface.tile_corners)
-    if not seen.any() or not view.has_depth:
+    ranges = _visible_ranges(surface, view)
+    if not len(ranges) or not view.has_depth:
         return None
-    depth = _depth(view, view.camera).ravel()
+    depth = np.ascontiguousarray(_depth(view, view.camera), np.float32)
+    tried = (surface.points, surface.pixels, ranges)
+    to_view = relative_pose(view.cam_from_world, surface.cam_from_world)
+    if rule == "depth":
+        return Matches(*agreeing(*tried, view.camera, depth, to_view, tolerance))
     to_target = relative_pose(surface.cam_from_world, view.cam_from_world)
-    candidates = np.flatnonzero(np.repeat(seen, surface.tile_sizes))
-    chunks = np.split(candidates, range(_CHUNK_PX, len(candidates), _CHUNK_PX))
-    parts = [_mutual(surface, chunk, view.camera, depth, to_view, to_target) for chunk in chunks]
-    return Matches(*(np.concatenate(fields) for fields in zip(*parts, strict=True)))
+    return Matches(*mutual(*tried, surface.camera, view.camera, depth, to_view, to_target))
 
 
-def _may_be_seen(camera: Camera, pose: Array, corners: Array) -> Mask:
-    """(T,) bool, False only where no point of the hull of eight corners (3, 8, T) can project into the image.
+def _may_be_seen(K: Array, size: Indices, pose: Array, corners: Array) -> Mask:
+    """(..., T) bool, False only where no point of the hull of eight corners (3, 8, T) can project into the image.
+
+    K: (..., 3, 3); size: (..., 2) width, height; pose: (..., 4, 4), to the camera from the corners' frame.
 
     A field of view is convex, the intersection of five half-spaces; a hull whose corners all lie outside the same
     one lies outside. The image is taken one pixel larger on each side, far more than float32 rounding.
     """
-    x, y, z = camera.K @ pose[:3]  # of (x w, y w, w): each (4,)
-    half_spaces = np.stack([z, x + z, (camera.width + 1) * z - x, y + z, (camera.height + 1) * z - y])  # (5, 4)
-    values = np.tensordot(half_spaces[:, :3], corners, axes=1) + half_spaces[:, 3, None, None]  # (5, 8, T)
-    return np.asarray(~(values < 0).all(axis=1).any(axis=0))
-
-
-def _mutual(
-    surface: Surface, here: Indices, camera: Camera, depth: Array, to_view: Array, to_target: Array
-) -> tuple[Indices, Indices, Array]:
-    """The fields of Matches for some points of the surface; `here`, their indices, shrinks with every test."""
-    u, v = landing_pixels(camera, to_view, surface.points[:, here])
-    inside = (u >= 0) & (v >= 0) & (u < camera.width) & (v < camera.height)  # NaN, behind the camera, is not
-    here, u, v = here[inside], u[inside], v[inside]
-    others = v.astype(np.int64) * camera.width + u.astype(np.int64)
-    has_depth = depth[others] > 0
-    here, u, v, others = here[has_depth], u[has_depth], v[has_depth], others[has_depth]
-
-    points = unproject(camera, u + np.float32(0.5), v + np.float32(0.5), depth[others])
-    u, v = landing_pixels(surface.camera, to_target, points)
-    pixels = surface.pixels[here]
-    mutual = (u == pixels % surface.camera.width) & (v == pixels // surface.camera.width)
-    return pixels[mutual], others[mutual], _norm(points[:, mutual])
+    x, y, z = np.moveaxis(K @ pose[..., :3, :], -2, 0)  # of (x w, y w, w): each (..., 4)
+    width, height = size[..., :1], size[..., 1:]
+    half_spaces = np.stack([z, x + z, (width + 1) * z - x, y + z, (height + 1) * z - y], axis=-2)  # (..., 5, 4)
+    values = np.tensordot(half_spaces[..., :3], corners, axes=1) + half_spaces[..., 3, None, None]  # (..., 5, 8, T)
+    return np.asarray(~(values < 0).all(axis=-2).any(axis=-2))

@@ -1,0 +1,188 @@
+"""The minimum of SUCRe's eq. 7, to the digits that the data hold.
+
+Every pixel's colour is eliminated (reduced.py), which leaves three parameters a channel. They are found on a sample of
+pixels, from several starts, and refined by a few passes over all observations. Nothing in it is random but the sample,
+which has a seed; nothing depends on the number of threads.
+
+physical: the model fits many real images best with a veil that is brighter than their darkest pixels, which makes
+colours negative. Then every pixel whose colour would lie below zero by more than its noise adds what it is short of,
+as a residual (kernels/dense.py); the noise is what the free fit leaves, from the median of its residuals. A pixel seen
+once takes part in that: no veil can be brighter than what is seen through it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.errors import SolveError
+from sucre_bench.methods.sucre.diagnostics import ROUNDING, Trust, judge
+from sucre_bench.methods.sucre.kernels import Backend, Device, Kernel, opened
+from sucre_bench.methods.sucre.levenberg import Minimum, minimise
+from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.starts import bounds_for, promising
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.progress import say
+from sucre_bench.scene import Array, Mask
+
+__all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
+
+# Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
+SAMPLE = 20_000
+
+# Pixels that the starts are tried on, how many starts, and how many different minima of theirs the sample decides on.
+_SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
+
+# Minima whose costs differ by less, relatively, are one.
+_ALIKE = 1e-4
+
+# Of the gain that a step promises, relative to the cost: to tell minima apart, on the sample, and at the end.
+_SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterFit:
+    """A fitted water.
+
+    water: (3, 3) float64, rows B, beta, gamma, columns RGB; cost: (3,) sum of squared residuals of each channel over
+    pixels seen more than once, with what `physical` adds; trust: what is known about it; passes: over all
+    observations; starts: costs (S, 3) that the starts led to on the sample.
+    """
+
+    water: Array
+    cost: Array
+    trust: Trust
+    passes: int
+    converged: bool
+    minima: Array
+
+
+def fit(
+    observations: Observations | Sequence[Observations],
+    *,
+    physical: bool = False,
+    backend: Backend = "auto",
+    device: Device = "auto",
+    seed: int = 0,
+    sample: int = SAMPLE,
+) -> WaterFit:
+    """Find the one water that explains the observations of one image, or of several, best.
+
+    physical: hold colours above zero, up to the noise that the free fit leaves.
+    Raises SolveError when no pixel is seen twice, or all from one distance each.
+    """
+    images = [observations] if isinstance(observations, Observations) else list(observations)
+    repeated = sum(one.n_repeated for one in images)
+    if not repeated:
+        raise SolveError(_HOPELESS.format("no pixel is seen in two views"))
+    few = _samples(images, sample, physical, seed)
+    _check_spread(few)
+    dead = _is_constant(few)
+    distance = float(np.median(np.concatenate([one.distance for one in few])))
+    bounds, margin = bounds_for(distance), None
+    floor = ROUNDING * sum(map(len, images))
+
+    fewest = _samples(few, _SCREEN, False, seed)
+    with _all_opened(fewest, backend, device) as kernels:
+        evaluate = _summed(kernels, None)
+        starts = promising(evaluate, distance, bounds, keep=_STARTS)
+        ends = [minimise(evaluate, start, bounds, tolerance=_SCREENED, max_steps=15) for start in starts]
+    with _all_opened(few, backend, device) as kernels:
+        evaluate = _summed(kernels, None)
+        ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in _distinct(ends)]
+        if physical:
+            margin = np.mean([robust_noise(one, _distinct(ends)[0]) for one in few], axis=0)
+            evaluate, starts = _summed(kernels, margin), [*_distinct(ends), *starts]
+            ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in starts]
+    with _all_opened(images, backend, device) as kernels:
+        end = minimise(_summed(kernels, margin), _distinct(ends)[0], bounds, tolerance=_TOLERANCE, floor=floor)
+    water = np.where(dead[:, None], 0, end.at)  # J = I
+    trust = judge(end.system, water, end.free, sum(_excess(one) for one in images), dead)
+    for limit in trust.limits:
+        say(limit)
+    costs = np.stack([one.system.cost for one in ends])
+    return WaterFit(water.T.copy(), end.system.cost, trust, end.steps + 1, bool(end.converged.all()), costs)
+
+
+# Distances that differ by less are the same: float32 and depth maps in millimetres know no better.
+_SAME = 1e-4
+
+# A channel that varies by less over the whole sample is dead: less than one level of 8 bits.
+_FLAT = 1 / 256
+
+_HOPELESS = "{}; give views that see the same places from other distances, or a known water (water=FILE)"
+
+
+def sampled(observations: Observations, n: int, singles: bool, seed: int) -> Observations:
+    """Return n random pixels of those seen more than once, and with `singles` as large a share of the others."""
+    rng = np.random.default_rng(seed)
+    repeated, all_pixels = observations.n_repeated, len(observations.pixels)
+    if n >= repeated:
+        return observations.take(np.arange(all_pixels if singles else repeated))
+    chosen = [rng.choice(repeated, n, replace=False)]
+    if singles:
+        share = round((all_pixels - repeated) * n / repeated)
+        chosen.append(repeated + rng.choice(all_pixels - repeated, share, replace=False))
+    return observations.take(np.sort(np.concatenate(chosen)))
+
+
+def _samples(images: Sequence[Observations], n: int, singles: bool, seed: int) -> list[Observations]:
+    """About n pixels of all images together, the same number of each."""
+    return [sampled(one, n // len(images) + 1, singles, seed + k) for k, one in enumerate(images)]
+
+
+@contextmanager
+def _all_opened(images: Sequence[Observations], backend: Backend, device: Device) -> Iterator[list[Kernel]]:
+    with ExitStack() as stack:
+        yield [stack.enter_context(opened(one, backend, device)) for one in images]
+
+
+def _distinct(ends: Sequence[Minimum]) -> list[Array]:
+    """The few lowest minima (3 channels, 3), best first, each channel's own."""
+    per_channel = []
+    for c in range(3):
+        lowest: list[tuple[float, Array]] = []
+        for cost, at in sorted(((end.system.cost[c], end.at[c]) for end in ends), key=lambda pair: float(pair[0])):
+            if not lowest or cost > lowest[-1][0] * (1 + _ALIKE):
+                lowest.append((cost, at))
+        per_channel.append([at for _, at in lowest])
+    return [
+        np.stack([minima[min(k, len(minima) - 1)] for minima in per_channel])
+        for k in range(min(_MINIMA, max(map(len, per_channel))))
+    ]
+
+
+def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array], ReducedSystem]:
+    def evaluate(water: Array) -> ReducedSystem:
+        first, *others = (kernel.system(water, margin) for kernel in kernels)
+        return sum(others, first)
+
+    return evaluate
+
+
+def _excess(observations: Observations) -> int:
+    """Observations more than pixels."""
+    return len(observations) - len(observations.pixels)
+
+
+def _check_spread(few: Sequence[Observations]) -> None:
+    """Raise SolveError when every pixel is seen from one distance: then any water fits."""
+    for one in few:
+        nearest, farthest = np.full((2, len(one.pixels)), one.distance[: len(one.pixels)])
+        for n, part in one.slots():
+            np.minimum(nearest[:n], one.distance[part], out=nearest[:n])
+            np.maximum(farthest[:n], one.distance[part], out=farthest[:n])
+        if (farthest > nearest * (1 + _SAME)).any():
+            return
+    raise SolveError(_HOPELESS.format("every pixel is seen from one distance only"))
+
+
+def _is_constant(few: Sequence[Observations]) -> Mask:
+    """(3,) bool: channels that are the same everywhere, black or saturated, and tell nothing."""
+    lowest = np.min([one.colour.min(axis=1) * one.scale for one in few], axis=0)
+    highest = np.max([one.colour.max(axis=1) * one.scale for one in few], axis=0)
+    return np.asarray(highest - lowest < _FLAT)

@@ -1,0 +1,98 @@
+"""The passes over all observations that the solvers are made of, by several array libraries.
+
+A backend is these two functions and nothing else; whatever solves, samples or judges is the same for all.
+"""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from typing import Literal, Protocol
+
+from sucre_bench.errors import InputError
+from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.scene import Array
+
+__all__ = ["Backend", "Device", "Kernel", "backend_for", "opened"]
+
+Backend = Literal["auto", "numba", "torch", "jax", "numpy"]
+Device = Literal["auto", "cpu", "cuda"]
+
+
+class Kernel(Protocol):
+    """Sums over the observations it was opened with.
+
+    Water is (3, 3) float64: a row a channel, RGB, columns B, beta, gamma.
+    """
+
+    @property
+    def device(self) -> str:
+        """Where it computes: "cpu" or "cuda"."""
+        ...
+
+    def system(self, water: Array, margin: Array | None = None) -> ReducedSystem:
+        """Return the reduced problem around a water, over the pixels that tell something about it.
+
+        Those are the pixels seen more than once; with a margin (3,), in units of I, all, and colours are held above
+        zero up to it (see kernels/dense.py, `products`).
+        """
+        ...
+
+    def colours(self, water: Array, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of the store's pixels.
+
+        noise: (3,) standard deviation of I; covariance: (3, 3, 3) of each channel's B, beta, gamma.
+        """
+        ...
+
+
+def opened(observations: Observations, backend: Backend, device: Device) -> AbstractContextManager[Kernel]:
+    """Make the observations ready for a backend, for the time of a `with` block.
+
+    Raises InputError when there is no such device.
+    """
+    backend, place = backend_for(backend, device)
+    if backend == "torch":
+        from sucre_bench.methods.sucre.kernels.on_torch import on_torch
+
+        return on_torch(observations, place)
+    if backend == "jax":
+        from sucre_bench.methods.sucre.kernels.on_jax import on_jax
+
+        return on_jax(observations, place)
+    if backend == "numba":
+        from sucre_bench.methods.sucre.kernels.compiled import compiled
+
+        return compiled(observations)
+    from sucre_bench.methods.sucre.kernels.on_numpy import on_numpy
+
+    return on_numpy(observations)
+
+
+def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax", "numpy"], str]:
+    """Return which backend computes where: PyTorch on a GPU that it sees, else the compiled loops."""
+    if device == "cuda" and backend in ("numba", "numpy"):
+        raise InputError(f"backend={backend} computes on the CPU only; use device=auto, or backend=torch or jax")
+    if backend == "jax":
+        return "jax", _jax_device(device)
+    place = _torch_device(device) if backend in ("auto", "torch") else "cpu"
+    if backend == "auto":
+        return ("torch", place) if place == "cuda" else ("numba", "cpu")
+    return backend, place
+
+
+def _torch_device(device: Device) -> str:
+    import torch
+
+    if device == "cuda" and not torch.cuda.is_available():
+        raise InputError("device=cuda: PyTorch sees no CUDA GPU; use device=auto or device=cpu")
+    return "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
+
+
+def _jax_device(device: Device) -> str:
+    import jax
+
+    has_gpu = jax.default_backend() == "gpu"
+    if device == "cuda" and not has_gpu:
+        raise InputError("device=cuda: JAX sees no GPU; use device=auto or device=cpu, or backend=torch")
+    return "cuda" if device != "cpu" and has_gpu else "cpu"

@@ -1,0 +1,275 @@
+"""The passes as loops that numba compiles: the fastest on a CPU, and the least memory.
+
+Read are the store's own arrays, whatever their type, in memory or on disk. A few hundred pixels are worked at a time,
+so that what a first sweep over their slots computes (both exponentials of each observation) is still in the cache
+when the second needs it. Slots are the outer loop and pixels the inner one, which makes every inner loop a walk
+along contiguous arrays that compiles to vector instructions. That includes the exponential, a polynomial here: a call
+of the C library's for each number is several times slower than all the rest.
+
+float32 inside a slot of a block, float64 across. Shares of the pixels are worked by threads and added up in their
+order, so that equal runs give equal results; numba's own parallel loops are avoided because its default threads abort
+the process when two callers use them at once.
+
+This module imports numba and is itself imported by the one function that opens it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager
+from dataclasses import dataclass
+from typing import Any
+
+import numba
+import numpy as np
+
+from sucre_bench.methods.sucre.kernels.dense import WALL, Block, blocks
+from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.scene import Array
+
+__all__ = ["compiled"]
+
+# Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
+# meaning, so that a water out of the range of numbers is seen as such.
+_fast = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "arcp"})
+
+_PLACES = 1 << 13  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
+_SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
+
+_LOG2_E = 1 / np.log(2)
+_ONE, _ZERO, _HALF = np.float32(1), np.float32(0), np.float32(0.5)
+_WALL = np.float32(WALL)
+_LOWEST, _HIGHEST = np.float32(-125), np.float32(125)  # powers of two short of the limits of float32
+_LIFT = np.float32(256)  # makes exponents positive, where cutting off is rounding down
+_BIAS, _MANTISSA = np.int32(127), np.int32(23)  # of float32's layout
+
+# (2^f - 1) / f for |f| <= 1/2, f the polynomial's argument: minimax, 2^f within 2e-9 before rounding.
+_C1, _C2, _C3 = np.float32(0.6931471824645996), np.float32(0.24022650718688965), np.float32(0.055503278970718384)
+_C4, _C5, _C6 = np.float32(0.009618005715310574), np.float32(0.001340028247795999), np.float32(0.0001547588617540896)
+
+
+@_fast
+def _power_minus_1(x: Any) -> Any:
+    """2^x - 1 in float32, accurate for small x as well: 2^x = 2^k 2^f with x = k + f, |f| <= 1/2."""
+    x = _LOWEST if x < _LOWEST else x
+    x = _HIGHEST if x > _HIGHEST else x
+    k = np.int32(x + _LIFT + _HALF) - np.int32(_LIFT)
+    f = x - np.float32(k)
+    scale = np.int32((np.int32(k) + _BIAS) << _MANTISSA).view(np.float32)
+    rest = f * (_C1 + f * (_C2 + f * (_C3 + f * (_C4 + f * (_C5 + f * _C6)))))
+    return scale * rest + (scale - _ONE)
+
+
+@_fast
+def _first_sweep(z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: Any, sums: Any) -> None:  # noqa: E741
+    """Compute what a slot's observations have of one water, and add it to their pixels' sums.
+
+    z, I, s: (n,) distance, stored colour, root of the weight; rates: -beta log2(e), -gamma log2(e);
+    kept: (4, n') x = s a, d = s D_B, g = s D_gamma / B, y = s I - B d; sums: (5, n'') of x times x, y, d, z x, g.
+    """
+    x, d, g, y = kept[0], kept[1], kept[2], kept[3]
+    A, S, C_B, Z, C_gamma = sums[0], sums[1], sums[2], sums[3], sums[4]
+    beta, gamma = rates
+    for i in range(len(z)):
+        x_i = s[i] * (_power_minus_1(beta * z[i]) + _ONE)
+        d_i = s[i] * -_power_minus_1(gamma * z[i])
+        g_i = z[i] * (s[i] - d_i)
+        y_i = s[i] * (scale * np.float32(I[i])) - B * d_i
+        x[i], d[i], g[i], y[i] = x_i, d_i, g_i, y_i
+        A[i] += x_i * x_i
+        S[i] += x_i * y_i
+        C_B[i] += x_i * d_i
+        Z[i] += x_i * x_i * z[i]
+        C_gamma[i] += x_i * g_i
+
+
+@_fast
+def _project(z: Any, kept: Any, sums: Any) -> None:
+    """Turn what a slot kept into columns: D'_B, D'_beta, D'_gamma / B, r. The sums over A are by now J and means."""
+    x, d, g, y = kept[0], kept[1], kept[2], kept[3]
+    J, mean_d, mean_z, mean_g = sums[1], sums[2], sums[3], sums[4]
+    for i in range(len(z)):
+        x_i = x[i]
+        x[i] = d[i] - x_i * mean_d[i]
+        d[i] = J[i] * x_i * (mean_z[i] - z[i])
+        g[i] -= x_i * mean_g[i]
+        y[i] -= x_i * J[i]
+
+
+@_fast
+def _add_products(columns: Any, n: int, total: Any) -> None:
+    """Add the products of four columns of n numbers to the upper triangle of total (4, 4) float64."""
+    p, q, u, v = columns[0, :n], columns[1, :n], columns[2, :n], columns[3, :n]
+    pp = pq = pu = pv = qq = qu = qv = uu = uv = vv = _ZERO
+    for i in range(n):
+        p_i, q_i, u_i, v_i = p[i], q[i], u[i], v[i]
+        pp += p_i * p_i
+        pq += p_i * q_i
+        pu += p_i * u_i
+        pv += p_i * v_i
+        qq += q_i * q_i
+        qu += q_i * u_i
+        qv += q_i * v_i
+        uu += u_i * u_i
+        uv += u_i * v_i
+        vv += v_i * v_i
+    total[0, 0] += pp
+    total[0, 1] += pq
+    total[0, 2] += pu
+    total[0, 3] += pv
+    total[1, 1] += qq
+    total[1, 2] += qu
+    total[1, 3] += qv
+    total[2, 2] += uu
+    total[2, 3] += uv
+    total[3, 3] += vv
+
+
+@_fast
+def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, kept: Any, sums: Any) -> int:
+    """Sweep the slots of n pixels first, then divide the sums by A; return how many slots there were."""
+    distance, colour, weight, starts, scale = store
+    log2_e = np.float32(_LOG2_E)
+    rates = (-water[1] * log2_e, -water[2] * log2_e)
+    for row in range(5):
+        for i in range(n):
+            sums[row, i] = _ZERO
+    slots = 0
+    for k in range(len(starts) - 1):
+        n_k = min(n, starts[k + 1] - starts[k] - start)
+        if n_k <= 0:
+            break
+        slots = k + 1
+        part = slice(starts[k] + start, starts[k] + start + n_k)
+        if len(weight):
+            for i in range(n_k):
+                roots[i] = np.sqrt(weight[part.start + i])
+        _first_sweep(distance[part], colour[c][part], roots, scale, water[0], rates, kept[k % len(kept)], sums)
+    for row in range(1, 5):
+        for i in range(n):
+            sums[row, i] /= sums[0, i]
+    return slots
+
+
+@_fast
+def _hold(kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, margin: Any, total: Any) -> None:
+    """Add the residual of every pixel whose sqrt(A) J lies below -margin; its columns replace the first slot's.
+
+    Of beta it needs sum z x r, which is sum D'_beta r over -J, as sum x r is 0.
+    """
+    first = kept[0]
+    for i in range(n):
+        first[1, i] *= first[3, i]
+    for k in range(1, slots):
+        q, v = kept[k, 1], kept[k, 3]
+        for i in range(min(n, starts[k + 1] - starts[k] - start)):
+            first[1, i] += q[i] * v[i]
+    for i in range(n):
+        root, J = np.sqrt(sums[0, i]), sums[1, i]
+        short = root * J + margin
+        held = short < _ZERO
+        first[0, i] = -_WALL * sums[2, i] * root if held else _ZERO
+        first[1, i] = _WALL * first[1, i] / (J * root) if held else _ZERO
+        first[2, i] = -_WALL * sums[4, i] * root if held else _ZERO
+        first[3, i] = -_WALL * short if held else _ZERO
+    _add_products(first, n, total)
+
+
+@_fast
+def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) -> Any:
+    """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see dense.products."""
+    distance, _, _, starts, _ = store
+    start, stop, slots = share
+    kept, sums = np.empty((slots, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
+    roots = np.ones(size, dtype=np.float32)
+    total = np.zeros((3, 4, 4))
+    for begin in range(start, stop, size):
+        n = min(size, stop - begin)
+        for c in range(3):
+            used = _sum_block(store, c, begin, n, water[c], roots, kept, sums)
+            for k in range(used):
+                n_k = min(n, starts[k + 1] - starts[k] - begin)
+                _project(distance[starts[k] + begin : starts[k] + begin + n_k], kept[k], sums)
+                _add_products(kept[k], n_k, total[c])
+            if len(margin):
+                _hold(kept, used, n, starts, begin, sums, margin[c], total[c])
+    return total
+
+
+@_fast
+def _share_colours(
+    store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, J: Any, deviation: Any
+) -> None:
+    """Write J and its deviation (3, P) of a share's pixels; see dense.colours."""
+    start, stop, _ = share
+    kept, sums = np.empty((1, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
+    roots = np.ones(size, dtype=np.float32)
+    for begin in range(start, stop, size):
+        n = min(size, stop - begin)
+        for c in range(3):
+            _sum_block(store, c, begin, n, water[c], roots, kept, sums)
+            V, B = covariance[c], water[c, 0]
+            for i in range(n):
+                J_i = sums[1, i]
+                p, q, u = sums[2, i], -J_i * sums[3, i], B * sums[4, i]
+                of_water = p * (V[0, 0] * p + V[0, 1] * q + V[0, 2] * u)
+                of_water += q * (V[1, 0] * p + V[1, 1] * q + V[1, 2] * u)
+                of_water += u * (V[2, 0] * p + V[2, 1] * q + V[2, 2] * u)
+                J[c, begin + i] = J_i
+                deviation[c, begin + i] = np.sqrt(noise[c] * noise[c] / sums[0, i] + of_water)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _CompiledKernel:
+    observations: Observations
+    store: tuple[Any, ...]
+    workers: ThreadPoolExecutor
+    device: str = "cpu"
+
+    def system(self, water: Array, margin: Array | None = None) -> ReducedSystem:
+        rows, held = _float32(water), _float32(() if margin is None else margin)
+        stop = None if margin is not None else self.observations.n_repeated
+
+        def work(share: Block) -> Array:
+            return _share_products(self.store, *_extent(share), rows, held)
+
+        total: Array = sum(self.workers.map(work, self._shares(stop)), np.zeros((3, 4, 4)))
+        total += np.triu(total, 1).swapaxes(1, 2)
+        scale = np.ones((3, 4))
+        scale[:, 2] = water[:, 0]  # the loops leave B out of D_gamma
+        return ReducedSystem.from_products(total * scale[:, :, None] * scale[:, None, :])
+
+    def colours(self, water: Array, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        J, deviation = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
+        parameters = _float32(water), _float32(noise), _float32(covariance)
+
+        def work(share: Block) -> None:
+            _share_colours(self.store, *_extent(share), *parameters, J, deviation)
+
+        list(self.workers.map(work, self._shares(None)))
+        return J, deviation
+
+    def _shares(self, stop: int | None) -> list[Block]:
+        return blocks(self.observations, _SHARE, stop=stop)
+
+
+def _float32(values: Any) -> Array:
+    return np.array(values, dtype=np.float32)
+
+
+def _extent(share: Block) -> tuple[tuple[int, int, int], int]:
+    """What the loops take of a share, and how many of its pixels to work at a time."""
+    return (share.start, share.start + share.n, share.slots), min(max(64, _PLACES // share.slots), 1024)
+
+
+@contextmanager
+def compiled(observations: Observations) -> Iterator[_CompiledKernel]:
+    """Open the observations for compiled loops, on as many threads as numba's own setting says."""
+    weight = np.empty(0, dtype=np.float32) if observations.weight is None else observations.weight
+    arrays = (observations.distance, observations.colour, weight, observations.starts)
+    store = (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
+    threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
+    with ThreadPoolExecutor(threads) as workers:
+        yield _CompiledKernel(observations, store, workers)

@@ -1,0 +1,36 @@
+"""Colours that are mostly noise, drawn towards what the image's colours are like (empirical Bayes).
+
+Far away little light is left: dividing by a small transmission makes J a large multiple of the noise. With colours of a
+channel taken as normal, mean mu and variance S^2, the posterior mean of a colour with variance v is (Efron & Morris
+1973)
+
+    (J / v + mu / S^2) / (1 / v + 1 / S^2),    with variance 1 / (1 / v + 1 / S^2).
+
+mu and S^2 come from the image itself, each pixel counted by how far it can be trusted, S^2 / (S^2 + v).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sucre_bench.scene import Array
+
+__all__ = ["posterior"]
+
+_ROUNDS = 30
+
+# Least variance of an image's colours, .01 squared: below it everything would be drawn to one.
+_LEAST = 1e-4
+
+
+def posterior(J: Array, deviation: Array) -> tuple[Array, Array]:
+    """Return the posterior mean and standard deviation (3, P) float32 of colours J with standard deviations, (3, P)."""
+    v = np.square(deviation, dtype=np.float64)
+    mean, spread = np.median(J, axis=1, keepdims=True).astype(np.float64), np.full((3, 1), 0.05)
+    for _ in range(_ROUNDS):
+        trust = spread / (spread + v)
+        total = trust.sum(axis=1, keepdims=True)
+        mean = (trust * J).sum(axis=1, keepdims=True) / total
+        spread = ((trust * ((J - mean) ** 2 - v)).sum(axis=1, keepdims=True) / total).clip(min=_LEAST)
+    trust = spread / (spread + v)
+    return (mean + trust * (J - mean)).astype(np.float32), np.sqrt(trust * v).astype(np.float32)

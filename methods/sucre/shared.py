@@ -1,0 +1,43 @@
+"""One water for a whole dive: fitted to many target images at once.
+
+A single image often sees too few distances to tell its water; the water of a dive is one. Every target gives a sample
+of its pixels, and the fit sums over all samples, so that memory holds samples and never a dive.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sucre_bench.errors import InputError, SolveError
+from sucre_bench.methods.sucre.exact import SAMPLE, sampled
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.progress import say, track
+from sucre_bench.scene import Scene, View
+
+__all__ = ["samples"]
+
+
+def samples(
+    scene: Scene, observe: Callable[[View], Observations], *, most: int, singles: bool, seed: int
+) -> Sequence[Observations]:
+    """Return samples of the observations of up to `most` targets, spread evenly over the scene.
+
+    observe: pairs one target. Views without a pose or depth, or with a damaged file, are left out.
+    Raises SolveError when none is left.
+    """
+    kept: list[Observations] = []
+    chosen = np.unique(np.linspace(0, len(scene) - 1, min(most, len(scene))).round().astype(int))
+    for k in track(chosen.tolist(), "shared water"):
+        view = scene.views[k]
+        try:
+            observations = observe(view)
+        except (InputError, SolveError) as fault:
+            say(f"shared water does without {view.name}: {fault}")
+            continue
+        if observations.n_repeated:
+            kept.append(sampled(observations, SAMPLE, singles, seed + k))
+    if not kept:
+        raise SolveError(f"{scene.name}: no view shares a pixel with another; the scene's water cannot be fitted")
+    return kept

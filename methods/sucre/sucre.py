@@ -1,0 +1,211 @@
+"""SUCRe, solved exactly, with everything about it open to choice."""
+
+from __future__ import annotations
+
+import functools
+import time
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.methods.sucre.kernels import Backend, Device
+from sucre_bench.methods.sucre.paper import CITES
+from sucre_bench.methods.sucre.prior import posterior
+from sucre_bench.progress import say
+from sucre_bench.scene import Array
+
+if TYPE_CHECKING:
+    from sucre_bench.methods.sucre.exact import WaterFit
+    from sucre_bench.methods.sucre.solvers import Solution
+    from sucre_bench.multiview.observations import Observations
+
+__all__ = ["Sucre"]
+
+
+@method(needs={"depth", "poses"}, requires=("numba", "torch"), display="stretch-1-99", cites=CITES)
+@dataclass(frozen=True)
+class Sucre:
+    """SUCRe at its exact minimum: one water for all observations, one colour a pixel, no step count.
+
+    The paper's model and least squares; colours are eliminated, and the water is found by Levenberg-Marquardt from
+    several starts. Attenuation and backscatter are held positive, the veiling light between 0 and 1.
+    """
+
+    solver: Literal["exact", "adam", "adam_closed_form"] = "exact"
+    """exact: the minimum; adam: the paper's steps on all unknowns; adam_closed_form: the paper's steps on the water,
+    with the best colours at each."""
+
+    physical: bool = False
+    """Hold colours above zero, up to noise: a veil brighter than the darkest pixels costs (solver=exact)."""
+
+    prior: bool = False
+    """Draw colours that are mostly noise towards the image's mean colour, as far as their noise says."""
+
+    pairing: Literal["mutual", "depth"] = "mutual"
+    """mutual: the paper's, pixels that project onto one another; depth: points whose depths agree, colours
+    interpolated, more observations where views differ in scale."""
+
+    tolerance: float = 0.03
+    """By how much depths may differ with pairing=depth, relative."""
+
+    encoding: Literal["view", "linear"] = "view"
+    """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
+
+    water: str = "own"
+    """own: fitted to each image; shared: to many images of the scene at once; truth; a .json or .npz file with B,
+    beta and gamma; or a folder of them, one a view, as restored/ of an earlier run."""
+
+    shared_views: int = 40
+    """How many images water=shared is fitted to at most, spread evenly over the scene."""
+
+    robust: bool = False
+    """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
+
+    lamp: bool = False
+    """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
+
+    steps: int = 200
+    """Steps of Adam."""
+
+    lr: float = 0.05
+    """Adam's learning rate."""
+
+    backend: Backend = "auto"
+    """What computes: numba, torch, jax, or numpy in float64; auto: torch on a GPU, else numba."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a GPU when there is one."""
+
+    pairs: Path | None = None
+    """Folder that keeps observations on disk, for less memory and for the next run; None keeps them nowhere."""
+
+    seed: int = 0
+    """Seed of the sample of pixels that the fit starts on."""
+
+    def __post_init__(self) -> None:
+        for name in ("tolerance", "shared_views", "steps", "lr"):
+            if not getattr(self, name) > 0:
+                raise InputError(f"sucre.{name}: {getattr(self, name)} must be positive")
+        extras = [name for name in ("physical", "robust", "lamp") if getattr(self, name)]
+        if extras and self.solver != "exact":
+            raise InputError(f"sucre.{extras[0]}: goes with solver=exact, not with solver={self.solver}")
+        if self.water != "own" and self.solver != "exact":
+            raise InputError(f"sucre.water: {self.water} leaves nothing to solver={self.solver}; leave one out")
+        fitted = [name for name in ("robust", "lamp") if getattr(self, name)]
+        if self.water != "own" and fitted:
+            raise InputError(f"sucre.{fitted[0]}: is found with the image's own water; leave out water={self.water}")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
+
+        info: see `outcome.restoration`; seconds of each stage besides.
+        Raises SolveError when no pixel has depth, or none is seen twice; InputError for a water that cannot be read.
+        """
+        from sucre_bench.methods.sucre.outcome import restoration
+
+        started = time.perf_counter()
+        observations = self._observe(scene, view)
+        paired = time.perf_counter()
+        solution = self._solve(scene, view, observations)
+        if self.prior:
+            J, deviation = posterior(solution.J, solution.deviation)
+            solution = replace(solution, J=J, deviation=deviation)
+        if self._decodes(view):
+            solution = _encoded(solution)
+        stages = {"read": observations.read_s, "pair": paired - started, "solve": time.perf_counter() - paired}
+        return restoration(observations, solution, stage_seconds=stages)
+
+    def _observe(self, scene: Scene, view: View) -> Observations:
+        from sucre_bench.multiview.store import paired
+
+        return paired(
+            scene,
+            view,
+            self.pairs,
+            rule=self.pairing,
+            tolerance=self.tolerance,
+            encoding=self.encoding,
+            with_ray=self.lamp,
+        )
+
+    def _solve(self, scene: Scene, view: View, observations: Observations) -> Solution:
+        from sucre_bench.methods.sucre import solvers
+        from sucre_bench.methods.sucre.given import water_of
+
+        where = (self.backend, self.device)
+        if self.solver == "adam":
+            own = self._own(view)[observations.pixels].T
+            return solvers.solve_adam(observations, own, self.steps, self.lr, "sum", *where)
+        if self.solver == "adam_closed_form":
+            return solvers.solve_adam_closed_form(observations, self.steps, self.lr, *where)
+        if self.water == "shared":
+            shared = _shared_fit(scene, self)
+            return solvers.colours_in(observations, shared.water, shared.trust, *where)
+        if self.water != "own":
+            return solvers.colours_in(observations, water_of(self.water, scene, view), None, *where)
+        if self.lamp:
+            observations = self._without_lamp(observations)
+        return self._exact(observations)
+
+    def _exact(self, observations: Observations) -> Solution:
+        from sucre_bench.methods.sucre.solvers import solve_exact
+
+        return solve_exact(
+            observations,
+            physical=self.physical,
+            robust=self.robust,
+            backend=self.backend,
+            device=self.device,
+            seed=self.seed,
+        )
+
+    def _without_lamp(self, observations: Observations) -> Observations:
+        """The observations as they would be in even light, where a lamp explains them better."""
+        from sucre_bench.methods.sucre.exact import fit
+        from sucre_bench.methods.sucre.lamp import estimate, lit
+
+        without = fit(observations, backend=self.backend, device=self.device, seed=self.seed)
+        found = estimate(observations, without.water.T, seed=self.seed)
+        if found.is_worth_it:
+            return lit(observations, found.lamp)
+        say("no lamp: the observations are explained as well without one")
+        return observations
+
+    def _own(self, view: View) -> Array:
+        """The target's intensities (H W, 3), as the fit sees them."""
+        rgb = view.rgb.reshape(-1, 3)
+        return srgb_decode(rgb) if self._decodes(view) else rgb
+
+    def _decodes(self, view: View) -> bool:
+        return self.encoding == "linear" and view.encoding == "gamma"
+
+
+def _encoded(solution: Solution) -> Solution:
+    """The colours of a fit to linear light, encoded as the view is; below 0 and above 1 the curve goes on."""
+    J = srgb_encode(solution.J)
+    return replace(solution, J=J, deviation=np.abs(srgb_encode(solution.J + solution.deviation) - J))
+
+
+@functools.lru_cache(maxsize=4)  # every view of the scene asks for it
+def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit:
+    from sucre_bench.methods.sucre.exact import fit
+    from sucre_bench.methods.sucre.shared import samples
+
+    targets = samples(
+        scene,
+        lambda view: sucre._observe(scene, view),
+        most=sucre.shared_views,
+        singles=sucre.physical,
+        seed=sucre.seed,
+    )
+    return fit(
+        targets,
+        physical=sucre.physical,
+        backend=sucre.backend,
+        device=sucre.device,
+        seed=sucre.seed,
+    )

@@ -1,0 +1,118 @@
+"""Observations kept on disk: paired once, used by every method and every run that asks for the same.
+
+An entry is a folder of .npy files and a `meta.json`, named after the target and a hash of all that decides the result:
+the data, the views, the options and the source that pairs. It is made beside its place, under a lock, and moved there
+when complete; one that is damaged is made anew.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import functools
+import hashlib
+import json
+import shutil
+import time
+from pathlib import Path
+from typing import Any, Unpack
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.multiview.observe import Options, observe
+from sucre_bench.plugins import source_hash
+from sucre_bench.progress import say
+from sucre_bench.scene import Scene, View
+
+__all__ = ["paired"]
+
+_PER_OBSERVATION = ("distance", "colour", "view", "ray")
+_PER_PIXEL = ("pixels", "counts", "starts")
+
+
+def paired(scene: Scene, target: View, folder: Path | None, **options: Unpack[Options]) -> Observations:
+    """Return `observe(target, scene.views, **options)`, from a folder if it is there, and kept there if it is not.
+
+    folder: None keeps nothing. With one, arrays are mapped from files and memory stays small however many there are;
+    what is done to them stays in memory. A scene without a data_id cannot be told from another, and is not kept.
+    Raises what `observe` raises; InputError when the folder cannot be written.
+    """
+    if folder is None:
+        return observe(target, scene.views, **options)
+    if not scene.data_id:
+        _say_that_nothing_is_kept(scene.name)
+        return observe(target, scene.views, **options)
+    from filelock import FileLock
+
+    began = time.perf_counter()
+    entry = Path(folder).expanduser() / f"{Path(target.name).stem}-{_key(scene, target, options)}"
+    try:
+        entry.parent.mkdir(parents=True, exist_ok=True)
+        with FileLock(f"{entry}.lock"):  # of two processes, the later finds what the first has made
+            kept = _read(entry)
+            if kept is not None:
+                return dataclasses.replace(kept, pair_s=time.perf_counter() - began)
+            made = _make(entry, scene, target, options)
+    except OSError as fault:
+        reason = fault.strerror or fault
+        raise InputError(f"{entry.parent}: cannot keep observations there, {reason}; name another folder") from fault
+    return made
+
+
+@functools.cache
+def _say_that_nothing_is_kept(scene: str) -> None:
+    say(f"{scene}: its observations are not kept, the scene has no data_id to know them by")
+
+
+def _key(scene: Scene, target: View, options: Options) -> str:
+    names = [view.name for view in scene.views]
+    content = json.dumps([scene.data_id, target.name, names, options, source_hash()], sort_keys=True)
+    return hashlib.blake2b(content.encode(), digest_size=8).hexdigest()
+
+
+def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observations:
+    """Pair into a new entry, in place of whatever is there, and return what was kept."""
+    work = Path(f"{entry}.part")
+    shutil.rmtree(work, ignore_errors=True)  # of a process that was killed
+    work.mkdir()
+    try:
+        made = observe(target, scene.views, folder=work, **options)
+        for name in _PER_PIXEL:
+            np.save(work / f"{name}.npy", getattr(made, name))
+        for name in _PER_OBSERVATION:
+            if isinstance(values := getattr(made, name), np.memmap):
+                values.flush()  # or a crash of the machine could leave zeros in a file that looks whole
+        meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable}
+        arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
+        (work / "meta.json").write_text(json.dumps({**meta, "arrays": arrays}), encoding="utf-8")
+        if entry.exists():
+            shutil.rmtree(entry)
+        work.replace(entry)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    kept = _read(entry)
+    assert kept is not None
+    return dataclasses.replace(kept, read_s=made.read_s, pair_s=made.pair_s)
+
+
+def _layout(values: np.ndarray | None) -> list[Any] | None:
+    return None if values is None else [values.dtype.str, list(values.shape)]
+
+
+def _read(entry: Path) -> Observations | None:
+    """Return an entry's observations; None when it is not there or not whole."""
+    try:
+        meta = json.loads((entry / "meta.json").read_text(encoding="utf-8"))
+        arrays: dict[str, Any] = {}
+        for name, layout in meta["arrays"].items():
+            if layout is not None:
+                # Copy on write: nobody can harm the file, and libraries that want writable arrays need no copy.
+                arrays[name] = np.asarray(np.load(entry / f"{name}.npy", mmap_mode="c", allow_pickle=False))
+                if _layout(arrays[name]) != layout:
+                    return None
+        height, width = meta["shape"]
+        kept = Observations((height, width), tuple(meta["views"]), unreadable=tuple(meta["unreadable"]), **arrays)
+        return kept if kept.counts.sum() == kept.starts[-1] == len(kept) else None
+    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError):
+        return None

@@ -1,0 +1,225 @@
+"""The restorer `sucre` as a user meets it: its options, its errors, and what it returns."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from made_scene import WATER, make_scene
+
+from sucre_bench import Arrays, InputError, Scene, SolveError, Water
+from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.methods.sucre import Sucre, SucrePaper
+from sucre_bench.progress import watched_by
+
+SCENE = make_scene()
+TARGET = SCENE["a.png"]
+TRUTH = np.array([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
+
+
+def as_array(water: Water | None) -> np.ndarray:
+    assert water is not None
+    return np.array([water.veiling_light, water.attenuation, water.backscatter])
+
+
+def with_images(change: Any) -> Scene:
+    """The scene with other images."""
+    views = [replace(v, pixels=Arrays(change(v.rgb), v.depth)) for v in SCENE.views]
+    return replace(SCENE, views=views)
+
+
+def test_the_image_is_the_scene_without_water_where_there_is_depth() -> None:
+    dry = make_scene_without_water()
+    result = Sucre(pairing="depth").restore(SCENE, TARGET)
+    assert np.array_equal(result.valid, TARGET.depth > 0)
+    error = (result.image - dry)[result.valid]
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    assert result.confidence is not None
+    assert np.array_equal(np.isfinite(result.confidence), result.valid)
+
+
+def make_scene_without_water() -> np.ndarray:
+    from made_scene import make_camera, make_pose, make_view
+
+    return make_view("a.png", make_camera(60, 44, 56), make_pose((0, 0, 0)), water=None).rgb
+
+
+def test_what_is_known_of_the_fit_is_told() -> None:
+    info = Sucre().restore(SCENE, TARGET).info
+    assert info["converged"] is True
+    assert len(info["condition"]) == len(info["cost"]) == len(info["noise"]) == 3
+    assert set(info["standard_error"]) == {"B", "beta", "gamma"}
+    assert set(info["stage_seconds"]) >= {"read", "pair", "solve"}
+    assert info["n_repeated"] < info["n_observations"]
+    json.dumps(info)
+
+
+@pytest.mark.parametrize("solver", ["exact", "adam", "adam_closed_form"])
+def test_every_solver_says_how_sure_it_is(solver: Any) -> None:
+    info = Sucre(solver=solver, steps=5).restore(SCENE, TARGET).info
+    assert info["solver"] == solver
+    assert np.isfinite(info["cost"]).all()
+    assert np.isfinite(info["condition"]).all()
+    assert info["steps"] >= 1
+
+
+def test_solver_adam_is_the_papers() -> None:
+    ours, paper = Sucre(solver="adam", steps=20).restore(SCENE, TARGET), SucrePaper(steps=20).restore(SCENE, TARGET)
+    np.testing.assert_array_equal(ours.image, paper.image)
+    np.testing.assert_array_equal(as_array(ours.water), as_array(paper.water))
+
+
+# -- water from elsewhere ----------------------------------------------------------------------------------
+
+
+def test_the_true_water_is_taken_as_it_is() -> None:
+    result = Sucre(water="truth").restore(SCENE, TARGET)
+    np.testing.assert_array_equal(as_array(result.water), TRUTH)
+    nowhere = replace(SCENE, water=None)
+    with pytest.raises(InputError, match="water=truth: the scene 'made' does not know its water"):
+        Sucre(water="truth").restore(nowhere, TARGET)
+
+
+def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> None:
+    content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    np.savez(tmp_path / "one.npz", **{name: np.array(values) for name, values in content.items()})
+    true = Sucre(water="truth").restore(SCENE, TARGET)
+    for source in (tmp_path / "a.json", tmp_path / "one.npz", tmp_path):
+        np.testing.assert_array_equal(Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("absent.json", None, "no such file; water= takes own, shared, truth"),
+        ("cut.json", '{"B": [1, 2', "does not hold B, beta and gamma"),
+        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', "does not hold B, beta and gamma"),
+        ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', "must be three finite numbers each"),
+        ("nan.json", '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "three finite numbers"),
+        ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "does not hold B, beta and gamma"),
+        ("list.json", "[1, 2, 3]", "does not hold B, beta and gamma"),
+        ("junk.npz", "no archive", "does not hold B, beta and gamma"),
+    ],
+)
+def test_a_file_without_water_is_named_with_its_fault(
+    tmp_path: Path, name: str, content: str | None, said: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"^{tmp_path / name}: .*{said}") as fault:
+        Sucre(water=str(tmp_path / name)).restore(SCENE, TARGET)
+    assert "\n" not in str(fault.value)
+
+
+def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    from sucre_bench.methods.sucre import exact
+
+    calls = []
+    whole = exact.fit
+    monkeypatch.setattr(exact, "fit", lambda *a, **k: calls.append(1) or whole(*a, **k))
+    scene = replace(SCENE)
+    waters = [as_array(Sucre(water="shared").restore(scene, view).water) for view in scene.views]
+    assert len(calls) == 1
+    assert all(np.array_equal(water, waters[0]) for water in waters)
+    assert not np.array_equal(as_array(Sucre().restore(scene, TARGET).water), waters[0])
+
+
+# -- light -------------------------------------------------------------------------------------------------
+
+
+def test_linear_encoding_finds_water_that_acts_on_linear_light() -> None:
+    """The made scene's intensities are light here, and stored gamma-encoded as a camera's are."""
+    scene = with_images(lambda rgb: np.rint(srgb_encode(rgb) * 65535) / 65535)
+    linear, as_stored = (Sucre(encoding=e, water="own").restore(scene, scene["a.png"]) for e in ("linear", "view"))
+    dry = make_scene_without_water()
+    errors = [np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)]
+    assert errors[0] < 0.6 * errors[1]
+    plain = Sucre().restore(SCENE, TARGET)
+    np.testing.assert_allclose(as_array(linear.water), as_array(plain.water), rtol=0.05)
+    np.testing.assert_allclose(srgb_decode(linear.image)[linear.valid], plain.image[plain.valid], atol=0.02)
+
+
+def test_views_that_are_linear_already_are_not_decoded_again() -> None:
+    scene = replace(SCENE, views=[replace(v, encoding="linear") for v in SCENE.views])
+    once, never = (Sucre(encoding=e).restore(scene, scene["a.png"]) for e in ("linear", "view"))
+    np.testing.assert_array_equal(once.image, never.image)
+
+
+# -- bad input ---------------------------------------------------------------------------------------------
+
+
+def test_pixels_that_are_not_numbers_are_left_out() -> None:
+    def holed(rgb: np.ndarray) -> np.ndarray:
+        rgb = rgb.copy()
+        rgb[10:14, 10:30] = np.nan
+        return rgb
+
+    scene = with_images(holed)
+    result = Sucre().restore(scene, scene["a.png"])
+    assert result.water is not None
+    np.testing.assert_allclose(result.water.attenuation, WATER.attenuation, rtol=0.1)
+    assert result.valid.sum() > 0.8 * (TARGET.depth > 0).sum()
+    assert np.isfinite(as_array(result.water)).all()
+
+
+def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water() -> None:
+    alone = replace(SCENE, views=[TARGET])
+    with pytest.raises(SolveError, match="no pixel is seen in two views"):
+        Sucre().restore(alone, TARGET)
+    result = Sucre(water="truth").restore(alone, TARGET)
+    assert np.array_equal(result.valid, TARGET.depth > 0)
+
+
+def test_limits_of_the_water_are_said_while_it_runs() -> None:
+    class Watcher:
+        def __init__(self) -> None:
+            self.told: list[str] = []
+
+        def started(self, what: str, total: int | None) -> int:
+            return 0
+
+        def advanced(self, line: int) -> None: ...
+
+        def finished(self, line: int) -> None: ...
+
+        def said(self, text: str) -> None:
+            self.told.append(text)
+
+    def without_red(rgb: np.ndarray) -> np.ndarray:
+        return rgb * [0, 1, 1]
+
+    scene, watcher = with_images(without_red), Watcher()
+    with watched_by(watcher):
+        result = Sucre().restore(scene, scene["a.png"])
+    assert "red: the same in all observations, black or saturated; left as it is" in watcher.told
+    assert watcher.told == result.info["limits"]
+    assert (result.image[result.valid][:, 0] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"solver": "adam", "physical": True}, "sucre.physical: goes with solver=exact"),
+        ({"solver": "adam_closed_form", "robust": True}, "sucre.robust: goes with solver=exact"),
+        ({"solver": "adam", "water": "shared"}, "sucre.water: shared leaves nothing to solver=adam"),
+        ({"tolerance": 0.0}, "sucre.tolerance: 0.0 must be positive"),
+        ({"water": "truth", "lamp": True}, "sucre.lamp: is found with the image's own water; leave out water=truth"),
+        ({"shared_views": 0}, "sucre.shared_views: 0 must be positive"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Sucre(**options)
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch", "jax"])
+def test_every_backend_restores_alike(backend: Any) -> None:
+    reference = Sucre(backend="numpy").restore(SCENE, TARGET)
+    result = Sucre(backend=backend).restore(SCENE, TARGET)
+    np.testing.assert_allclose(as_array(result.water), as_array(reference.water), rtol=1e-3)
+    np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)
