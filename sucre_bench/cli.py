@@ -61,7 +61,7 @@ def cli() -> None:
 
     \b
     sucre-bench run dataset=demo method=gray_world
-    sucre-bench run -m dataset=colmap dataset.root=dive/ method=underwater,sucre_paper out=results
+    sucre-bench run -m dataset=colmap dataset.root=dive/ method=underwater,sucre out=results
     sucre-bench compare results
     sucre-bench score restored/ --reference truth/
     """
@@ -76,9 +76,9 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     """Restore views of a dataset with a method, and score them.
 
     \b
-    sucre-bench run dataset=colmap dataset.root=DIR method=sucre_paper views=[a.png] out=DIR
-    sucre-bench run -m method=underwater,gray_world,stitching,sucre_paper every=4
-    sucre-bench run -m method=sucre_paper method.steps=50,200 hydra/launcher=joblib
+    sucre-bench run dataset=colmap dataset.root=DIR method=sucre views=[a.png] out=DIR
+    sucre-bench run -m method=underwater,gray_world,stitching,sucre every=4
+    sucre-bench run -m method=sucre method.pairing=mutual,depth hydra/launcher=joblib
 
     Overrides are Hydra's, key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their
     options follow a dot. Also: out=FOLDER, views=[NAME,...] or a .txt list, every=N, first=N, seed=N,

@@ -124,10 +124,16 @@ def _base_row(job: Job) -> Row:
 
 
 def _ready(choice: Choice) -> Any:
-    """Make the method, and import what it needs so that the first view's time is not that of imports."""
+    """Make the method, and import and compile what it needs, so that the first view's time is not that of compilers.
+
+    A method may have a `warm_up()` for that.
+    """
     for package in choice.plugin.requires:
         importlib.import_module(package)
-    return choice.make()
+    method = choice.make()
+    if hasattr(method, "warm_up"):
+        method.warm_up()
+    return method
 
 
 # -- doing it ----------------------------------------------------------------------------------------------

@@ -118,7 +118,15 @@ def test_an_experiment_brings_its_own_sweep():
     sweep = config.jobs(["experiment=demo"], multirun=False)
     assert sweep.multirun
     labels = [job.method.label for job in sweep.jobs]
-    assert labels == ["underwater", "gray_world", "histogram_stretch", "stitching", "sucre_paper"]
+    assert labels == [
+        "underwater",
+        "gray_world",
+        "histogram_stretch",
+        "stitching",
+        "sucre_paper",
+        "sucre",
+        "sucre_plus",
+    ]
     assert sweep.jobs[0].every == 4
 
 

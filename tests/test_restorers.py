@@ -11,7 +11,7 @@ from sucre_bench.colour import display
 from sucre_bench.methods.gray_world import GrayWorld
 from sucre_bench.methods.histogram_stretch import HistogramStretch
 from sucre_bench.methods.stitching import Stitching
-from sucre_bench.methods.sucre import SucrePaper
+from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.underwater import Underwater
 from sucre_bench.multiview.pairing import lift, match
 from sucre_bench.plugins import Plugin, discover
@@ -36,6 +36,8 @@ def alone(view: View) -> Scene:
         ("histogram_stretch", HistogramStretch, set(), "none"),
         ("stitching", Stitching, {"depth", "poses"}, "none"),
         ("sucre_paper", SucrePaper, {"depth", "poses"}, "stretch-1-99"),
+        ("sucre", Sucre, {"depth", "poses"}, "stretch-1-99"),
+        ("sucre_plus", SucrePlus, {"depth", "poses"}, "white-99"),
     ],
 )
 def test_the_restorers_are_found_with_what_they_need(name: str, cls: type, needs: set[str], how: str) -> None:

@@ -37,7 +37,7 @@ def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
     outcome = run(out, "save=full")
     assert (outcome.ok, outcome.failed, outcome.exit_code) == (3, (), 0)
     assert {p.name for p in (out / "restored" / "toy" / "gain").iterdir()} == {
-        f"v{n}.{s}" for n in range(3) for s in ("png", "npz")
+        f"v{n}.{s}" for n in range(3) for s in ("png", "npz", "json")
     }
     for name in ("scores.parquet", "config.yaml", "environment.json"):
         assert (out / name).is_file()

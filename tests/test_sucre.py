@@ -14,6 +14,7 @@ from made_scene import WATER, make_scene
 from sucre_bench import Arrays, InputError, Scene, SolveError, Water
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre import Sucre, SucrePaper
+from sucre_bench.methods.sucre.prior import posterior
 from sucre_bench.progress import watched_by
 
 SCENE = make_scene()
@@ -148,6 +149,51 @@ def test_views_that_are_linear_already_are_not_decoded_again() -> None:
     scene = replace(SCENE, views=[replace(v, encoding="linear") for v in SCENE.views])
     once, never = (Sucre(encoding=e).restore(scene, scene["a.png"]) for e in ("linear", "view"))
     np.testing.assert_array_equal(once.image, never.image)
+
+
+def test_a_lamp_is_found_in_the_deep_sea_and_not_looked_for_in_daylight() -> None:
+    import sucre_bench as sb
+
+    psnr = {}
+    for water in ("deep_sea", "coastal"):
+        scene = next(sb.load_scenes("demo", water=water, views=6, width=192, height=144))
+        view = scene.views[3]
+        for lamp in (False, True):
+            image = Sucre(lamp=lamp).restore(scene, view).image
+            error = (image - view.reference)[np.isfinite(image).all(axis=-1)]
+            psnr[water, lamp] = -10 * np.log10(np.mean(error**2))
+    assert psnr["deep_sea", True] > psnr["deep_sea", False] + 10
+    assert psnr["coastal", True] == psnr["coastal", False]
+
+
+# -- colours -----------------------------------------------------------------------------------------------
+
+
+def test_a_prior_draws_noisy_colours_to_the_mean_and_leaves_sure_ones() -> None:
+    rng = np.random.default_rng(0)
+    truth = rng.normal(0.4, 0.15, (3, 40_000))
+    deviation = np.where(rng.random(truth.shape) < 0.5, 0.01, 0.4)
+    J = truth + deviation * rng.standard_normal(truth.shape)
+    shrunk, left = posterior(J.astype(np.float32), deviation.astype(np.float32))
+    sure = deviation == 0.01
+    assert np.abs(shrunk - J)[sure].max() < 0.01
+    expected = 1 / np.sqrt(1 / 0.4**2 + 1 / 0.15**2)  # of a normal posterior
+    assert np.std((shrunk - truth)[~sure]) == pytest.approx(expected, rel=0.03)
+    np.testing.assert_allclose(left[~sure], expected, rtol=0.03)
+
+
+def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
+    views = list(SCENE.views)
+    for k in (0, 2):  # something grey swims through two of four views
+        rgb = views[k].rgb.copy()
+        rgb[12:30, 10:40] = 0.5
+        views[k] = replace(views[k], pixels=Arrays(rgb, views[k].depth))
+    scene = replace(SCENE, views=views)
+    errors = [
+        np.abs(Sucre(robust=robust).restore(scene, TARGET).water.attenuation / WATER.attenuation - 1).mean()  # type: ignore[union-attr]
+        for robust in (False, True)
+    ]
+    assert errors[1] < 0.5 * errors[0]
 
 
 # -- bad input ---------------------------------------------------------------------------------------------

@@ -61,7 +61,7 @@ def judge(system: ReducedSystem, water: Array, free: Mask, n_excess: int, dead: 
         condition[c] = eigenvalues[-1] / max(eigenvalues[0], 1e-16)
         inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * scale[:, None] * scale
         covariance[c][np.ix_(k, k)] = noise[c] ** 2 * inverse
-        error[c, k] = np.sqrt(np.diag(covariance[c])[k])
+        error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
     return Trust(noise, covariance, error, condition, tuple(_limits(water, error, free, told, dead)))
 
 

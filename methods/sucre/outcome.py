@@ -2,15 +2,27 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
 
+from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Restoration, Water
+from sucre_bench.scene import Restoration, View, Water
 
-__all__ = ["restoration"]
+__all__ = ["named", "restoration"]
+
+
+@contextmanager
+def named(view: View) -> Iterator[None]:
+    """Let a SolveError raised inside say which view it is about."""
+    try:
+        yield
+    except SolveError as fault:
+        raise SolveError(f"{view.name}: {fault}") from fault
 
 
 def restoration(observations: Observations, solution: Solution, **about: Any) -> Restoration:

@@ -47,11 +47,12 @@ class SucrePaper:
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises SolveError when no pixel has depth, or when Adam left the range of numbers.
         """
-        from sucre_bench.methods.sucre.outcome import restoration
+        from sucre_bench.methods.sucre.outcome import named, restoration
         from sucre_bench.methods.sucre.solvers import solve_adam
         from sucre_bench.multiview.observe import observe
 
         observations = observe(view, scene.views)
         own = view.rgb.reshape(-1, 3)[observations.pixels].T
-        solution = solve_adam(observations, own, self.steps, self.lr, self.objective, "torch", self.device)
+        with named(view):
+            solution = solve_adam(observations, own, self.steps, self.lr, self.objective, "torch", self.device)
         return restoration(observations, solution)

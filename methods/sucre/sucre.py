@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
     from sucre_bench.methods.sucre.solvers import Solution
     from sucre_bench.multiview.observations import Observations
+    from sucre_bench.multiview.observe import Options
 
 __all__ = ["Sucre"]
 
@@ -99,18 +100,25 @@ class Sucre:
         if self.water != "own" and fitted:
             raise InputError(f"sucre.{fitted[0]}: is found with the image's own water; leave out water={self.water}")
 
+    def warm_up(self) -> None:
+        """Compile what the first view would have to wait for."""
+        from sucre_bench.methods.sucre.warm_up import compile_for
+
+        compile_for(self.backend, self.device, self._pairing)
+
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
         info: see `outcome.restoration`; seconds of each stage besides.
         Raises SolveError when no pixel has depth, or none is seen twice; InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.outcome import restoration
+        from sucre_bench.methods.sucre.outcome import named, restoration
 
         started = time.perf_counter()
         observations = self._observe(scene, view)
         paired = time.perf_counter()
-        solution = self._solve(scene, view, observations)
+        with named(view):
+            solution = self._solve(scene, view, observations)
         if self.prior:
             J, deviation = posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
@@ -122,15 +130,16 @@ class Sucre:
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.store import paired
 
-        return paired(
-            scene,
-            view,
-            self.pairs,
-            rule=self.pairing,
-            tolerance=self.tolerance,
-            encoding=self.encoding,
-            with_ray=self.lamp,
-        )
+        return paired(scene, view, self.pairs, **self._pairing)
+
+    @property
+    def _pairing(self) -> Options:
+        return {
+            "rule": self.pairing,
+            "tolerance": self.tolerance,
+            "encoding": self.encoding,
+            "with_ray": self.lamp,
+        }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> Solution:
         from sucre_bench.methods.sucre import solvers
