@@ -313,7 +313,7 @@ def test_an_image_of_another_size_than_its_cameras_is_left_out_and_told() -> Non
 def test_the_result_does_not_depend_on_how_many_threads_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
     made = []
     for n in (1, 3):
-        monkeypatch.setattr(module.os, "sched_getaffinity", lambda pid, n=n: set(range(n)))
+        monkeypatch.setattr(module, "usable_cores", lambda n=n: n)
         made.append(observe(TARGET, SCENE.views, with_view=True))
     one, three = made
     assert one.views == three.views
@@ -332,7 +332,7 @@ def test_threads_end_when_the_work_is_given_up(monkeypatch: pytest.MonkeyPatch) 
 
 
 def test_work_runs_only_a_little_ahead_of_what_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(module.os, "sched_getaffinity", lambda pid: {0, 1})
+    monkeypatch.setattr(module, "usable_cores", lambda: 2)
     begun: list[str] = []
     views = [replace(TARGET, name=f"{k}.png") for k in range(50)]
     outcomes = module._in_order(lambda view: begun.append(view.name), views)
@@ -353,7 +353,7 @@ def test_too_little_memory_is_told_early_and_in_one_line(monkeypatch: pytest.Mon
     assert len(observe(views[0], views[:8])) == 8 * (TARGET.depth > 0).sum()
     assert len(observe(views[0], views, folder=tmp_path)) == 60 * (TARGET.depth > 0).sum()
 
-    monkeypatch.setattr(module.os, "sched_getaffinity", lambda pid: {0})
+    monkeypatch.setattr(module, "usable_cores", lambda: 1)
     free.available = 1000  # not even for one view: no need to foretell anything
     views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
     with pytest.raises(SolveError, match=r"^0\.png: its observations"):

@@ -113,6 +113,19 @@ def damage(entry: Path, how: str) -> None:
         (entry / "meta.json").unlink()
     elif how == "half a meta.json":
         (entry / "meta.json").write_text((entry / "meta.json").read_text()[:40])
+    elif how == "an empty array":
+        (entry / "counts.npy").write_bytes(b"")
+    elif how == "a garbled header":
+        content = (entry / "distance.npy").read_bytes()
+        (entry / "distance.npy").write_bytes(content[:10] + b"((((" + content[14:])
+    elif how == "zeros in place of pixels":
+        np.save(entry / "pixels.npy", np.zeros_like(np.load(entry / "pixels.npy")))
+    elif how == "pixels out of the image":
+        np.save(entry / "pixels.npy", np.load(entry / "pixels.npy") + 10**6)
+    elif how == "starts that do not fit":
+        starts = np.load(entry / "starts.npy")
+        starts[1] += 5
+        np.save(entry / "starts.npy", starts)
     elif how == "a meta.json of something else":
         (entry / "meta.json").write_text("[1, 2]")
 
@@ -120,6 +133,11 @@ def damage(entry: Path, how: str) -> None:
 @pytest.mark.parametrize(
     "how",
     [
+        "an empty array",
+        "a garbled header",
+        "zeros in place of pixels",
+        "pixels out of the image",
+        "starts that do not fit",
         "a truncated array",
         "a missing array",
         "an array of another size",

@@ -13,7 +13,7 @@ from made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, Water
 from sucre_bench.colour import srgb_decode, srgb_encode
-from sucre_bench.methods.sucre import Sucre, SucrePaper
+from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.sucre.prior import posterior
 from sucre_bench.progress import watched_by
 
@@ -90,6 +90,12 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
     (tmp_path / "a.json").write_text(json.dumps(content))
     np.savez(tmp_path / "one.npz", **{name: np.array(values) for name, values in content.items()})
     true = Sucre(water="truth").restore(SCENE, TARGET)
+    dotted = replace(TARGET, name="left/a.0001.png")
+    (tmp_path / "left").mkdir()
+    (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
+    (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))  # another image's
+    scene = replace(SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)])
+    np.testing.assert_array_equal(Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0])  # type: ignore[union-attr]
     for source in (tmp_path / "a.json", tmp_path / "one.npz", tmp_path):
         np.testing.assert_array_equal(Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image)
 
@@ -105,6 +111,8 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
         ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "does not hold B, beta and gamma"),
         ("list.json", "[1, 2, 3]", "does not hold B, beta and gamma"),
         ("junk.npz", "no archive", "does not hold B, beta and gamma"),
+        ("cut.npz", "PK\x03\x04cut", "does not hold B, beta and gamma"),
+        ("empty.npz", "", "does not hold B, beta and gamma"),
     ],
 )
 def test_a_file_without_water_is_named_with_its_fault(
@@ -166,6 +174,21 @@ def test_a_lamp_is_found_in_the_deep_sea_and_not_looked_for_in_daylight() -> Non
     assert psnr["coastal", True] == psnr["coastal", False]
 
 
+def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly() -> None:
+    import sucre_bench as sb
+
+    scene = next(sb.load_scenes("demo", water="deep_sea", views=6, width=192, height=144))
+    views = list(scene.views)
+    for k, view in enumerate(views):
+        rgb = view.rgb.copy()
+        rgb[60:64] = 0 if k % 2 else 1
+        views[k] = replace(view, pixels=Arrays(rgb, view.depth))
+    scene = replace(scene, views=views)
+    result = Sucre(lamp=True).restore(scene, views[3])
+    assert result.info["lamp"]["found"] is True
+    assert 0.5 * (views[3].depth > 0).sum() < result.valid.sum() < (views[3].depth > 0).sum()
+
+
 # -- colours -----------------------------------------------------------------------------------------------
 
 
@@ -213,6 +236,13 @@ def test_pixels_that_are_not_numbers_are_left_out() -> None:
     assert np.isfinite(as_array(result.water)).all()
 
 
+def test_a_lone_view_in_a_given_water_is_restored_by_sucre_plus_too() -> None:
+    result = SucrePlus(water="truth").restore(replace(SCENE, views=[TARGET]), TARGET)
+    assert np.array_equal(result.valid, TARGET.depth > 0)
+    assert "too few repeated observations" in " ".join(result.info["limits"])
+    json.dumps(result.info, allow_nan=False)
+
+
 def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water() -> None:
     alone = replace(SCENE, views=[TARGET])
     with pytest.raises(SolveError, match="no pixel is seen in two views"):
@@ -254,6 +284,8 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
         ({"solver": "adam_closed_form", "robust": True}, "sucre.robust: goes with solver=exact"),
         ({"solver": "adam", "water": "shared"}, "sucre.water: shared leaves nothing to solver=adam"),
         ({"tolerance": 0.0}, "sucre.tolerance: 0.0 must be positive"),
+        ({"tolerance": 2.0}, "sucre.tolerance: 2.0 must be below 1"),
+        ({"seed": -1}, "sucre.seed: -1 must not be negative"),
         ({"water": "truth", "lamp": True}, "sucre.lamp: is found with the image's own water; leave out water=truth"),
         ({"shared_views": 0}, "sucre.shared_views: 0 must be positive"),
     ],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from sucre_bench import SolveError, Water
 from sucre_bench.methods.sucre.diagnostics import judge
 from sucre_bench.methods.sucre.exact import fit, sampled
 from sucre_bench.methods.sucre.levenberg import Bounds, minimise
+from sucre_bench.methods.sucre.prior import posterior
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.methods.sucre.solvers import colours_in, solve_adam_closed_form, solve_exact
 from sucre_bench.multiview.observations import Observations, Seen, arrange
@@ -161,6 +163,53 @@ def test_the_confidence_map_is_the_spread_of_colours_about_the_truth() -> None:
     assert solution.deviation[:, once].mean() > 1.5 * solution.deviation[:, ~once].mean()
 
 
+def test_a_known_water_leaves_colours_only_their_own_noise() -> None:
+    narrow, J = made(5_000, distances_m=(3, 3.3), noise=0.01)
+    solution = colours_in(narrow, parameters(WATER), None, "auto", "cpu")
+    assert ((solution.J - J) / solution.deviation).std() == pytest.approx(1, abs=0.03)
+
+
+def test_robust_weights_do_not_make_a_fit_surer_than_it_is() -> None:
+    observations, J = made(10_000, noise=0.01)
+    solution = solve_exact(observations, robust=True)
+    np.testing.assert_allclose(solution.trust.noise, 0.01, rtol=0.05)
+    # Weights of .8 and less count as less light than there was: on the safe side, by a little.
+    assert 0.9 < ((solution.J - J) / solution.deviation).std() < 1.02
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch", "jax", "numpy"])
+def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> None:
+    """Red of beta .42 is gone at 150 m: exp(-63), whose square is no number in float32."""
+    observations, J = made(2_000, noise=0.004, n_single=100)
+    distance, colour = observations.distance.copy(), observations.colour.copy()
+    far = [3, len(observations.pixels) - 3]  # the first observations of a repeated and of a single pixel
+    for n, part in observations.slots():
+        at = [k for k in far if k < n]
+        distance[part][at] = 150
+        colour[:, part][:, at] = WATER.veiling_light[:, None]
+    gone = replace(observations, distance=distance, colour=colour)
+    solution = solve_exact(gone, backend=backend)
+    assert np.isfinite(solution.cost).all()
+    assert np.isfinite(solution.J).all()
+    np.testing.assert_allclose(solution.water, fit(observations).water, rtol=0.03)
+    shrunk, deviation = posterior(solution.J, solution.deviation)
+    assert np.isfinite(shrunk).all()
+    assert np.isfinite(deviation).all()
+    assert np.abs(shrunk - J).mean() < 0.1
+
+
+def test_an_image_without_repeated_pixels_adds_nothing_to_a_common_fit() -> None:
+    several, _ = made(2_000, noise=0.01)
+    lonely, _ = made(50, n_views=1, seed=1)
+    np.testing.assert_array_equal(fit([several, lonely]).water, fit([several]).water)
+
+
+def test_two_observations_too_many_cannot_tell_the_noise_and_it_is_said() -> None:
+    observations, _ = made(3, 2, n_single=1)
+    trust = fit(observations).trust
+    assert any("too few repeated observations" in limit for limit in trust.limits)
+
+
 def test_a_narrow_range_of_distances_is_called_undetermined() -> None:
     narrow, _ = made(2_000, distances_m=(3, 3.3), noise=0.004)
     wide, _ = made(2_000, distances_m=(2, 10), noise=0.004)
@@ -258,6 +307,18 @@ def test_a_minimum_outside_the_bounds_ends_at_the_bound_that_is_nearest_in_cost(
     np.testing.assert_allclose(end.at[0], expected.x, rtol=1e-3)
     assert end.at[0, 2] == 1.5
     assert end.free.tolist() == [[True, True, False]]
+
+
+def test_a_step_that_is_known_to_raise_the_cost_is_not_taken_in_the_end() -> None:
+    """|x - .5|, whose steepness promises gains on both sides of the minimum and keeps none of them."""
+
+    def kink(at: np.ndarray) -> ReducedSystem:
+        x = at[0] - 0.5
+        g = np.where(x > 0, -0.1, 0.1)
+        return ReducedSystem(np.eye(3)[None], g[None], np.array([1 + np.abs(x).sum()]))
+
+    end = minimise(kink, np.full((1, 3), 0.5), Bounds(np.zeros(3), np.ones(3), np.ones(3, bool)), tolerance=1e-9)
+    np.testing.assert_allclose(end.at, 0.5, atol=1e-9)
 
 
 def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:

@@ -8,17 +8,19 @@ trade against each other: the condition of H scaled to unit diagonal says how ba
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.scene import Array, Mask
 
-__all__ = ["ROUNDING", "Trust", "judge"]
+__all__ = ["ROUNDING", "Trust", "judge", "of_given", "with_noise"]
 
 _CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
+
+_TOO_FEW = "too few repeated observations to tell the noise, and with it how sure anything is"
 
 # A parameter whose standard error is more than this share of its value is called undetermined.
 _LOOSE = 0.5
@@ -39,6 +41,19 @@ class Trust:
     standard_error: Array
     condition: Array
     limits: tuple[str, ...]
+
+
+def with_noise(trust: Trust, noise: Array) -> Trust:
+    """Return what another noise (3,) makes of it: the cost of robustly weighted residuals does not tell theirs."""
+    ratio = np.divide(noise, trust.noise, out=np.ones(3), where=trust.noise > 0)
+    covariance, error = trust.covariance * ratio[:, None, None] ** 2, trust.standard_error * ratio[:, None]
+    return replace(trust, noise=noise, covariance=covariance, standard_error=error)
+
+
+def of_given(trust: Trust) -> Trust:
+    """Return what is known when the water is known from elsewhere: nothing about it is uncertain, colours still are."""
+    said = tuple(limit for limit in trust.limits if limit == _TOO_FEW)
+    return replace(trust, covariance=np.zeros((3, 3, 3)), standard_error=np.full((3, 3), np.nan), limits=said)
 
 
 def judge(system: ReducedSystem, water: Array, free: Mask, n_excess: int, dead: Mask | None = None) -> Trust:
@@ -62,7 +77,10 @@ def judge(system: ReducedSystem, water: Array, free: Mask, n_excess: int, dead: 
         inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * scale[:, None] * scale
         covariance[c][np.ix_(k, k)] = noise[c] ** 2 * inverse
         error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
-    return Trust(noise, covariance, error, condition, tuple(_limits(water, error, free, told, dead)))
+    said = _limits(water, error, free, told, dead)
+    if n_excess <= 3:
+        said.append(_TOO_FEW)
+    return Trust(noise, covariance, error, condition, tuple(said))
 
 
 def _limits(water: Array, error: Array, free: Mask, told: Mask, dead: Mask) -> list[str]:

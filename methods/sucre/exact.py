@@ -14,7 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -49,8 +49,8 @@ class WaterFit:
     """A fitted water.
 
     water: (3, 3) float64, rows B, beta, gamma, columns RGB; cost: (3,) sum of squared residuals of each channel over
-    pixels seen more than once, with what `physical` adds; trust: what is known about it; passes: over all
-    observations; starts: costs (S, 3) that the starts led to on the sample.
+    pixels seen more than once; trust: what is known about it; passes: over all observations; converged: whether
+    another step would gain next to nothing.
     """
 
     water: Array
@@ -58,7 +58,6 @@ class WaterFit:
     trust: Trust
     passes: int
     converged: bool
-    minima: Array
 
 
 def fit(
@@ -75,9 +74,9 @@ def fit(
     physical: hold colours above zero, up to the noise that the free fit leaves.
     Raises SolveError when no pixel is seen twice, or all from one distance each.
     """
-    images = [observations] if isinstance(observations, Observations) else list(observations)
-    repeated = sum(one.n_repeated for one in images)
-    if not repeated:
+    images = [observations] if isinstance(observations, Observations) else observations
+    images = [one for one in images if one.n_repeated]
+    if not images:
         raise SolveError(_HOPELESS.format("no pixel is seen in two views"))
     few = _samples(images, sample, physical, seed)
     _check_spread(few)
@@ -100,12 +99,14 @@ def fit(
             ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in starts]
     with _all_opened(images, backend, device) as kernels:
         end = minimise(_summed(kernels, margin), _distinct(ends)[0], bounds, tolerance=_TOLERANCE, floor=floor)
+        system = end.system
+        if physical:  # what the wall adds is no residual
+            system = replace(system, cost=_summed(kernels, None)(end.at).cost)
     water = np.where(dead[:, None], 0, end.at)  # J = I
-    trust = judge(end.system, water, end.free, sum(_excess(one) for one in images), dead)
+    trust = judge(system, water, end.free, sum(_excess(one) for one in images), dead)
     for limit in trust.limits:
         say(limit)
-    costs = np.stack([one.system.cost for one in ends])
-    return WaterFit(water.T.copy(), end.system.cost, trust, end.steps + 1, bool(end.converged.all()), costs)
+    return WaterFit(water.T.copy(), system.cost, trust, end.steps + 1, bool(end.converged.all()))
 
 
 # Distances that differ by less are the same: float32 and depth maps in millimetres know no better.
@@ -146,7 +147,10 @@ def _distinct(ends: Sequence[Minimum]) -> list[Array]:
     per_channel = []
     for c in range(3):
         lowest: list[tuple[float, Array]] = []
-        for cost, at in sorted(((end.system.cost[c], end.at[c]) for end in ends), key=lambda pair: float(pair[0])):
+        found = [(float(end.system.cost[c]), end.at[c]) for end in ends if np.isfinite(end.system.cost[c])]
+        if not found:
+            raise SolveError(_HOPELESS.format("no water gives finite residuals"))
+        for cost, at in sorted(found, key=lambda pair: pair[0]):
             if not lowest or cost > lowest[-1][0] * (1 + _ALIKE):
                 lowest.append((cost, at))
         per_channel.append([at for _, at in lowest])
@@ -165,8 +169,10 @@ def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array]
 
 
 def _excess(observations: Observations) -> int:
-    """Observations more than pixels."""
-    return len(observations) - len(observations.pixels)
+    """Observations more than pixels; those without weight are none."""
+    weight = observations.weight
+    n = len(observations) if weight is None else int(np.count_nonzero(weight))
+    return n - len(observations.pixels)
 
 
 def _check_spread(few: Sequence[Observations]) -> None:

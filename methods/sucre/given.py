@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import json
-from pathlib import Path
-from typing import Any
+from pathlib import Path, PurePosixPath
+from zipfile import BadZipFile
 
 import numpy as np
 
 from sucre_bench.errors import InputError
+from sucre_bench.layout import file_name
 from sucre_bench.scene import Array, Scene, View
 
 __all__ = ["water_of"]
@@ -31,17 +32,32 @@ def water_of(source: str, scene: Scene, view: View) -> Array:
         return np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     path = Path(source).expanduser()
     if path.is_dir():
-        stem = path / Path(view.name).stem
-        path = next((p for p in (stem.with_suffix(".json"), stem.with_suffix(".npz")) if p.exists()), stem)
+        path = _of_view(path, scene, view)
     try:
-        values: Any = np.load(path, allow_pickle=False) if path.suffix == ".npz" else json.loads(path.read_text())
-        water_values = np.array([values[name] for name in _NAMES], dtype=np.float64)
+        if path.suffix == ".npz":
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as values:
+                water_values = np.array([values[name] for name in _NAMES], dtype=np.float64)
+        else:
+            content = json.loads(path.read_text(encoding="utf-8"))
+            water_values = np.array([content[name] for name in _NAMES], dtype=np.float64)
     except FileNotFoundError:
         raise InputError(
             f"{path}: no such file; water= takes own, shared, truth, a .json or .npz file, or a folder of them"
         ) from None
-    except (OSError, ValueError, KeyError, TypeError, IndexError) as fault:
+    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as fault:
         raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
     if water_values.shape != (3, 3) or not np.isfinite(water_values).all():
         raise InputError(f"{path}: B, beta and gamma must be three finite numbers each, red, green and blue")
     return water_values
+
+
+def _of_view(folder: Path, scene: Scene, view: View) -> Path:
+    """The file of a view in a folder that a run made: restored/<dataset>/<method>[/<scene>]/<view's name>.json."""
+    name = PurePosixPath(view.name)
+    for within in (PurePosixPath(file_name(scene.name)), PurePosixPath()):
+        for stem in (name.with_suffix(""), name):
+            for suffix in (".json", ".npz"):
+                found = folder / within / f"{stem}{suffix}"
+                if found.is_file() and found.resolve().is_relative_to(folder.resolve()):
+                    return found
+    return folder / f"{name.with_suffix('')}.json"

@@ -3,8 +3,8 @@
 It knows nothing of images: `evaluate` gives H, g and the cost of every problem around given parameters. The damping is
 Nielsen's (1999): it falls smoothly with how well the linear model foretold the gain, and rises faster after every
 failure. A parameter that enters linearly needs none, so that each step takes it to its optimum for the others' step
-(Ruhe & Wedin 1980, algorithm 2). Bounds hold for the model's
-minimum, not for its result.
+(Ruhe & Wedin 1980, algorithm 2). Bounds hold for the
+model's minimum, not for its result.
 """
 
 from __future__ import annotations
@@ -21,13 +21,16 @@ __all__ = ["Bounds", "Minimum", "minimise"]
 
 _FIRST_DAMPING = 1e-3
 
+# With so much damping no step of any length lowers the cost: it is at its rounding, or at a kink.
+_STUCK = 1e12
+
 # Least eigenvalue of a matrix of unit diagonal, so that parameters of which only a combination matters have a step.
 _SINGULAR = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """lower, upper: (3,) of each parameter; damped: (3,) bool, the parameters that do not enter linearly."""
+    """lower, upper: (n,) of each parameter; damped: (n,) bool, the parameters that do not enter linearly."""
 
     lower: Array
     upper: Array
@@ -38,7 +41,7 @@ class Bounds:
 class Minimum:
     """Where the steps ended, for C problems.
 
-    at: (C, 3); system: there, but for the last step, which gains too little to be evaluated; free: (C, 3) bool,
+    at: (C, n); system: there, but for the last step, which gains too little to be evaluated; free: (C, n) bool,
     parameters not held at a bound; steps: evaluations after the first; converged: (C,) bool, whether no step
     promises a relative gain above the tolerance.
     """
@@ -59,16 +62,17 @@ def minimise(
     floor: float = 0.0,
     max_steps: int = 60,
 ) -> Minimum:
-    """Lower the cost of each problem from start (C, 3) until a step promises less than tolerance x (cost + floor).
+    """Lower the cost of each problem from start (C, n) until a step promises less than tolerance x (cost + floor).
 
-    evaluate: parameters (C, 3) -> ReducedSystem; floor: a cost that is nothing but rounding.
+    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is nothing but rounding.
     """
     at = np.clip(start, bounds.lower, bounds.upper)
     system = evaluate(at)
     damping, growth = np.full(len(at), _FIRST_DAMPING), np.full(len(at), 2.0)
     for step_count in range(max_steps + 1):
         last = _steps(at, system, bounds, np.zeros(len(at)))  # full: small ones must not pass for convergence
-        converged = system.predicted_reduction(last) <= tolerance * (system.cost + floor)
+        promised_little = system.predicted_reduction(last) <= tolerance * (system.cost + floor)
+        converged = promised_little | (damping >= _STUCK)
         if converged.all() or step_count == max_steps:
             break
         steps = _steps(at, system, bounds, damping)
@@ -81,23 +85,19 @@ def minimise(
         growth = np.where(better, 2.0, 2 * growth)
         at = np.where(better[:, None], trial, at)
         system = _chosen(better, tried, system)
-        if (damping > 1e12).any():  # no step of any length lowers this cost: it is at its rounding
-            converged = converged | (damping > 1e12)
-            if converged.all():
-                break
-            damping = damping.clip(max=1e12)
-    at = np.clip(at + np.where(converged[:, None], last, 0), bounds.lower, bounds.upper)
+        damping = damping.clip(max=_STUCK)
+    at = np.clip(at + np.where(promised_little[:, None], last, 0), bounds.lower, bounds.upper)
     return Minimum(at, system, _free(at, system, bounds), step_count, converged)
 
 
 def _free(at: Array, system: ReducedSystem, bounds: Bounds) -> Mask:
-    """(C, 3) bool: parameters that are inside their bounds or pushed back inside, and that anything depends on."""
+    """(C, n) bool: parameters that are inside their bounds or pushed back inside, and that anything depends on."""
     held = ((at <= bounds.lower) & (system.g < 0)) | ((at >= bounds.upper) & (system.g > 0))
     return np.asarray(~held & (np.einsum("cii->ci", system.H) > 0))
 
 
 def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array) -> Array:
-    """The step (C, 3) to the minimum of each damped linear model inside the bounds."""
+    """The step (C, n) to the minimum of each damped linear model inside the bounds."""
     from scipy.optimize import lsq_linear
 
     steps = np.zeros_like(system.g)

@@ -11,7 +11,7 @@ import numpy as np
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Restoration, View, Water
+from sucre_bench.scene import Array, Restoration, View, Water
 
 __all__ = ["named", "restoration"]
 
@@ -33,15 +33,7 @@ def restoration(observations: Observations, solution: Solution, **about: Any) ->
     noise of each channel, limits in words; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     trust = solution.trust
-    known: dict[str, Any] = {}
-    if trust is not None:
-        errors = dict(zip(("B", "beta", "gamma"), np.nan_to_num(trust.standard_error.T).tolist(), strict=True))
-        known = {
-            "noise": trust.noise.tolist(),
-            "condition": trust.condition.tolist(),
-            "standard_error": errors,
-            "limits": list(trust.limits),
-        }
+    errors = zip(("B", "beta", "gamma"), trust.standard_error.T, strict=True)
     return Restoration(
         observations.image(solution.J),
         water=Water(*solution.water),
@@ -53,8 +45,16 @@ def restoration(observations: Observations, solution: Solution, **about: Any) ->
             "n_repeated": observations.n_repeated,
             "n_views": len(observations.views),
             "unreadable": observations.unreadable,
-            **known,
+            "noise": _numbers(trust.noise),
+            "condition": _numbers(trust.condition),
+            "standard_error": {name: _numbers(values) for name, values in errors},
+            "limits": list(trust.limits),
             **solution.about,
             **about,
         },
     )
+
+
+def _numbers(values: Array) -> list[float | None]:
+    """Numbers as lists, None for what is not known or not finite."""
+    return [float(value) if np.isfinite(value) else None for value in values]

@@ -8,6 +8,8 @@ from typing import Literal
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.methods.sucre.kernels import Device
 
+__all__ = ["CITES", "SucrePaper"]
+
 CITES = (
     "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "
     "Color Restoration, 3DV"
@@ -48,11 +50,11 @@ class SucrePaper:
         Raises SolveError when no pixel has depth, or when Adam left the range of numbers.
         """
         from sucre_bench.methods.sucre.outcome import named, restoration
-        from sucre_bench.methods.sucre.solvers import solve_adam
+        from sucre_bench.methods.sucre.solvers import solve_adam, start_of
         from sucre_bench.multiview.observe import observe
 
         observations = observe(view, scene.views)
-        own = view.rgb.reshape(-1, 3)[observations.pixels].T
+        own = start_of(observations, view.rgb.reshape(-1, 3))
         with named(view):
             solution = solve_adam(observations, own, self.steps, self.lr, self.objective, "torch", self.device)
         return restoration(observations, solution)

@@ -22,15 +22,20 @@ _ROUNDS = 30
 # Least variance of an image's colours, .01 squared: below it everything would be drawn to one.
 _LEAST = 1e-4
 
+# The variance of a colour of which nothing is known.
+_ENDLESS = 1e12
+
 
 def posterior(J: Array, deviation: Array) -> tuple[Array, Array]:
     """Return the posterior mean and standard deviation (3, P) float32 of colours J with standard deviations, (3, P)."""
-    v = np.square(deviation, dtype=np.float64)
-    mean, spread = np.median(J, axis=1, keepdims=True).astype(np.float64), np.full((3, 1), 0.05)
+    if not np.isfinite(deviation).any():  # nothing tells the noise
+        return J, deviation
+    v = np.where(np.isfinite(deviation), np.square(deviation, dtype=np.float64), _ENDLESS)
+    mean, variance = np.median(J, axis=1, keepdims=True).astype(np.float64), np.full((3, 1), 0.05)
     for _ in range(_ROUNDS):
-        trust = spread / (spread + v)
+        trust = variance / (variance + v)
         total = trust.sum(axis=1, keepdims=True)
         mean = (trust * J).sum(axis=1, keepdims=True) / total
-        spread = ((trust * ((J - mean) ** 2 - v)).sum(axis=1, keepdims=True) / total).clip(min=_LEAST)
-    trust = spread / (spread + v)
+        variance = ((trust * ((J - mean) ** 2 - v)).sum(axis=1, keepdims=True) / total).clip(min=_LEAST)
+    trust = variance / (variance + v)
     return (mean + trust * (J - mean)).astype(np.float32), np.sqrt(trust * v).astype(np.float32)

@@ -23,9 +23,9 @@ __all__ = ["ReducedSystem"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSystem:
-    """The reduced problem around one water, for C channels; parameters in the order B, beta, gamma.
+    """The reduced problem around one water, for C channels; its n = 3 parameters are B, beta, gamma, in this order.
 
-    H: (C, 3, 3) float64; g: (C, 3) float64, minus half the gradient of the cost; cost: (C,) float64.
+    H: (C, n, n) float64; g: (C, n) float64, minus half the gradient of the cost; cost: (C,) float64.
     """
 
     H: Array
@@ -41,5 +41,5 @@ class ReducedSystem:
         return ReducedSystem(products[:, :3, :3], products[:, :3, 3], products[:, 3, 3])
 
     def predicted_reduction(self, step: Array) -> Array:
-        """Return by how much (C,) a step (C, 3) lowers the cost if the model were linear."""
+        """Return by how much (C,) a step (C, n) lowers the cost if the model were linear."""
         return 2 * (self.g * step).sum(axis=1) - np.einsum("ci,cij,cj->c", step, self.H, step)

@@ -13,7 +13,6 @@ same misfit, so that such a pixel counts less as a whole and its colour stays th
 
 from __future__ import annotations
 
-import os
 from collections.abc import Callable, Iterable
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
@@ -25,6 +24,7 @@ from sucre_bench.methods.sucre.kernels.dense import Block, blocks, fill
 from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array
+from sucre_bench.threads import usable_cores
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
@@ -115,7 +115,7 @@ def reweighted(observations: Observations, water: Array, noise: Array) -> Observ
 
 
 def _in_threads(work: Callable[[Block], None], cut: Iterable[Block]) -> None:
-    with ThreadPoolExecutor(os.cpu_count()) as threads:
+    with ThreadPoolExecutor(usable_cores()) as threads:
         for _ in threads.map(work, cut):
             pass
 

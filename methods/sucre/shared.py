@@ -28,16 +28,18 @@ def samples(
     Raises SolveError when none is left.
     """
     kept: list[Observations] = []
+    last = "no view shares a pixel with another"
     chosen = np.unique(np.linspace(0, len(scene) - 1, min(most, len(scene))).round().astype(int))
     for k in track(chosen.tolist(), "shared water"):
         view = scene.views[k]
         try:
             observations = observe(view)
         except (InputError, SolveError) as fault:
+            last = str(fault)
             say(f"shared water does without {view.name}: {fault}")
             continue
         if observations.n_repeated:
             kept.append(sampled(observations, SAMPLE, singles, seed + k))
     if not kept:
-        raise SolveError(f"{scene.name}: no view shares a pixel with another; the scene's water cannot be fitted")
+        raise SolveError(f"the scene's water cannot be fitted, {last}; use water=FILE with a known one")
     return kept

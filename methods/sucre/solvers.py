@@ -14,13 +14,13 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench.errors import SolveError
-from sucre_bench.methods.sucre.diagnostics import Trust, judge
+from sucre_bench.methods.sucre.diagnostics import Trust, judge, of_given, with_noise
 from sucre_bench.methods.sucre.kernels import Backend, Device, Kernel, backend_for, opened
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.progress import track
 from sucre_bench.scene import Array
 
-__all__ = ["Solution", "colours_in", "solve_adam", "solve_adam_closed_form", "solve_exact"]
+__all__ = ["Solution", "colours_in", "solve_adam", "solve_adam_closed_form", "solve_exact", "start_of"]
 
 # The paper's start: J = I and B = beta = gamma = 0.1.
 _INITIAL_WATER = np.full((3, 3), 0.1)
@@ -35,15 +35,21 @@ class Solution:
 
     J, deviation: (3, P) float32, in the order of the store's pixels, intensities without water and their standard
     deviation; water: (3, 3) float64, rows B, beta, gamma, columns RGB; cost: (3,) sum of squared residuals;
-    trust: what is known about the water, None for one that was given; about: solver, steps, and the like.
+    trust: what is known about the water; about: solver, steps, and the like.
     """
 
     J: Array
     deviation: Array
     water: Array
     cost: Array
-    trust: Trust | None
+    trust: Trust
     about: dict[str, Any] = field(default_factory=dict)
+
+
+def start_of(observations: Observations, intensities: Array) -> Array:
+    """Return the paper's start J = I (3, P): the target's intensities (H W, 3), or another view's where not finite."""
+    own = intensities[observations.pixels].T
+    return np.where(np.isfinite(own), own, observations.intensity(slice(0, len(observations.pixels))))
 
 
 def solve_adam(
@@ -101,14 +107,15 @@ def solve_exact(
     from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 
     fitted = partial(fit, physical=physical, backend=backend, device=device, seed=seed)
+    few = sampled(observations, SAMPLE, physical, seed)
     if robust:  # water and weights find one another on a sample; then all observations are weighted once
-        few = sampled(observations, SAMPLE, physical, seed)
         water = fit_robustly(few, fitted)[0].water.T
         observations = reweighted(observations, water, robust_noise(few, water))
     found = fitted(observations)
+    trust = with_noise(found.trust, robust_noise(few, found.water.T)) if robust else found.trust
     about = {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
-        return _in_water(kernel, found.water, found.trust, about)
+        return _in_water(kernel, found.water, trust, about)
 
 
 def colours_in(
@@ -116,7 +123,8 @@ def colours_in(
 ) -> Solution:
     """Return the colours in a water (3, 3: B, beta, gamma) that is known, from elsewhere or from a common fit."""
     with opened(observations, backend, device) as kernel:
-        return _in_water(kernel, water, trust or _judged(kernel, observations, water), {"solver": "given"})
+        known = trust or of_given(_judged(kernel, observations, water))
+        return _in_water(kernel, water, known, {"solver": "given"})
 
 
 def _in_water(kernel: Kernel, water: Array, trust: Trust, about: dict[str, Any]) -> Solution:

@@ -6,11 +6,11 @@ import functools
 import time
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
-from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.kernels import Backend, Device
 from sucre_bench.methods.sucre.paper import CITES
@@ -91,6 +91,10 @@ class Sucre:
         for name in ("tolerance", "shared_views", "steps", "lr"):
             if not getattr(self, name) > 0:
                 raise InputError(f"sucre.{name}: {getattr(self, name)} must be positive")
+        if self.tolerance >= 1:
+            raise InputError(f"sucre.tolerance: {self.tolerance} must be below 1, it is a share of the depth")
+        if self.seed < 0:
+            raise InputError(f"sucre.seed: {self.seed} must not be negative")
         extras = [name for name in ("physical", "robust", "lamp") if getattr(self, name)]
         if extras and self.solver != "exact":
             raise InputError(f"sucre.{extras[0]}: goes with solver=exact, not with solver={self.solver}")
@@ -118,7 +122,7 @@ class Sucre:
         observations = self._observe(scene, view)
         paired = time.perf_counter()
         with named(view):
-            solution = self._solve(scene, view, observations)
+            observations, solution = self._solve(scene, view, observations)
         if self.prior:
             J, deviation = posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
@@ -141,23 +145,31 @@ class Sucre:
             "with_ray": self.lamp,
         }
 
-    def _solve(self, scene: Scene, view: View, observations: Observations) -> Solution:
+    def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
+        """The solution, and the observations that it is of: a lamp leaves some out."""
+        if self.lamp:
+            observations, about = self._without_lamp(observations)
+            solution = self._exact(observations)
+            return observations, replace(solution, about=solution.about | about)
+        return observations, self._solve_plainly(scene, view, observations)
+
+    def _solve_plainly(self, scene: Scene, view: View, observations: Observations) -> Solution:
         from sucre_bench.methods.sucre import solvers
         from sucre_bench.methods.sucre.given import water_of
 
         where = (self.backend, self.device)
         if self.solver == "adam":
-            own = self._own(view)[observations.pixels].T
+            own = solvers.start_of(observations, self._own(view))
             return solvers.solve_adam(observations, own, self.steps, self.lr, "sum", *where)
         if self.solver == "adam_closed_form":
             return solvers.solve_adam_closed_form(observations, self.steps, self.lr, *where)
         if self.water == "shared":
             shared = _shared_fit(scene, self)
+            if isinstance(shared, SolveError):
+                raise shared
             return solvers.colours_in(observations, shared.water, shared.trust, *where)
         if self.water != "own":
             return solvers.colours_in(observations, water_of(self.water, scene, view), None, *where)
-        if self.lamp:
-            observations = self._without_lamp(observations)
         return self._exact(observations)
 
     def _exact(self, observations: Observations) -> Solution:
@@ -172,17 +184,22 @@ class Sucre:
             seed=self.seed,
         )
 
-    def _without_lamp(self, observations: Observations) -> Observations:
-        """The observations as they would be in even light, where a lamp explains them better."""
+    def _without_lamp(self, observations: Observations) -> tuple[Observations, dict[str, Any]]:
+        """The observations as they would be in even light, where a lamp explains them better, and that lamp."""
         from sucre_bench.methods.sucre.exact import fit
         from sucre_bench.methods.sucre.lamp import estimate, lit
 
         without = fit(observations, backend=self.backend, device=self.device, seed=self.seed)
         found = estimate(observations, without.water.T, seed=self.seed)
-        if found.is_worth_it:
-            return lit(observations, found.lamp)
-        say("no lamp: the observations are explained as well without one")
-        return observations
+        about = {"noise": found.noise, "noise_without": found.noise_without}
+        if not found.is_worth_it:
+            say("no lamp: the observations are explained as well without one")
+            return observations, {"lamp": about | {"found": False}}
+        lamp = {"lamp_from_cam": found.lamp.lamp_from_cam.tolist(), "precision": found.lamp.precision.tolist()}
+        observations = lit(observations, found.lamp)
+        if not observations.n_repeated:
+            raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
+        return observations, {"lamp": about | {"found": True} | lamp}
 
     def _own(self, view: View) -> Array:
         """The target's intensities (H W, 3), as the fit sees them."""
@@ -200,7 +217,15 @@ def _encoded(solution: Solution) -> Solution:
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it
-def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit:
+def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
+    """The common water; or why there is none, which is kept too, since finding out takes as long."""
+    try:
+        return _fit_shared(scene, sucre)
+    except SolveError as fault:
+        return fault
+
+
+def _fit_shared(scene: Scene, sucre: Sucre) -> WaterFit:
     from sucre_bench.methods.sucre.exact import fit
     from sucre_bench.methods.sucre.shared import samples
 

@@ -1,8 +1,8 @@
 """Pinhole geometry: pixels to rays, points and back (SUCRe, eq. 4 and 5).
 
 Pixel coordinates are (x, y) with pixel centres at +0.5. A rigid transform is (4, 4); ``cam_from_world`` maps world
-points to the camera's frame. Images of rays and the like keep coordinates last; `unproject` and `landing_pixels`,
-made for millions of scattered points, keep them first, (3, ...), which NumPy works several times faster.
+points to the camera's frame. Images of rays and the like keep coordinates last; `unproject`, made for millions of
+scattered points, keeps them first, (3, ...), which NumPy works several times faster.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sucre_bench.scene import Array, Camera
 
-__all__ = ["distance_map", "landing_pixels", "pixel_rays", "project", "relative_pose", "unproject"]
+__all__ = ["distance_map", "pixel_rays", "project", "relative_pose", "unproject"]
 
 
 def pixel_rays(camera: Camera) -> Array:
@@ -52,16 +52,3 @@ def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: A
     xy1 = np.stack([x, y, np.ones_like(x)]).astype(depth.dtype, copy=False)
     # Not by BLAS: for products as thin as this one, its threads wait longer for each other than they work.
     return np.asarray(np.einsum("ij,j...->i...", K_inv, xy1) * depth)
-
-
-def landing_pixels(camera: Camera, pose: Array, points: Array) -> tuple[Array, Array]:
-    """Return the column u and row v of the pixel on which each of points (3, P) lands, whole numbers as floats.
-
-    pose: (4, 4), from the points' frame to the camera's. Pixels may lie outside the image; floor, not truncation,
-    keeps (-1, 0) out of it. Points at or behind the camera's plane (Z <= 0) get NaN.
-    """
-    P = (camera.K @ pose[:3]).astype(points.dtype)  # (3, 4)
-    x, y, z = P[:, :3] @ points + P[:, 3:]
-    z = np.where(z > 0, z, np.nan)
-    with np.errstate(over="ignore"):
-        return np.floor(x / z), np.floor(y / z)

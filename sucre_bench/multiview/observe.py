@@ -6,7 +6,6 @@ how many there are.
 
 from __future__ import annotations
 
-import os
 import time
 from collections import deque
 from collections.abc import Callable, Generator, Sequence
@@ -27,6 +26,7 @@ from sucre_bench.multiview.pairing import Rule, Surface, lift, match, own_matche
 from sucre_bench.multiview.sampling import colours_at, rays_at
 from sucre_bench.progress import say, track
 from sucre_bench.scene import View
+from sucre_bench.threads import usable_cores
 
 __all__ = ["Kept", "Options", "observe"]
 
@@ -140,8 +140,7 @@ def _timed(load: Callable[[], T]) -> tuple[T, float]:
 
 def _in_order(work: Callable[[View], T], views: Sequence[View]) -> Generator[Future[T], None, None]:
     """Yield what a few threads make of the views, in their order, working only a little ahead of what is taken."""
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
-    n_threads = min(cores, _MOST_THREADS, len(views))
+    n_threads = min(usable_cores(), _MOST_THREADS, len(views))
     with ThreadPoolExecutor(n_threads) as pool:
         ahead: deque[Future[T]] = deque()
         try:

@@ -11,14 +11,15 @@ import dataclasses
 import functools
 import hashlib
 import json
+import os
 import shutil
 import time
 from pathlib import Path
-from typing import Any, Unpack
+from typing import Any, BinaryIO, Unpack
 
 import numpy as np
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.plugins import source_hash
@@ -51,7 +52,7 @@ def paired(scene: Scene, target: View, folder: Path | None, **options: Unpack[Op
         entry.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{entry}.lock"):  # of two processes, the later finds what the first has made
             kept = _read(entry)
-            if kept is not None:
+            if kept is not None and not kept.unreadable:  # a view that could not be read may be there again
                 return dataclasses.replace(kept, pair_s=time.perf_counter() - began)
             made = _make(entry, scene, target, options)
     except OSError as fault:
@@ -79,13 +80,17 @@ def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observat
     try:
         made = observe(target, scene.views, folder=work, **options)
         for name in _PER_PIXEL:
-            np.save(work / f"{name}.npy", getattr(made, name))
+            with (work / f"{name}.npy").open("wb") as file:
+                np.save(file, getattr(made, name))
+                _to_disk(file)
         for name in _PER_OBSERVATION:
             if isinstance(values := getattr(made, name), np.memmap):
                 values.flush()  # or a crash of the machine could leave zeros in a file that looks whole
         meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable}
         arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
-        (work / "meta.json").write_text(json.dumps({**meta, "arrays": arrays}), encoding="utf-8")
+        with (work / "meta.json").open("wb") as file:
+            file.write(json.dumps({**meta, "arrays": arrays}).encode())
+            _to_disk(file)
         if entry.exists():
             shutil.rmtree(entry)
         work.replace(entry)
@@ -94,6 +99,25 @@ def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observat
     kept = _read(entry)
     assert kept is not None
     return dataclasses.replace(kept, read_s=made.read_s, pair_s=made.pair_s)
+
+
+def _to_disk(file: BinaryIO) -> None:
+    file.flush()
+    os.fsync(file.fileno())
+
+
+def _is_whole(kept: Observations) -> bool:
+    """Whether the arrays go together: compiled loops follow these numbers without a look."""
+    height, width = kept.shape
+    slots = len(kept.pixels) - np.cumsum(np.bincount(kept.counts))[:-1]  # pixels with more than k observations
+    return bool(
+        len(kept.pixels) == len(kept.counts)
+        and (np.diff(kept.counts) <= 0).all()
+        and np.array_equal(kept.starts, np.concatenate([[0], np.cumsum(slots)]))
+        and kept.starts[-1] == len(kept)
+        and np.bincount(kept.pixels, minlength=height * width).max() == 1
+        and len(np.bincount(kept.pixels)) <= height * width
+    )
 
 
 def _layout(values: np.ndarray | None) -> list[Any] | None:
@@ -113,6 +137,6 @@ def _read(entry: Path) -> Observations | None:
                     return None
         height, width = meta["shape"]
         kept = Observations((height, width), tuple(meta["views"]), unreadable=tuple(meta["unreadable"]), **arrays)
-        return kept if kept.counts.sum() == kept.starts[-1] == len(kept) else None
-    except (OSError, ValueError, KeyError, IndexError, TypeError, AttributeError):
+        return kept if _is_whole(kept) else None
+    except ANY_FAULT:  # NumPy's reader and the JSON of a damaged file raise nearly anything
         return None

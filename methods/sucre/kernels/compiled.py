@@ -24,10 +24,11 @@ from typing import Any
 import numba
 import numpy as np
 
-from sucre_bench.methods.sucre.kernels.dense import WALL, Block, blocks
+from sucre_bench.methods.sucre.kernels.dense import DARKEST, WALL, Block, blocks
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array
+from sucre_bench.threads import usable_cores
 
 __all__ = ["compiled"]
 
@@ -41,7 +42,9 @@ _SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
 _LOG2_E = 1 / np.log(2)
 _ONE, _ZERO, _HALF = np.float32(1), np.float32(0), np.float32(0.5)
 _WALL = np.float32(WALL)
-_LOWEST, _HIGHEST = np.float32(-125), np.float32(125)  # powers of two short of the limits of float32
+# Powers of two short of the limits of float32, also when they are squared: no light is 2^-60, not 0, whose colour is
+# 0 / 0.
+_LOWEST, _HIGHEST = np.float32(DARKEST), np.float32(125)
 _LIFT = np.float32(256)  # makes exponents positive, where cutting off is rounding down
 _BIAS, _MANTISSA = np.int32(127), np.int32(23)  # of float32's layout
 
@@ -270,6 +273,5 @@ def compiled(observations: Observations) -> Iterator[_CompiledKernel]:
     weight = np.empty(0, dtype=np.float32) if observations.weight is None else observations.weight
     arrays = (observations.distance, observations.colour, weight, observations.starts)
     store = (*map(np.ascontiguousarray, arrays), np.float32(observations.scale))
-    threads: int = numba.config.NUMBA_NUM_THREADS  # type: ignore[attr-defined]
-    with ThreadPoolExecutor(threads) as workers:
+    with ThreadPoolExecutor(usable_cores()) as workers:
         yield _CompiledKernel(observations, store, workers)

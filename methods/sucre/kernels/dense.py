@@ -11,6 +11,7 @@ distances are alike (relative error 9 at 3 to 3.3 m, against 1e-3). For beta it 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
@@ -21,10 +22,13 @@ from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array
 
-__all__ = ["WALL", "Block", "blocks", "colours", "fill", "products"]
+__all__ = ["DARKEST", "WALL", "Block", "blocks", "colours", "fill", "products"]
 
 # How much more a colour below zero counts than a residual of that size: enough to keep all but a few above.
 WALL = 10.0
+
+# Transmissions end at two to this power: less light is none, and its square is still a number in float32.
+DARKEST = -60.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,6 +78,10 @@ def fill(
     return z, I, w
 
 
+def _light(z: Any, beta: Any) -> Any:
+    return transmission((beta * z).clip(max=-DARKEST * math.log(2)), 1.0)
+
+
 def colours(
     z: Any,
     I: Any,  # noqa: E741
@@ -89,7 +97,7 @@ def colours(
     the water, c = (sum w a D) / A.
     """
     B, beta, gamma = water
-    x, d = s * transmission(z, beta), s * veil(z, 1, gamma)
+    x, d = s * _light(z, beta), s * veil(z, 1, gamma)
     xx = x * x
     A = xx.sum(0)
     J = (x * (s * I - B * d)).sum(0) / A
@@ -117,7 +125,7 @@ def products(
     free.
     """
     B, beta, gamma = water
-    x, d = s * transmission(z, beta), s * veil(z, 1, gamma)  # a and D_B, weighted
+    x, d = s * _light(z, beta), s * veil(z, 1, gamma)  # a and D_B, weighted
     y, g = s * I - B * d, B * z * (s - d)
     xx = x * x
     A = xx.sum(0)

@@ -9,7 +9,6 @@ float32 inside a block, float64 across, so that JAX's own setting for float64 st
 from __future__ import annotations
 
 import functools
-import os
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
@@ -22,6 +21,7 @@ from sucre_bench.methods.sucre.kernels.dense import Block, blocks, colours, fill
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array
+from sucre_bench.threads import usable_cores
 
 __all__ = ["on_jax"]
 
@@ -91,7 +91,8 @@ def _compiled() -> tuple[Callable[..., Any], Callable[..., Any]]:
 
     def all_products(z: Any, I: Any, w: Any, water: Any, margin: Any) -> Any:  # noqa: E741
         s, held = w**0.5, [None] * 3 if margin is None else margin
-        return jax.numpy.stack([products(z, I[c], s, water[c], held[c], jax.numpy.stack) for c in range(3)])
+        with jax.default_matmul_precision("highest"):  # a GPU would take 10 bits of the products for enough
+            return jax.numpy.stack([products(z, I[c], s, water[c], held[c], jax.numpy.stack) for c in range(3)])
 
     def all_colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:  # noqa: E741
         s = w**0.5
@@ -104,5 +105,5 @@ def _compiled() -> tuple[Callable[..., Any], Callable[..., Any]]:
 @contextmanager
 def on_jax(observations: Observations, device: str) -> Iterator[_JaxKernel]:
     """Open the observations for JAX on "cpu" or "cuda"."""
-    with ThreadPoolExecutor(os.cpu_count() if device == "cpu" else 1) as workers:
+    with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
         yield _JaxKernel(observations, device, workers)

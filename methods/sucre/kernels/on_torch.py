@@ -19,6 +19,7 @@ from sucre_bench.methods.sucre.kernels.dense import Block, blocks, colours, fill
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array
+from sucre_bench.threads import usable_cores
 
 __all__ = ["on_torch"]
 
@@ -99,7 +100,7 @@ def on_torch(observations: Observations, device: str) -> Iterator[_TorchKernel]:
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with ThreadPoolExecutor(threads if device == "cpu" else 1) as workers:
+        with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
             yield _TorchKernel(observations, device, workers)
     finally:
         torch.set_num_threads(threads)
