@@ -1,7 +1,7 @@
 """The solvers of `sucre` beside one another: time of the solve, cost, and how far the water is from the truth.
 
-Run: python benchmarks/solvers.py [backend]. All fit the same observations of one view of the demo scene, on the CPU, in
-one run; the ratio to the paper's 200 steps of Adam is what to compare between machines.
+Run: python benchmarks/solvers.py [backend [width]]. All fit the same observations of one view of the demo scene, on the
+CPU, in one run; the ratio to the paper's 200 steps of Adam is what to compare between machines.
 """
 
 from __future__ import annotations
@@ -33,7 +33,8 @@ def fastest(work: Callable[[], Solution]) -> tuple[float, Solution]:
 
 def main() -> None:
     backend: Any = sys.argv[1] if len(sys.argv) > 1 else "torch"
-    scene = next(sb.load_scenes("demo"))
+    width = int(sys.argv[2]) if len(sys.argv) > 2 else 640
+    scene = next(sb.load_scenes("demo", width=width, height=width * 3 // 4))
     view = scene.views[len(scene) // 2]
     observations = observe(view, scene.views)
     own = np.ascontiguousarray(view.rgb.reshape(-1, 3)[observations.pixels].T)

@@ -85,6 +85,18 @@ def test_the_true_water_is_taken_as_it_is() -> None:
         Sucre(water="truth").restore(nowhere, TARGET)
 
 
+def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
+    with pytest.raises(InputError, match="water=truth: the true water is of intensities as stored"):
+        Sucre(water="truth", encoding="linear").restore(SCENE, TARGET)
+
+
+def test_sucre_plus_says_what_to_give_up_for_another_solver() -> None:
+    said = "^sucre_plus.physical: goes with solver=exact, not with solver=adam; give method.physical=false$"
+    with pytest.raises(InputError, match=said):
+        SucrePlus(solver="adam")
+    assert SucrePlus(solver="adam", physical=False, steps=3).restore(SCENE, TARGET).valid.any()
+
+
 def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> None:
     content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
     (tmp_path / "a.json").write_text(json.dumps(content))
@@ -103,6 +115,13 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
 @pytest.mark.parametrize(
     ("name", "content", "said"),
     [
+        ("huge.json", '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "no water is like this; B is an"),
+        ("rate.json", '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}', "no water is like this; B is an"),
+        (
+            "linear.json",
+            '{"B": [0, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1], "encoding": "linear"}',
+            "encoding=linear; give method.encoding=linear",
+        ),
         ("absent.json", None, "no such file; water= takes own, shared, truth"),
         ("cut.json", '{"B": [1, 2', "does not hold B, beta and gamma"),
         ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', "does not hold B, beta and gamma"),

@@ -15,9 +15,9 @@ import numpy as np
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.scene import Array, Mask
 
-__all__ = ["ROUNDING", "Trust", "judge", "of_given", "with_noise"]
+__all__ = ["CHANNELS", "ROUNDING", "Trust", "judge", "of_given", "with_noise"]
 
-_CHANNELS = ("red", "green", "blue")
+CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
 
 _TOO_FEW = "too few repeated observations to tell the noise, and with it how sure anything is"
@@ -85,7 +85,7 @@ def judge(system: ReducedSystem, water: Array, free: Mask, n_excess: int, dead: 
 
 def _limits(water: Array, error: Array, free: Mask, told: Mask, dead: Mask) -> list[str]:
     said = []
-    for c, colour in enumerate(_CHANNELS):
+    for c, colour in enumerate(CHANNELS):
         if dead[c]:
             said.append(f"{colour}: the same in all observations, black or saturated; left as it is")
             continue

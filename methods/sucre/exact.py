@@ -26,7 +26,6 @@ from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.starts import bounds_for, promising
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.progress import say
 from sucre_bench.scene import Array, Mask
 
 __all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
@@ -104,8 +103,6 @@ def fit(
             system = replace(system, cost=_summed(kernels, None)(end.at).cost)
     water = np.where(dead[:, None], 0, end.at)  # J = I
     trust = judge(system, water, end.free, sum(_excess(one) for one in images), dead)
-    for limit in trust.limits:
-        say(limit)
     return WaterFit(water.T.copy(), system.cost, trust, end.steps + 1, bool(end.converged.all()))
 
 

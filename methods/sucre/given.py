@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from pathlib import Path, PurePosixPath
+from typing import Literal
 from zipfile import BadZipFile
 
 import numpy as np
@@ -14,20 +15,26 @@ from sucre_bench.scene import Array, Scene, View
 
 __all__ = ["water_of"]
 
+# What is still taken for water; Adam, which knows no bounds, may end a little below zero.
+_MOST_B, _MOST_RATE = 2.0, 100.0
+
 _NAMES = ("B", "beta", "gamma")
 
 
-def water_of(source: str, scene: Scene, view: View) -> Array:
+def water_of(source: str, scene: Scene, view: View, encoding: Literal["view", "linear"]) -> Array:
     """Return B, beta, gamma (rows) of RGB (columns), (3, 3) float64.
 
     source: "truth"; a .json or .npz file that holds B, beta and gamma, three numbers each; or a folder with such a
-    file for each view, named after its stem, as a run leaves it in restored/. Raises InputError, naming the file.
+    file for each view, as a run leaves them in restored/<dataset>/<method>; encoding: of the intensities that the
+    water is to explain. Raises InputError, naming the file.
     """
     if source == "truth":
         if scene.water is None:
             raise InputError(
                 f"water=truth: the scene '{scene.name}' does not know its water; give a file, or water=own"
             )
+        if encoding == "linear" and view.encoding == "gamma":
+            raise InputError("water=truth: the true water is of intensities as stored; leave out encoding=linear")
         water = scene.water
         return np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     path = Path(source).expanduser()
@@ -40,6 +47,9 @@ def water_of(source: str, scene: Scene, view: View) -> Array:
         else:
             content = json.loads(path.read_text(encoding="utf-8"))
             water_values = np.array([content[name] for name in _NAMES], dtype=np.float64)
+            if content.get("encoding", encoding) != encoding:
+                fault = f"is the water of intensities with encoding={content['encoding']}"
+                raise InputError(f"{path}: {fault}; give method.encoding={content['encoding']}")
     except FileNotFoundError:
         raise InputError(
             f"{path}: no such file; water= takes own, shared, truth, a .json or .npz file, or a folder of them"
@@ -48,6 +58,9 @@ def water_of(source: str, scene: Scene, view: View) -> Array:
         raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
     if water_values.shape != (3, 3) or not np.isfinite(water_values).all():
         raise InputError(f"{path}: B, beta and gamma must be three finite numbers each, red, green and blue")
+    if np.abs(water_values[0]).max() > _MOST_B or np.abs(water_values[1:]).max() > _MOST_RATE:
+        limits = f"B is an intensity, at most {_MOST_B:g}, beta and gamma are rates in 1/m, at most {_MOST_RATE:g}"
+        raise InputError(f"{path}: no water is like this; {limits}")
     return water_values
 
 

@@ -9,9 +9,14 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.errors import SolveError
+from sucre_bench.methods.sucre.diagnostics import CHANNELS
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
+from sucre_bench.progress import say
 from sucre_bench.scene import Array, Restoration, View, Water
+
+# From this share of an image's colours on it is worth a word.
+_MANY = 0.1
 
 __all__ = ["named", "restoration"]
 
@@ -33,6 +38,11 @@ def restoration(observations: Observations, solution: Solution, **about: Any) ->
     noise of each channel, limits in words; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
     trust = solution.trust
+    negative = (solution.J < 0).mean(axis=1)
+    unknown = (solution.deviation > 1).mean(axis=1)
+    limits = [*trust.limits, *_doubts(negative, unknown)]
+    for limit in limits:
+        say(limit)
     errors = zip(("B", "beta", "gamma"), trust.standard_error.T, strict=True)
     return Restoration(
         observations.image(solution.J),
@@ -40,7 +50,7 @@ def restoration(observations: Observations, solution: Solution, **about: Any) ->
         confidence=observations.image(np.sqrt((solution.deviation**2).mean(axis=0))),
         info={
             "cost": solution.cost.tolist(),
-            "negative_share": (solution.J < 0).mean(axis=1).tolist(),
+            "negative_share": negative.tolist(),
             "n_observations": len(observations),
             "n_repeated": observations.n_repeated,
             "n_views": len(observations.views),
@@ -48,11 +58,22 @@ def restoration(observations: Observations, solution: Solution, **about: Any) ->
             "noise": _numbers(trust.noise),
             "condition": _numbers(trust.condition),
             "standard_error": {name: _numbers(values) for name, values in errors},
-            "limits": list(trust.limits),
+            "limits": limits,
             **solution.about,
             **about,
         },
     )
+
+
+def _doubts(negative: Array, unknown: Array) -> list[str]:
+    """What is wrong with colours, from the shares (3,) of those below zero and of those known no better than to 1."""
+    said = []
+    for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
+        if below > _MANY:
+            said.append(f"{colour}: {below:.0%} of the colours are negative; physical=true keeps them above zero")
+        if lost > _MANY:
+            said.append(f"{colour}: {lost:.0%} of the colours are lost in noise; prior=true draws them to the mean")
+    return said
 
 
 def _numbers(values: Array) -> list[float | None]:

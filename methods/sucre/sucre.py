@@ -88,21 +88,23 @@ class Sucre:
     """Seed of the sample of pixels that the fit starts on."""
 
     def __post_init__(self) -> None:
+        own = getattr(type(self), "__plugin__").name  # noqa: B009, a decorator sets it
         for name in ("tolerance", "shared_views", "steps", "lr"):
             if not getattr(self, name) > 0:
-                raise InputError(f"sucre.{name}: {getattr(self, name)} must be positive")
+                raise InputError(f"{own}.{name}: {getattr(self, name)} must be positive")
         if self.tolerance >= 1:
-            raise InputError(f"sucre.tolerance: {self.tolerance} must be below 1, it is a share of the depth")
+            raise InputError(f"{own}.tolerance: {self.tolerance} must be below 1, it is a share of the depth")
         if self.seed < 0:
-            raise InputError(f"sucre.seed: {self.seed} must not be negative")
+            raise InputError(f"{own}.seed: {self.seed} must not be negative")
         extras = [name for name in ("physical", "robust", "lamp") if getattr(self, name)]
         if extras and self.solver != "exact":
-            raise InputError(f"sucre.{extras[0]}: goes with solver=exact, not with solver={self.solver}")
+            fault = f"goes with solver=exact, not with solver={self.solver}"
+            raise InputError(f"{own}.{extras[0]}: {fault}; give method.{extras[0]}=false")
         if self.water != "own" and self.solver != "exact":
-            raise InputError(f"sucre.water: {self.water} leaves nothing to solver={self.solver}; leave one out")
+            raise InputError(f"{own}.water: {self.water} leaves nothing to solver={self.solver}; leave one out")
         fitted = [name for name in ("robust", "lamp") if getattr(self, name)]
         if self.water != "own" and fitted:
-            raise InputError(f"sucre.{fitted[0]}: is found with the image's own water; leave out water={self.water}")
+            raise InputError(f"{own}.{fitted[0]}: is found with the image's own water; leave out water={self.water}")
 
     def warm_up(self) -> None:
         """Compile what the first view would have to wait for."""
@@ -129,7 +131,7 @@ class Sucre:
         if self._decodes(view):
             solution = _encoded(solution)
         stages = {"read": observations.read_s, "pair": paired - started, "solve": time.perf_counter() - paired}
-        return restoration(observations, solution, stage_seconds=stages)
+        return restoration(observations, solution, encoding=self.encoding, stage_seconds=stages)
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.store import paired
@@ -169,7 +171,7 @@ class Sucre:
                 raise shared
             return solvers.colours_in(observations, shared.water, shared.trust, *where)
         if self.water != "own":
-            return solvers.colours_in(observations, water_of(self.water, scene, view), None, *where)
+            return solvers.colours_in(observations, water_of(self.water, scene, view, self.encoding), None, *where)
         return self._exact(observations)
 
     def _exact(self, observations: Observations) -> Solution:

@@ -115,6 +115,8 @@ def _is_whole(kept: Observations) -> bool:
         and (np.diff(kept.counts) <= 0).all()
         and np.array_equal(kept.starts, np.concatenate([[0], np.cumsum(slots)]))
         and kept.starts[-1] == len(kept)
+        and kept.distance.min() > 0
+        and np.isfinite(kept.distance.max())
         and np.bincount(kept.pixels, minlength=height * width).max() == 1
         and len(np.bincount(kept.pixels)) <= height * width
     )
