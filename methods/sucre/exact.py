@@ -15,6 +15,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
@@ -36,8 +37,8 @@ SAMPLE = 20_000
 # Pixels that the starts are tried on, how many starts, and how many different minima of theirs the sample decides on.
 _SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
 
-# Minima whose costs differ by less, relatively, are one.
-_ALIKE = 1e-4
+# Minima whose parameters differ by less, relatively, are one; of costs that differ by less a sample cannot decide.
+_ALIKE, _UNDECIDED = 0.05, 0.01
 
 # Of the gain that a step promises, relative to the cost: to tell minima apart, on the sample, and at the end.
 _SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
@@ -97,7 +98,8 @@ def fit(
             evaluate, starts = _summed(kernels, margin), [*_distinct(ends), *starts]
             ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in starts]
     with _all_opened(images, backend, device) as kernels:
-        end = minimise(_summed(kernels, margin), _distinct(ends)[0], bounds, tolerance=_TOLERANCE, floor=floor)
+        evaluate, starts = _summed(kernels, margin), _distinct(ends, _UNDECIDED)
+        end = _best([minimise(evaluate, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in starts])
         system = end.system
         if physical:  # what the wall adds is no residual
             system = replace(system, cost=_summed(kernels, None)(end.at).cost)
@@ -139,22 +141,35 @@ def _all_opened(images: Sequence[Observations], backend: Backend, device: Device
         yield [stack.enter_context(opened(one, backend, device)) for one in images]
 
 
-def _distinct(ends: Sequence[Minimum]) -> list[Array]:
-    """The few lowest minima (3 channels, 3), best first, each channel's own."""
+def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
+    """The few lowest minima (3 channels, 3), best first, each channel's own; within: of the best's cost, relative."""
     per_channel = []
     for c in range(3):
-        lowest: list[tuple[float, Array]] = []
         found = [(float(end.system.cost[c]), end.at[c]) for end in ends if np.isfinite(end.system.cost[c])]
         if not found:
             raise SolveError(_HOPELESS.format("no water gives finite residuals"))
-        for cost, at in sorted(found, key=lambda pair: pair[0]):
-            if not lowest or cost > lowest[-1][0] * (1 + _ALIKE):
-                lowest.append((cost, at))
-        per_channel.append([at for _, at in lowest])
+        found.sort(key=lambda pair: pair[0])
+        lowest: list[Array] = []
+        for cost, at in found:
+            if cost <= found[0][0] * (1 + within) and not any(np.allclose(at, other, rtol=_ALIKE) for other in lowest):
+                lowest.append(at)
+        per_channel.append(lowest)
     return [
         np.stack([minima[min(k, len(minima) - 1)] for minima in per_channel])
         for k in range(min(_MINIMA, max(map(len, per_channel))))
     ]
+
+
+def _best(ends: Sequence[Minimum]) -> Minimum:
+    """Each channel's best end, as one."""
+    which = np.argmin([end.system.cost for end in ends], axis=0)
+
+    def pick(values: Sequence[Any]) -> Any:
+        return np.stack([values[which[c]][c] for c in range(3)])
+
+    system = ReducedSystem(*(pick([getattr(end.system, name) for end in ends]) for name in ("H", "g", "cost")))
+    at, free, converged = (pick([getattr(end, name) for end in ends]) for name in ("at", "free", "converged"))
+    return Minimum(at, system, free, sum(end.steps + 1 for end in ends) - 1, converged)
 
 
 def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array], ReducedSystem]:
