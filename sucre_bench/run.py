@@ -56,7 +56,13 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
     try:
         for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
             if not done.covers(task.base, task.place.restored(job.out, job.method.label)):
-                worked = True
+                if not worked:
+                    worked = True
+                    try:
+                        _warm_up(method)
+                    except ANY_FAULT as fault:
+                        part.add([failed_row(job, fault)])
+                        break
                 part.add(_rows(job, method, replace(task, base=replace(task.base, time=results.now()))))
             after_view()
     finally:
@@ -124,16 +130,16 @@ def _base_row(job: Job) -> Row:
 
 
 def _ready(choice: Choice) -> Any:
-    """Make the method, and import and compile what it needs, so that the first view's time is not that of compilers.
-
-    A method may have a `warm_up()` for that.
-    """
+    """Make the method, and import what it needs so that the first view's time is not that of imports."""
     for package in choice.plugin.requires:
         importlib.import_module(package)
-    method = choice.make()
+    return choice.make()
+
+
+def _warm_up(method: Any) -> None:
+    """Let a method that has a `warm_up()` compile, so that the first view's time is not that of compilers."""
     if hasattr(method, "warm_up"):
         method.warm_up()
-    return method
 
 
 # -- doing it ----------------------------------------------------------------------------------------------

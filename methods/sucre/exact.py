@@ -104,7 +104,7 @@ def fit(
         if physical:  # what the wall adds is no residual
             system = replace(system, cost=_summed(kernels, None)(end.at).cost)
     water = np.where(dead[:, None], 0, end.at)  # J = I
-    trust = judge(system, water, end.free, sum(_excess(one) for one in images), dead)
+    trust = judge(system, water, end.free, sum(one.n_excess for one in images), dead)
     return WaterFit(water.T.copy(), system.cost, trust, end.steps + 1, bool(end.converged.all()))
 
 
@@ -178,13 +178,6 @@ def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array]
         return sum(others, first)
 
     return evaluate
-
-
-def _excess(observations: Observations) -> int:
-    """Observations more than pixels; those without weight are none."""
-    weight = observations.weight
-    n = len(observations) if weight is None else int(np.count_nonzero(weight))
-    return n - len(observations.pixels)
 
 
 def _check_spread(few: Sequence[Observations]) -> None:

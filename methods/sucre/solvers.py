@@ -107,12 +107,15 @@ def solve_exact(
     from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 
     fitted = partial(fit, physical=physical, backend=backend, device=device, seed=seed)
-    few = sampled(observations, SAMPLE, physical, seed)
     if robust:  # water and weights find one another on a sample; then all observations are weighted once
+        few = sampled(observations, SAMPLE, physical, seed)
         water = fit_robustly(few, fitted)[0].water.T
         observations = reweighted(observations, water, robust_noise(few, water))
-    found = fitted(observations)
-    trust = with_noise(found.trust, robust_noise(few, found.water.T)) if robust else found.trust
+        found = fitted(observations)
+        trust = with_noise(found.trust, robust_noise(few, found.water.T))
+    else:
+        found = fitted(observations)
+        trust = found.trust
     about = {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
         return _in_water(kernel, found.water, trust, about)
@@ -134,8 +137,7 @@ def _in_water(kernel: Kernel, water: Array, trust: Trust, about: dict[str, Any])
 
 def _judged(kernel: Kernel, observations: Observations, water: Array) -> Trust:
     """What the observations say of a water that need not be their best."""
-    excess = len(observations) - len(observations.pixels)
-    return judge(kernel.system(water.T), water.T, np.ones((3, 3), dtype=bool), excess)
+    return judge(kernel.system(water.T), water.T, np.ones((3, 3), dtype=bool), observations.n_excess)
 
 
 def _check_finite(values: Array, steps: int, lr: float) -> None:

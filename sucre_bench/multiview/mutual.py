@@ -9,14 +9,13 @@ The arithmetic is float32 without reordering: the same on every machine, and wit
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.multiview.compiling import compiled
 from sucre_bench.scene import Array, Camera
 
 __all__ = ["mutual"]
@@ -47,7 +46,7 @@ def mutual(
     there, back = _rows(camera.K @ to_view[:3]), _rows(target.K @ to_target[:3])
     rays = _rows(np.linalg.inv(camera.K))
     size = (target.width, target.height)
-    n = _compiled()(points, pixels, ranges, there, depth, rays, back, size, found, others, distance)
+    n = compiled(_pair)(points, pixels, ranges, there, depth, rays, back, size, found, others, distance)
     for values in (found, others, distance):
         values.resize(n, refcheck=False)  # in place: a copy would cost a third of the time
     return found, others, distance
@@ -56,15 +55,6 @@ def mutual(
 def _rows(matrix: Array) -> Rows:
     """Return a matrix as rows of plain numbers, which compiled loops keep in registers."""
     return tuple(tuple(row) for row in matrix.astype(np.float32))
-
-
-@functools.cache
-def _compiled() -> Callable[..., int]:
-    import numba
-
-    # No threads of its own: callers are threads already, which numba's default layer does not stand.
-    loop: Callable[..., int] = numba.njit(nogil=True, cache=True, error_model="numpy")(_pair)
-    return loop
 
 
 def _pair(

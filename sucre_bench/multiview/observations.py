@@ -64,6 +64,12 @@ class Observations:
         """How many pixels have two observations or more; they are the first of the order."""
         return int(self.starts[2] - self.starts[1]) if len(self.starts) > 2 else 0
 
+    @property
+    def n_excess(self) -> int:
+        """How many observations there are more than pixels; those without weight are none."""
+        n = len(self) if self.weight is None else int(np.count_nonzero(self.weight))
+        return n - len(self.pixels)
+
     def slots(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, slice]]:
         """Yield (n, part) per slot: the first n of pixels[start:stop] have an observation at [part], in that order."""
         stop = len(self.pixels) if stop is None else stop

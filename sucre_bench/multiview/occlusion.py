@@ -11,14 +11,13 @@ than the other and its pixels are smaller: every point in view and not hidden ha
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.multiview.compiling import compiled
 from sucre_bench.scene import Array, Camera, Mask
 
 __all__ = ["agreeing"]
@@ -46,19 +45,11 @@ def agreeing(
     at, smooth = np.empty((n, 2), np.float32), np.empty(n, np.bool_)
     pose, K = to_view[:3].astype(np.float32), camera.K.astype(np.float32)
     of = (points, pixels, ranges, pose, K, depth, np.float32(tolerance))
-    n = _compiled()(*of, found, others, distance, at, smooth)
+    n = compiled(_pair)(*of, found, others, distance, at, smooth)
     for values in (found, others, distance, smooth):
         values.resize(n, refcheck=False)  # in place: a copy would cost a third of the time
     at.resize((n, 2), refcheck=False)
     return found, others, distance, at, smooth
-
-
-@functools.cache
-def _compiled() -> Callable[..., int]:
-    import numba
-
-    loop: Callable[..., int] = numba.njit(nogil=True, cache=True, error_model="numpy")(_pair)
-    return loop
 
 
 def _pair(

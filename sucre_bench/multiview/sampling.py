@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-import functools
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.colour import srgb_decode
+from sucre_bench.multiview.compiling import compiled
 from sucre_bench.multiview.observations import compact
 from sucre_bench.multiview.pairing import Matches
 from sucre_bench.scene import Array, Camera, Mask
@@ -54,16 +53,8 @@ def _interpolated(rgb: Array, others: Indices, at: Array, smooth: Mask) -> Array
     Where one of four colours is not finite, that of the pixel `others`, too.
     """
     colours = np.empty((len(others), 3), np.float32)
-    _compiled()(np.ascontiguousarray(rgb, np.float32), others, at, smooth, colours)
+    compiled(_interpolate)(np.ascontiguousarray(rgb, np.float32), others, at, smooth, colours)
     return colours
-
-
-@functools.cache
-def _compiled() -> Callable[..., None]:
-    import numba
-
-    loop: Callable[..., None] = numba.njit(nogil=True, cache=True)(_interpolate)
-    return loop
 
 
 def _interpolate(rgb: Array, others: Indices, at: Array, smooth: Mask, colours: Array) -> None:
