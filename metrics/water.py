@@ -31,7 +31,8 @@ class Water:
     """Relative error of the estimated water, |estimate - truth| / truth: the mean of the channels, and each channel.
 
     The true water is `restored.info["true_water"]`, a `scene.Water`, which the engine puts there after the method has
-    run. A channel whose true value is 0 has no relative error: NaN, and the mean goes without it.
+    run. A channel whose true value is 0 has no relative error: NaN, and the mean goes without it. A parameter that a
+    method does not estimate is NaN in its water, and has no score.
     """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
@@ -40,6 +41,8 @@ class Water:
         if restored.water is None or truth is None:
             return
         estimate = np.asarray(getattr(restored.water, variant), dtype=np.float64)
+        if np.isnan(estimate).all():
+            return
         true = np.asarray(getattr(truth, variant), dtype=np.float64)
         error = np.abs(estimate - true) / np.where(true > 0, true, np.nan)
         n, coverage = int(restored.valid.sum()), float(restored.valid.mean())

@@ -17,7 +17,7 @@ __version__ = "0.1.0"
 # Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
 _HOME = {
     "sucre_bench.api": ("load_scenes", "restore", "score"),
-    "sucre_bench.errors": ("InputError", "PluginError", "SolveError", "SucreBenchError"),
+    "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
     "sucre_bench.plugins": ("dataset", "method", "metric", "load_file"),
     "sucre_bench.progress": ("track",),
     "sucre_bench.scene": ("Arrays", "Camera", "Chart", "Pixels", "Restoration", "Scene", "Score", "View", "Water"),
@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from sucre_bench.api import restore as restore
     from sucre_bench.api import score as score
     from sucre_bench.errors import InputError as InputError
+    from sucre_bench.errors import NotApplicableError as NotApplicableError
     from sucre_bench.errors import PluginError as PluginError
     from sucre_bench.errors import SolveError as SolveError
     from sucre_bench.errors import SucreBenchError as SucreBenchError

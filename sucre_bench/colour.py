@@ -16,7 +16,16 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Encoding
 
-__all__ = ["check_display", "display", "gray_world_gain", "srgb_decode", "srgb_encode", "stretch", "to_8bit"]
+__all__ = [
+    "check_display",
+    "converted",
+    "display",
+    "gray_world_gain",
+    "srgb_decode",
+    "srgb_encode",
+    "stretch",
+    "to_8bit",
+]
 
 
 def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
@@ -90,6 +99,13 @@ def srgb_decode(encoded: Array) -> Array:
 def srgb_encode(linear: Array) -> Array:
     """sRGB transfer function, linear [0, 1] -> [0, 1] (IEC 61966-2-1); the curve goes on beyond."""
     return np.where(linear <= 0.0031308, linear * 12.92, 1.055 * np.maximum(linear, 0) ** (1 / 2.4) - 0.055)
+
+
+def converted(image: Array, source: Encoding, target: Encoding) -> Array:
+    """Return an image in another encoding, "gamma" being sRGB's curve; itself where it is encoded so already."""
+    if source == target:
+        return image
+    return srgb_decode(image) if target == "linear" else srgb_encode(image)
 
 
 def to_8bit(shown: Array) -> np.ndarray:

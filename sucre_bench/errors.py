@@ -8,6 +8,7 @@ from collections.abc import Iterable
 __all__ = [
     "ANY_FAULT",
     "InputError",
+    "NotApplicableError",
     "OutputError",
     "PluginError",
     "SolveError",
@@ -35,6 +36,10 @@ class PluginError(SucreBenchError):
 
 class SolveError(SucreBenchError):
     """An estimation has no meaningful answer on this input."""
+
+
+class NotApplicableError(SucreBenchError):
+    """A method has nothing to say about a view, and nothing is wrong: the view is skipped, with the reason."""
 
 
 # What foreign code may do to us: sys.exit in a plugin must not end the bench, Ctrl-C must.

@@ -68,6 +68,13 @@ class Choice:
         return create(self.plugin, self.options)
 
     @property
+    def files(self) -> tuple[Path, ...]:
+        """The files and folders that options name and results rest on; one that is not there is left out."""
+        named = (self.options.get(name) for name in self.plugin.reads)
+        places = (Path(value).expanduser() for value in named if isinstance(value, (str, Path)) and str(value))
+        return tuple(place for place in places if place.exists())
+
+    @property
     def record(self) -> dict[str, Any]:
         """What a row keeps as options."""
         display = {"display": self.display} if self.display else {}

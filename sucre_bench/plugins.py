@@ -90,7 +90,7 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen (methods); unit, better, range, variants, default (metrics): see `metric`.
+    to the screen, encoding, reads: see `method`; unit, better, range, variants, default (metrics): see `metric`.
     """
 
     kind: Kind
@@ -101,6 +101,8 @@ class Plugin:
     cites: str = ""
     licence: str = ""
     display: str = "none"
+    encoding: Literal["any", "gamma"] = "any"
+    reads: tuple[str, ...] = ()
     unit: str = ""
     better: Literal["higher", "lower"] = "higher"
     range: tuple[float, float] = (-math.inf, math.inf)
@@ -148,15 +150,21 @@ def method(
     cites: str = "",
     licence: str = "",
     display: str = "none",
+    encoding: Literal["any", "gamma"] = "any",
+    reads: Iterable[str] = (),
 ) -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``restore(scene, view)`` a restorer.
 
     name: default the class's in snake_case; needs: of "depth", "poses", "reference", "charts", "truth";
     requires: import names of packages it uses when it runs; cites, licence: of the method it implements;
-    display: the normalisation its result is shown and scored with, see `sucre_bench.colour.display`.
+    display: the normalisation its result is shown and scored with, see `sucre_bench.colour.display`;
+    encoding: "gamma" when it assumes gamma-encoded intensities: it then gets a linear view encoded (sRGB), and what it
+    returns is decoded again; reads: options that name a file or folder its results rest on, e.g. weights: when that
+    changes, views are restored again.
     """
     check_display(display)
-    return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, display=display)
+    about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
+    return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
 def dataset(*, name: str = "", requires: Iterable[str] = (), cites: str = "", licence: str = "") -> Callable[[_C], _C]:
@@ -311,13 +319,24 @@ def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
     return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
 
 
-_ENGINE = ("scene.py", "colour.py", "charts.py", "images.py", "multiview")
+_ENGINE = ("scene.py", "colour.py", "charts.py", "images.py", "multiview", "steps")
 
 
-def source_hash(*used: Plugin) -> str:
-    """Return a hash of the source that makes a result: the plugins' files or folders, and the engine's numerics."""
+def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
+    """Return a hash of what makes a result: the plugins' files or folders, the engine's numerics, and further files.
+
+    Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it.
+    """
     engine = Path(__file__).parent
-    return _hash_files((*(_source(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+    source = _hash_files((*(_source(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+    stamps = [stamp for place in files for stamp in _stamps(place)]
+    return hashlib.blake2b(f"{source}{stamps}".encode(), digest_size=6).hexdigest() if stamps else source
+
+
+def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
+    for path in sorted(p for p in place.rglob("*") if p.is_file()) if place.is_dir() else [place]:
+        state = path.stat()
+        yield str(path), state.st_size, state.st_mtime_ns
 
 
 def _source(plugin: Plugin) -> Path:

@@ -16,7 +16,16 @@ import numpy as np
 
 from sucre_bench import plugins, progress, results
 from sucre_bench.colour import display, to_8bit
-from sucre_bench.errors import ANY_FAULT, InputError, OutputError, PluginError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.errors import (
+    ANY_FAULT,
+    InputError,
+    NotApplicableError,
+    OutputError,
+    PluginError,
+    SucreBenchError,
+    did_you_mean,
+    one_line,
+)
 from sucre_bench.job import Choice, Job
 from sucre_bench.layout import Place, file_name, log_path, places
 from sucre_bench.restoring import measured_restore
@@ -125,7 +134,7 @@ def _base_row(job: Job) -> Row:
         options=options,
         options_id=options_id,
         seed=int(job.method.options.get("seed", job.seed)),
-        code=plugins.source_hash(job.dataset.plugin, job.method.plugin),
+        code=plugins.source_hash(job.dataset.plugin, job.method.plugin, files=job.method.files),
     )
 
 
@@ -167,6 +176,8 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
         return score_rows(measured, shown, view, job.metrics, base, log_path(job.out))
     except OutputError:
         raise
+    except NotApplicableError as reason:
+        return [without(task.base, "skipped", one_line(reason))]
     except ANY_FAULT as fault:
         return [_failed(job, task.base, fault)]
 
@@ -208,16 +219,18 @@ def _water_arrays(water: Water) -> dict[str, Array]:
 
 
 def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
-    """The water, what the method tells of its work, and how long it took to write the pictures."""
+    """The water, what the method tells of its work, the true water where known, and how long writing took."""
     water = restoration.water
     known = {} if water is None else _water_arrays(water)
-    info = {name: value for name, value in restoration.info.items() if name != "true_water"}
-    told = known | info | {"write_seconds": write_seconds}
-    return json.dumps(told, indent=1, default=_plain, skipkeys=True).encode()
+    told = known | restoration.info | {"write_seconds": write_seconds}
+    text = json.dumps(told, default=_plain, skipkeys=True)
+    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
 
 
 def _plain(value: Any) -> Any:
-    """An array as lists, anything else in words: a method may tell what it likes."""
+    """An array as lists, a water by its parameters, anything else in words: a method may tell what it likes."""
+    if isinstance(value, Water):
+        return _water_arrays(value)
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 

@@ -27,6 +27,7 @@ __all__ = [
     "Encoding",
     "Mask",
     "Pixels",
+    "Plane",
     "Restoration",
     "Scene",
     "Score",

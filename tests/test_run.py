@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import json
 import os
 import signal
 import subprocess
@@ -14,7 +15,9 @@ import numpy as np
 import pandas as pd
 import pytest
 
+import sucre_bench as sb
 from sucre_bench import plugins, results, sweep
+from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.errors import OutputError
 from sucre_bench.plugins import find
 
@@ -92,6 +95,54 @@ def test_what_changed_is_computed_again_and_nothing_else(out: Path, tmp_path: Pa
     run(out, log)
     run(out, log, "dataset.label=toy", change)
     assert len(calls(tmp_path / "log")) == 3 + again
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, folder: bool):
+    table = tmp_path / "table"
+    if folder:
+        table.mkdir()
+    file, options = table / "gain" if folder else table, ("method=tabulated", f"method.table={table}")
+    file.write_text("1.5")
+    assert run(out, *options).cached == 0
+    first = run(out, *options)
+    assert (first.ok, first.cached) == (2, 2)
+    file.write_text("2.25")
+    changed = run(out, *options)
+    assert changed.cached == 0
+    psnr = [o.rows.query("metric == 'psnr' and view == 'v0.png'")["value"].item() for o in (first, changed)]
+    assert psnr[0] != psnr[1]
+
+
+def test_a_view_that_a_method_has_nothing_to_say_about_is_skipped_with_its_reason(out: Path, tmp_path: Path):
+    (tmp_path / "table").write_text("1")
+    outcome = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}")
+    assert (outcome.ok, outcome.failed, outcome.exit_code) == (2, (), 0)
+    row = outcome.rows[outcome.rows["view"] == "v2.png"].iloc[0]
+    assert (row["status"], row["reason"]) == ("skipped", "v2.png: not in the table; add it")
+
+
+def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path, tmp_path: Path):
+    (tmp_path / "table").write_text("1")
+    rows = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}").rows
+    kept = rows[rows["view"] == "v0.png"].set_index("metric")["value"]
+    assert kept["seconds"] == 12.5
+    assert np.isnan(kept["peak_mb"])
+    told = (out / "restored" / "toy" / "tabulated" / "v0.json").read_text()
+    content = json.loads(told, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert (content["B"], content["beta"], content["deviation"]) == ([0.2] * 3, [None] * 3, [1.0, None])
+    assert content["true_water"] == {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3}
+
+
+def test_a_method_for_encoded_intensities_gets_them_and_its_result_is_brought_back(toys: str):
+    """Half of an encoded intensity, in linear light: decode(encode(x) / 2)."""
+    linear = np.linspace(0, 1, 60, dtype=np.float32).reshape(4, 5, 3)
+    view = sb.View("a.png", sb.Arrays(linear), encoding="linear")
+    result = sb.restore("halved", sb.Scene("one", [view], frozenset()), view)
+    np.testing.assert_allclose(result.image, srgb_decode(srgb_encode(linear) / 2), atol=1e-6)
+    assert "converted" in result.info
+    plain = sb.View("a.png", sb.Arrays(linear))
+    assert np.array_equal(sb.restore("halved", sb.Scene("one", [plain], frozenset()), plain).image, linear / 2)
 
 
 def test_a_picture_that_is_gone_is_made_again(out: Path, tmp_path: Path):

@@ -43,5 +43,12 @@ def test_without_an_estimate_or_a_truth_there_is_no_score() -> None:
     assert not scores("attenuation", Restoration(IMAGE, ESTIMATE))
 
 
+def test_a_parameter_that_is_not_estimated_has_no_score_and_the_others_have() -> None:
+    unknown = np.full(3, np.nan)
+    restored = Restoration(IMAGE, SceneWater(np.array([0.1, 0.2, 0.2]), unknown, unknown), info={"true_water": TRUTH})
+    assert not scores("attenuation", restored)
+    assert scores("veiling_light", restored)["image"].value == pytest.approx(0.5 / 3)
+
+
 def test_all_three_parameters_are_scored_by_default() -> None:
     assert Water.__plugin__.default == ("attenuation", "backscatter", "veiling_light")

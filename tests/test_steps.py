@@ -1,0 +1,98 @@
+"""The shared image steps, against float64 brute force and what their definitions say."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from sucre_bench.steps.dark_channel import dark_channel, window_max
+from sucre_bench.steps.guided_filter import box_mean, guided_filter
+from sucre_bench.steps.lab import equalised, from_lab, to_lab
+from sucre_bench.steps.white_balance import gray_world, red_from_green
+
+RNG = np.random.default_rng(0)
+IMAGE = RNG.random((20, 23, 3)).astype(np.float32)
+PLANE = RNG.random((20, 23)).astype(np.float32)
+
+
+def window(y: int, x: int, radius: int) -> tuple[slice, slice]:
+    return slice(max(0, y - radius), y + radius + 1), slice(max(0, x - radius), x + radius + 1)
+
+
+def guided_by_hand(guide: np.ndarray, plane: np.ndarray, radius: int, eps: float) -> np.ndarray:
+    """Equations 5-8 of He et al., window by window, in float64."""
+    height, width = plane.shape
+    guide = guide.reshape(height, width, -1).astype(np.float64)
+    slope, offset = np.zeros(guide.shape), np.zeros(plane.shape)
+    for y, x in np.ndindex(plane.shape):
+        colours = guide[window(y, x, radius)].reshape(-1, guide.shape[2])
+        values = plane[window(y, x, radius)].ravel().astype(np.float64)
+        covariance = np.cov(colours.T, bias=True).reshape(guide.shape[2], -1) + eps * np.eye(guide.shape[2])
+        cross = ((colours - colours.mean(0)) * (values - values.mean())[:, None]).mean(0)
+        slope[y, x] = np.linalg.solve(covariance, cross)
+        offset[y, x] = values.mean() - slope[y, x] @ colours.mean(0)
+    smoothed = np.zeros(plane.shape)
+    for y, x in np.ndindex(plane.shape):
+        own = slope[window(y, x, radius)].reshape(-1, guide.shape[2]).mean(0)
+        smoothed[y, x] = own @ guide[y, x] + offset[window(y, x, radius)].mean()
+    return smoothed
+
+
+@pytest.mark.parametrize("guide", [IMAGE, IMAGE[..., 1]], ids=["colour", "gray"])
+@pytest.mark.parametrize("eps", [1e-2, 1e-4])
+def test_the_guided_filter_is_the_least_squares_of_its_paper(guide: np.ndarray, eps: float):
+    np.testing.assert_allclose(guided_filter(guide, PLANE, 3, eps), guided_by_hand(guide, PLANE, 3, eps), atol=2e-5)
+
+
+def test_the_guided_filter_keeps_the_guides_edges_and_smooths_what_is_flat_in_it():
+    guide = np.zeros((40, 40), np.float32)
+    guide[:, 20:] = 1
+    noisy = guide + RNG.normal(0, 0.1, guide.shape).astype(np.float32)
+    smooth = guided_filter(guide, noisy, 5, 1e-3)
+    assert smooth[:, :20].std() < 0.03
+    assert smooth[:, 20].mean() - smooth[:, 19].mean() > 0.95
+
+
+@pytest.mark.parametrize("guide", [np.zeros((9, 9, 3)), np.zeros((9, 9)), np.zeros((1, 1, 3))])
+def test_the_guided_filter_is_a_plain_mean_where_the_guide_is_flat(guide: np.ndarray):
+    plane = RNG.random(guide.shape[:2]).astype(np.float32)
+    expected = box_mean(box_mean(plane, 2), 2)
+    np.testing.assert_allclose(guided_filter(guide, plane, 2, 1e-3), expected, atol=1e-6)
+
+
+def test_the_dark_channel_is_the_least_value_around():
+    found = dark_channel(IMAGE[..., 1:], 5)
+    for y, x in np.ndindex(PLANE.shape):
+        assert found[y, x] == IMAGE[window(y, x, 2)][..., 1:].min()
+        assert window_max(PLANE, 5)[y, x] == PLANE[window(y, x, 2)].max()
+
+
+def test_lab_is_that_of_the_standard():
+    """Red, green, blue and mid gray of sRGB, D65 (Lindbloom)."""
+    rgb = np.float32([[[1, 0, 0], [0, 1, 0], [0, 0, 1], [0.5, 0.5, 0.5]]])
+    expected = [[53.24, 80.09, 67.20], [87.73, -86.18, 83.18], [32.30, 79.19, -107.86], [53.39, 0, 0]]
+    np.testing.assert_allclose(to_lab(rgb)[0], expected, atol=0.3)
+    np.testing.assert_allclose(from_lab(to_lab(IMAGE)), IMAGE, atol=3e-3)
+
+
+def test_equalisation_spreads_lightness_and_keeps_hue():
+    dull = np.float32([0.3, 0.45, 0.5]) + 0.05 * PLANE[..., None]
+    spread = equalised(dull, 2, 4)
+    before, after = to_lab(dull), to_lab(spread)
+    assert after[..., 0].std() > 1.5 * before[..., 0].std()
+    inside = (spread > 0).all(axis=-1) & (spread < 1).all(axis=-1)
+    np.testing.assert_allclose(after[inside][:, 1:], before[inside][:, 1:], atol=0.5)
+
+
+def test_red_is_lifted_where_green_is_strong_and_only_where_it_is_lacking():
+    image = np.float32([[[0.1, 0.8, 0.5], [0.1, 0.0, 0.5]]])  # mean green 0.4, mean red 0.1
+    np.testing.assert_allclose(red_from_green(image)[0, :, 0], [0.1 + 0.3 * 0.9 * 0.8, 0.1], rtol=1e-6)
+    np.testing.assert_array_equal(red_from_green(image)[..., 1:], image[..., 1:])
+    reddish = image[..., ::-1]
+    assert np.array_equal(red_from_green(reddish * [1, 0.1, 0.1]), reddish * [1, 0.1, 0.1])
+
+
+def test_gray_world_makes_the_means_equal_and_leaves_a_dead_channel():
+    balanced = gray_world(IMAGE * np.float32([0.2, 0.5, 0.4]))
+    np.testing.assert_allclose(balanced.mean(axis=(0, 1)), balanced.mean(), rtol=1e-4)
+    assert not gray_world(IMAGE * np.float32([0, 1, 1]))[..., 0].any()
