@@ -38,7 +38,7 @@ class SolveError(SucreBenchError):
     """An estimation has no meaningful answer on this input."""
 
 
-class NotApplicableError(SucreBenchError):
+class NotApplicableError(SolveError):
     """A method has nothing to say about a view, and nothing is wrong: the view is skipped, with the reason."""
 
 

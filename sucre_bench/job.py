@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins
 from sucre_bench.colour import check_display
 from sucre_bench.errors import InputError, did_you_mean, one_line
-from sucre_bench.options import check_options, create, options_of, typed
+from sucre_bench.options import Option, check_options, create, options_of, typed
 from sucre_bench.plugins import Kind, Plugin
 
 if TYPE_CHECKING:
@@ -69,10 +69,19 @@ class Choice:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """The files and folders that options name and results rest on; one that is not there is left out."""
-        named = (self.options.get(name) for name in self.plugin.reads)
-        places = (Path(value).expanduser() for value in named if isinstance(value, (str, Path)) and str(value))
-        return tuple(place for place in places if place.exists())
+        """What options name and results rest on: files, folders, and the source of other methods."""
+        return tuple(place for o in options_of(self.plugin.cls) if o.name in self.plugin.reads for place in self._at(o))
+
+    def _at(self, option: Option) -> Iterator[Path]:
+        """Where the value of an option that names a file, a folder or a method leads; reserved words lead nowhere."""
+        value = self.options.get(option.name, "")
+        if not isinstance(value, (str, Path)) or value in ("", *option.choices):
+            return
+        method = plugins.discover("method").get(str(value))
+        if isinstance(method, Plugin):
+            yield plugins.source_of(method)
+        elif (place := Path(value).expanduser()).exists():
+            yield place
 
     @property
     def record(self) -> dict[str, Any]:

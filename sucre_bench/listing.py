@@ -54,7 +54,8 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
     for name, said in plugin.variants.items():
         lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
     for option in options_of(plugin.cls):
-        choices = f" ({'|'.join(option.choices)})" if option.choices else ""
+        words = [*option.choices, *([] if option.is_closed else ["..."])]
+        choices = f" ({'|'.join(words)})" if option.choices else ""
         default = "" if option.default is MISSING else f"={_plain_default(option.default)}"
         lines += _wrapped(f"{option.name}{default}{choices}  ", option.help)
     return "\n".join(lines)
@@ -98,7 +99,7 @@ def _about(plugin: Plugin | Broken) -> dict[str, Any]:
 def _option(option: Option) -> dict[str, Any]:
     default = "must be given" if option.default is MISSING else option.default
     about: dict[str, Any] = {"default": default if isinstance(default, (int, float, str, bool)) else _text(default)}
-    if option.choices:
+    if option.is_closed:
         about["choices"] = list(option.choices)
     return about | ({"help": option.help} if option.help else {})
 

@@ -36,8 +36,14 @@ class Option:
 
     @property
     def choices(self) -> tuple[str, ...]:
-        """The words a Literal admits; empty for any other type."""
-        return get_args(self.type) if get_origin(self.type) is Literal else ()
+        """The words a Literal admits, also one that is an alternative to a path or text; empty for any other type."""
+        kinds = (self.type, *get_args(self.type))
+        return tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing but its choices may be given."""
+        return get_origin(self.type) is Literal
 
 
 def options_of(cls: Any) -> tuple[Option, ...]:
@@ -82,7 +88,7 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
         if not _fits(known[name].type, value):
             of = getattr(known[name].type, "__name__", known[name].type)
             raise InputError(f"{plugin.name}.{name}: {value!r} is not {of}; see `sucre-bench list {plugin.kind}s`")
-        if known[name].choices and value not in known[name].choices:
+        if known[name].is_closed and value not in known[name].choices:
             hint = did_you_mean(str(value), known[name].choices)
             raise InputError(f"{plugin.name}.{name}: '{value}' is not a choice; {hint}")
     missing = [o.name for o in known.values() if o.default is MISSING and o.name not in values]

@@ -46,6 +46,7 @@ __all__ = [
     "missing_packages",
     "set_aside",
     "source_hash",
+    "source_of",
 ]
 
 Kind = Literal["method", "dataset", "metric"]
@@ -159,8 +160,8 @@ def method(
     requires: import names of packages it uses when it runs; cites, licence: of the method it implements;
     display: the normalisation its result is shown and scored with, see `sucre_bench.colour.display`;
     encoding: "gamma" when it assumes gamma-encoded intensities: it then gets a linear view encoded (sRGB), and what it
-    returns is decoded again; reads: options that name a file or folder its results rest on, e.g. weights: when that
-    changes, views are restored again.
+    returns is decoded again; reads: options that name a file, a folder or another method that its results rest on, e.g.
+    weights: when that changes, views are restored again.
     """
     check_display(display)
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
@@ -328,7 +329,7 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it.
     """
     engine = Path(__file__).parent
-    source = _hash_files((*(_source(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+    source = _hash_files((*(source_of(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
     stamps = [stamp for place in files for stamp in _stamps(place)]
     return hashlib.blake2b(f"{source}{stamps}".encode(), digest_size=6).hexdigest() if stamps else source
 
@@ -339,7 +340,7 @@ def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
         yield str(path), state.st_size, state.st_mtime_ns
 
 
-def _source(plugin: Plugin) -> Path:
+def source_of(plugin: Plugin) -> Path:
     """A plugin's file, or its folder where it has one of its own."""
     file = Path(inspect.getsourcefile(plugin.cls) or __file__)
     shared = (Path(__file__).parent / f"{plugin.kind}s").resolve()

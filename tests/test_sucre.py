@@ -144,6 +144,41 @@ def test_a_file_without_water_is_named_with_its_fault(
     assert "\n" not in str(fault.value)
 
 
+def test_water_comes_from_another_method_and_colours_from_all_views() -> None:
+    """The ablation's middle row: one method's water, SUCRe's colours."""
+    theirs = Sucre(physical=True).restore(SCENE, TARGET)
+    plus = Sucre(water_from="sucre_plus").restore(SCENE, TARGET)
+    np.testing.assert_array_equal(as_array(plus.water), as_array(theirs.water))
+    np.testing.assert_allclose(plus.image, theirs.image, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("gray_world", "water_from=gray_world: it estimates no water; name one that does"),
+        ("grey_world", "no method is called 'grey_world'; did you mean 'gray_world'"),
+    ],
+)
+def test_a_method_that_has_no_water_to_give_is_refused(name: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Sucre(water_from=name).restore(SCENE, TARGET)
+
+
+def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities() -> None:
+    """J = (I - B (1 - exp(-gamma z))) exp(beta z), with the water of all views: the paper's eq. 3 on one image."""
+    whole = Sucre().restore(SCENE, TARGET)
+    single = Sucre(colours="single_view").restore(SCENE, TARGET)
+    water = as_array(whole.water)
+    np.testing.assert_array_equal(as_array(single.water), water)
+    z = TARGET.distance[..., None]
+    J = (TARGET.rgb - water[0] * (1 - np.exp(-water[2] * z))) * np.exp(water[1] * z)
+    seen = TARGET.depth > 0
+    np.testing.assert_allclose(single.image[seen], J[seen], atol=2e-5)
+    assert np.isnan(single.image[~seen]).all()
+    # one observation tells less than several
+    assert np.nanmean(single.confidence) > 1.2 * np.nanmean(whole.confidence)  # type: ignore[arg-type]
+
+
 def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
     from sucre_bench.methods.sucre import exact
 
@@ -301,10 +336,13 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
     [
         ({"solver": "adam", "physical": True}, "sucre.physical: goes with solver=exact"),
         ({"solver": "adam_closed_form", "robust": True}, "sucre.robust: goes with solver=exact"),
-        ({"solver": "adam", "water": "shared"}, "sucre.water: shared leaves nothing to solver=adam"),
+        ({"solver": "adam", "water": "shared"}, "sucre.water=shared: leaves nothing to solver=adam"),
         ({"tolerance": 0.0}, "sucre.tolerance: 0.0 must be positive"),
         ({"tolerance": 2.0}, "sucre.tolerance: 2.0 must be below 1"),
         ({"seed": -1}, "sucre.seed: -1 must not be negative"),
+        ({"solver": "adam", "water_from": "sucre"}, "sucre.water_from=sucre: leaves nothing to solver=adam"),
+        ({"water": "truth", "water_from": "sucre"}, "given twice, water=truth and water_from=sucre"),
+        ({"lamp": True, "colours": "single_view"}, "sucre.lamp: is found with colours of all views"),
         ({"water": "truth", "lamp": True}, "sucre.lamp: is found with the image's own water; leave out water=truth"),
         ({"shared_views": 0}, "sucre.shared_views: 0 must be positive"),
     ],

@@ -1,4 +1,4 @@
-"""Water that is known already: from a file, from an earlier run, or the truth of a made scene."""
+"""Water that is known already: from a file, an earlier run, another method, or the truth of a made scene."""
 
 from __future__ import annotations
 
@@ -9,11 +9,13 @@ from zipfile import BadZipFile
 
 import numpy as np
 
+from sucre_bench import plugins
 from sucre_bench.errors import InputError
 from sucre_bench.layout import file_name
+from sucre_bench.options import create
 from sucre_bench.scene import Array, Scene, View
 
-__all__ = ["water_of"]
+__all__ = ["water_by", "water_of"]
 
 # What is still taken for water; Adam, which knows no bounds, may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
@@ -56,11 +58,34 @@ def water_of(source: str, scene: Scene, view: View, encoding: Literal["view", "l
         ) from None
     except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as fault:
         raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
+    return _checked(str(path), water_values)
+
+
+def water_by(name: str, scene: Scene, view: View, encoding: Literal["view", "linear"]) -> Array:
+    """Return B, beta, gamma (rows) of RGB (columns), (3, 3) float64, as another method estimates them on this view.
+
+    Raises InputError where the method lacks something, estimates no such water, or that of another encoding; and what
+    the method itself raises.
+    """
+    plugin = plugins.find("method", name)
+    if absent := plugins.missing_needs(plugin, scene.has):
+        raise InputError(f"water_from={name}: {absent}; name another method")
+    found = create(plugin, {}).restore(scene, view)
+    if found.water is None:
+        raise InputError(f"water_from={name}: it estimates no water; name one that does, such as gaussian_seathru")
+    if (own := found.info.get("encoding", "view")) != encoding:
+        raise InputError(f"water_from={name}: its water is of intensities with encoding={own}; give that encoding")
+    parameters = [found.water.veiling_light, found.water.attenuation, found.water.backscatter]
+    return _checked(f"{view.name}: water_from={name}", np.array(parameters, dtype=np.float64))
+
+
+def _checked(place: str, water_values: Array) -> Array:
+    """A water that can be one. InputError naming where it is from."""
     if water_values.shape != (3, 3) or not np.isfinite(water_values).all():
-        raise InputError(f"{path}: B, beta and gamma must be three finite numbers each, red, green and blue")
+        raise InputError(f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue")
     if np.abs(water_values[0]).max() > _MOST_B or np.abs(water_values[1:]).max() > _MOST_RATE:
         limits = f"B is an intensity, at most {_MOST_B:g}, beta and gamma are rates in 1/m, at most {_MOST_RATE:g}"
-        raise InputError(f"{path}: no water is like this; {limits}")
+        raise InputError(f"{place}: no water is like this; {limits}")
     return water_values
 
 

@@ -11,7 +11,13 @@ from sucre_bench.methods.sucre.sucre import Sucre
 __all__ = ["SucrePlus"]
 
 
-@method(needs={"depth", "poses"}, requires=("numba", "torch"), display="white-99", cites=CITES)
+@method(
+    needs={"depth", "poses"},
+    requires=("numba", "torch"),
+    display="white-99",
+    cites=CITES,
+    reads=("water", "water_from"),
+)
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
     """SUCRe whose colours are held above zero, freed of noise, and brought to white by a gain without an offset.

@@ -27,7 +27,13 @@ if TYPE_CHECKING:
 __all__ = ["Sucre"]
 
 
-@method(needs={"depth", "poses"}, requires=("numba", "torch"), display="stretch-1-99", cites=CITES)
+@method(
+    needs={"depth", "poses"},
+    requires=("numba", "torch"),
+    display="stretch-1-99",
+    cites=CITES,
+    reads=("water", "water_from"),
+)
 @dataclass(frozen=True)
 class Sucre:
     """SUCRe at its exact minimum: one water for all observations, one colour a pixel, no step count.
@@ -56,9 +62,16 @@ class Sucre:
     encoding: Literal["view", "linear"] = "view"
     """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
 
-    water: str = "own"
+    water: Literal["own", "shared", "truth"] | str = "own"
     """own: fitted to each image; shared: to many images of the scene at once; truth; a .json or .npz file with B,
     beta and gamma; or a folder of them, one a view, as restored/ of an earlier run."""
+
+    water_from: str = ""
+    """A method that estimates the water of each image, in place of the fit: its name; it has its default options."""
+
+    colours: Literal["multi_view", "single_view"] = "multi_view"
+    """multi_view: each colour from all its observations; single_view: from the image's own intensity alone, in the same
+    water, which tells what either brings."""
 
     shared_views: int = 40
     """How many images water=shared is fitted to at most, spread evenly over the scene."""
@@ -100,11 +113,17 @@ class Sucre:
         if extras and self.solver != "exact":
             fault = f"goes with solver=exact, not with solver={self.solver}"
             raise InputError(f"{own}.{extras[0]}: {fault}; give method.{extras[0]}=false")
-        if self.water != "own" and self.solver != "exact":
-            raise InputError(f"{own}.water: {self.water} leaves nothing to solver={self.solver}; leave one out")
+        given = [f"{name}={getattr(self, name)}" for name in ("water", "water_from") if getattr(self, name)]
+        given = [each for each in given if each != "water=own"]
+        if len(given) > 1:
+            raise InputError(f"{own}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
+        if given and self.solver != "exact":
+            raise InputError(f"{own}.{given[0]}: leaves nothing to solver={self.solver}; leave one out")
         fitted = [name for name in ("robust", "lamp") if getattr(self, name)]
-        if self.water != "own" and fitted:
-            raise InputError(f"{own}.{fitted[0]}: is found with the image's own water; leave out water={self.water}")
+        if given and fitted:
+            raise InputError(f"{own}.{fitted[0]}: is found with the image's own water; leave out {given[0]}")
+        if self.lamp and self.colours == "single_view":
+            raise InputError(f"{own}.lamp: is found with colours of all views; leave out colours=single_view")
 
     def warm_up(self) -> None:
         """Compile what the first view would have to wait for."""
@@ -125,6 +144,8 @@ class Sucre:
         paired = time.perf_counter()
         with named(view):
             observations, solution = self._solve(scene, view, observations)
+            if self.colours == "single_view":
+                observations, solution = self._alone(view, solution)
         if self.prior:
             J, deviation = posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
@@ -157,7 +178,7 @@ class Sucre:
 
     def _solve_plainly(self, scene: Scene, view: View, observations: Observations) -> Solution:
         from sucre_bench.methods.sucre import solvers
-        from sucre_bench.methods.sucre.given import water_of
+        from sucre_bench.methods.sucre.given import water_by, water_of
 
         where = (self.backend, self.device)
         if self.solver == "adam":
@@ -170,9 +191,21 @@ class Sucre:
             if isinstance(shared, SolveError):
                 raise shared
             return solvers.colours_in(observations, shared.water, shared.trust, *where)
+        if self.water_from:
+            water = water_by(self.water_from, scene, view, self.encoding)
+            return solvers.colours_in(observations, water, None, *where)
         if self.water != "own":
             return solvers.colours_in(observations, water_of(self.water, scene, view, self.encoding), None, *where)
         return self._exact(observations)
+
+    def _alone(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
+        """The image's own intensities, and their colours in the water of a solution."""
+        from sucre_bench.methods.sucre.solvers import colours_in
+        from sucre_bench.multiview.observe import observe
+
+        own = observe(view, [view], **self._pairing)
+        alone = colours_in(own, solution.water, solution.trust, self.backend, self.device)
+        return own, replace(alone, about=solution.about)
 
     def _exact(self, observations: Observations) -> Solution:
         from sucre_bench.methods.sucre.solvers import solve_exact

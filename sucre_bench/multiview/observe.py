@@ -19,7 +19,7 @@ from typing import Literal, TypedDict, TypeVar, get_args
 import numpy as np
 import psutil
 
-from sucre_bench.errors import InputError, SolveError, did_you_mean
+from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
 from sucre_bench.multiview.mapped import Spool, new_file
 from sucre_bench.multiview.observations import Observations, Seen, arrange, in_memory
 from sucre_bench.multiview.pairing import Rule, Surface, lift, match, own_matches, visible_pixels
@@ -76,15 +76,15 @@ def observe(
     noise. Colours that are not finite are no observations. Views without a pose or depth are left out, as are those
     that show 1e-6 of the target's pixels or less, and those with a file that cannot be read: one damaged image of a
     dive does not cost the others theirs.
-    Raises SolveError when the target has no pixel with depth or too little memory is free; InputError when it has no
-    depth map or pose, or an option is wrong.
+    Raises NotApplicableError when the target has no pixel with depth; SolveError when too little memory is free;
+    InputError when it has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
     _check(rule, tolerance, encoding)
     _, read_s = _timed(lambda: target.has_depth)
     surface = lift(target)
     if not len(surface.pixels):
-        raise SolveError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
+        raise NotApplicableError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
     if all(view.name != target.name for view in views):
         views = [target, *views]
     most = visible_pixels(surface, views)
