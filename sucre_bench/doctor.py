@@ -31,6 +31,8 @@ OPEN3D_LIBRARIES = {
 _PURPOSE = {
     "jax": "restorers that run on JAX",
     "mlflow": "logging to mlflow",
+    "numba": "SUCRe, pairing",
+    "onnxruntime": "networks from ONNX files",
     "open3d": "the demo scene (ray casting)",
     "pycolmap": "structure from motion",
     "torch": "restorers that run on torch, SUCRe among them",
