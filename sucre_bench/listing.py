@@ -48,8 +48,8 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
     lines += _wrapped("", plugin.summary)
     if plugin.kind == "metric":
         lines += _wrapped("", f"{plugin.better} is better{', in ' + plugin.unit if plugin.unit else ''}")
-    for key in ("needs", "licence", "cites"):
-        text = ", ".join(about[key]) if key == "needs" else about[key]
+    for key in ("needs", "has", "source", "licence", "cites"):
+        text = ", ".join(about[key]) if key in ("needs", "has") else about[key]
         lines += _wrapped(f"{key}  ", text) if text else []
     for name, said in plugin.variants.items():
         lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
@@ -81,6 +81,8 @@ def _about(plugin: Plugin | Broken) -> dict[str, Any]:
         "name": plugin.name,
         "description": plugin.summary,
         "needs": sorted(plugin.needs),
+        "has": sorted(plugin.has),
+        "source": plugin.source,
         "licence": plugin.licence,
         "cites": plugin.cites,
         "options": {o.name: _option(o) for o in options_of(plugin.cls)},

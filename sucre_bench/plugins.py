@@ -91,7 +91,7 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen, encoding, reads: see `method`; unit, better, range, variants, default (metrics): see `metric`.
+    to the screen, encoding, reads: see `method`; source, has: see `dataset`; unit, better, range, variants, default (metrics): see `metric`.
     """
 
     kind: Kind
@@ -104,6 +104,8 @@ class Plugin:
     display: str = "none"
     encoding: Literal["any", "gamma"] = "any"
     reads: tuple[str, ...] = ()
+    source: str = ""
+    has: frozenset[str] = frozenset()
     unit: str = ""
     better: Literal["higher", "lower"] = "higher"
     range: tuple[float, float] = (-math.inf, math.inf)
@@ -168,9 +170,22 @@ def method(
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
-def dataset(*, name: str = "", requires: Iterable[str] = (), cites: str = "", licence: str = "") -> Callable[[_C], _C]:
-    """Make a frozen dataclass with ``scenes()`` a dataset. licence: of the data."""
-    return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence)
+def dataset(
+    *,
+    name: str = "",
+    requires: Iterable[str] = (),
+    cites: str = "",
+    licence: str = "",
+    source: str = "",
+    has: Iterable[str] = (),
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``scenes()`` a dataset.
+
+    licence: of the data; source: where to get them, and how large they are; has: what its scenes may offer, of "depth",
+    "poses", "reference", "charts", "truth".
+    """
+    about: dict[str, Any] = {"source": source, "has": frozenset(has)}
+    return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
 def metric(

@@ -32,7 +32,7 @@ def test_the_wheel_carries_plugins_and_configuration(wheel: zipfile.ZipFile):
     for needed in (
         "sucre_bench/methods/gray_world.py",
         "sucre_bench/methods/sucre/adam.py",
-        "sucre_bench/datasets/colmap/__init__.py",
+        "sucre_bench/datasets/colmap.py",
         "sucre_bench/datasets/demo/__init__.py",
         "sucre_bench/metrics/uiqm.py",
         "sucre_bench/conf/config.yaml",

@@ -21,7 +21,12 @@ __all__ = ["VERSION", "Demo"]
 VERSION = 1  # to be raised whenever equal options make another scene than before
 
 
-@dataset(requires=("cv2", "open3d", "platformdirs", "scipy"), licence="MIT, made by sucre_bench")
+@dataset(
+    requires=("cv2", "open3d", "platformdirs", "scipy"),
+    licence="MIT, made by sucre_bench",
+    source="made on this machine when first asked for",
+    has=("poses", "depth", "reference", "charts", "truth"),
+)
 @dataclass(frozen=True)
 class Demo:
     """A made seabed with colour charts, surveyed from 8 m down to 1.5 m, in water of a known colour.

@@ -21,6 +21,7 @@ from typing import Any, TypeVar
 import numpy as np
 
 from sucre_bench.errors import InputError
+from sucre_bench.loading.lens import Lens
 from sucre_bench.scene import Array, Camera
 
 __all__ = ["Posed", "read_model"]
@@ -31,17 +32,25 @@ _CAMERA_MODELS = (
     *("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"),
     *("SIMPLE_DIVISION", "DIVISION", "SIMPLE_FISHEYE", "FISHEYE", "EUCM", "EQUIRECTANGULAR"),
 )
-_PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4}
+# How many parameters a model has; those in _DISTORTION start with one focal length or two, and the principal point.
+_PARAMETERS = {"SIMPLE_PINHOLE": 3, "PINHOLE": 4, "SIMPLE_RADIAL": 4, "RADIAL": 5, "OPENCV": 8, "FULL_OPENCV": 12}
+_PARAMETERS |= {"OPENCV_FISHEYE": 8, "SIMPLE_RADIAL_FISHEYE": 4, "RADIAL_FISHEYE": 5}
+_PINHOLE = ("SIMPLE_PINHOLE", "PINHOLE")
+_ONE_FOCAL = ("SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE")
 _REMEDY = "copy the model again, or export it with 'colmap model_converter'"
 
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A registered image: its name, its camera at the size the model says, cam_from_world (4, 4) float64."""
+    """A registered image: its name, its camera at the size the model says, cam_from_world (4, 4) float64.
+
+    lens: of the image as it is stored, where that is distorted; camera is then that of the undistorted image.
+    """
 
     name: str
     camera: Camera
     cam_from_world: Array
+    lens: Lens | None = None
 
 
 # A row of either file as it stands there, before it is checked.
@@ -50,23 +59,29 @@ _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera i
 _Row = TypeVar("_Row")
 
 
-def read_model(sparse: Path, images: Path) -> list[Posed]:
+def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Posed]:
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
-    images: the image folder, which the advice on distorted cameras names. Raises InputError when there is no model,
-    or it cannot be read, is empty, has a distorted camera, or an image name that is double or leaves the folder.
+    images: the image folder, which the advice on distorted cameras names; distorted: admit cameras with a lens. Raises
+    InputError when there is no model, or it cannot be read, is empty, has a distorted camera that is not admitted or of
+    an unknown model, or an image name that is double or leaves the folder.
     """
     cameras_file, images_file = _find(sparse)
     binary = cameras_file.suffix == ".bin"
-    cameras: dict[int, Camera] = {}
+    cameras: dict[int, tuple[Camera, Lens | None]] = {}
     for number, model, width, height, parameters in _rows(cameras_file, _binary_cameras if binary else _text_cameras):
         place = f"{cameras_file}: camera {number}"
-        if model not in _PARAMETERS:
+        if model not in (_PARAMETERS if distorted else _PINHOLE):
             paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
             given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
             undistort = f"colmap image_undistorter {given} --output_type COLMAP"
-            raise InputError(f"{place} is {model}, only pinhole cameras can be used; undistort: {undistort}")
-        cameras[number] = Camera(_intrinsics(parameters, width, height, place), width, height)
+            usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
+            raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
+        inner = 3 if model in _ONE_FOCAL else 4
+        camera = Camera(_intrinsics(parameters[:inner], width, height, place), width, height)
+        fisheye = "FISHEYE" in model
+        lens = Lens(camera, "fisheye" if fisheye else "perspective", parameters[inner:])
+        cameras[number] = (camera, None) if model in _PINHOLE else (lens.pinhole, lens)
 
     posed: dict[str, Posed] = {}
     for pose, number, name in _rows(images_file, _binary_images if binary else _text_images):
@@ -78,7 +93,8 @@ def read_model(sparse: Path, images: Path) -> list[Posed]:
             raise InputError(f"{place} is there twice; every image needs a name of its own, rename and export again")
         if number not in cameras:
             raise InputError(f"{place} has camera {number}, which {cameras_file.name} does not hold; {_REMEDY}")
-        posed[name] = Posed(name, cameras[number], _rigid(pose, place))
+        camera, own = cameras[number]
+        posed[name] = Posed(name, camera, _rigid(pose, place), own)
     if not posed:
         raise InputError(f"{images_file}: no image is registered; run 'colmap mapper' on more, overlapping images")
     return [posed[name] for name in sorted(posed)]

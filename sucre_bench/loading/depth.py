@@ -18,7 +18,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.images import decode, same_shape
 from sucre_bench.scene import Array
 
-__all__ = ["find_depths", "read_depth"]
+__all__ = ["find_depths", "fitted", "read_depth"]
 
 _FARTHEST_M = 1000.0
 
@@ -75,16 +75,20 @@ def _files_by_stem(folder: Path) -> dict[str, list[str]]:
     return files
 
 
-def read_depth(path: Path, size: tuple[int, int]) -> Array:
+def read_depth(path: Path) -> Array:
+    """Return the depth map of a file as it is stored, (H, W) float32 in metres; InputError when it cannot be read."""
+    return _READERS[path.suffix.lower()](path)
+
+
+def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
     """Return a depth map (H, W) float32 in metres, 0 = unknown, at `size` (width, height) by the nearest value.
 
-    Raises InputError when it cannot be read, is not one channel of the type its format should have, is empty,
-    negative or farther than 1 km, or its shape is not the image's.
+    path: for what is said. Raises InputError when the map is empty, negative or farther than 1 km, or its shape is not
+    the image's.
     """
     import cv2
 
-    depth = _READERS[path.suffix.lower()](path)
-    depth[~np.isfinite(depth)] = 0
+    depth = np.where(np.isfinite(metres), metres, 0).astype(np.float32)
     if (depth < 0).any():
         raise InputError(f"{path}: depth {depth.min():g} m is negative; write 0 where there is no depth")
     farthest = depth.max(initial=0)

@@ -2,56 +2,31 @@
 
 root/images/<name>          8- or 16-bit PNG, TIFF or JPEG, undistorted; sub-folders and many cameras are fine
 root/sparse/ or sparse/0/   cameras and images, .bin or .txt, PINHOLE or SIMPLE_PINHOLE
-root/depths/                optional: depth_<stem>.png and other forms, see `depth`
+root/depths/                optional: depth_<stem>.png and other forms, see `sucre_bench.loading.depth`
 root/reference/<name>       optional: the image without water
-root/charts.json            optional: colour charts, see `charts_file`
+root/charts.json            optional: colour charts, see `sucre_bench.loading.charts_file`
 """
 
 from __future__ import annotations
 
-import hashlib
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-import numpy as np
-
-from sucre_bench.datasets.colmap.charts_file import read_charts
-from sucre_bench.datasets.colmap.depth import find_depths, read_depth
-from sucre_bench.datasets.colmap.model import Posed, read_model
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size, read_rgb, same_shape
+from sucre_bench.images import image_size, same_shape
+from sucre_bench.loading.charts_file import read_charts
+from sucre_bench.loading.colmap_model import read_model
+from sucre_bench.loading.depth import find_depths
+from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera, scaled_chart
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
-from sucre_bench.scene import Array, Camera, Chart, Encoding, Plane, Scene, View
+from sucre_bench.scene import Encoding, Plane, Scene, View
 
-__all__ = ["Colmap", "Files"]
-
-
-@dataclass(frozen=True, eq=False)
-class Files:
-    """A view's pixels, in files that are decoded on demand.
-
-    size: (width, height) in pixels to bring every plane to; faults: what is already known to be wrong with a plane,
-    raised when that plane is asked for, so that other views go on.
-    """
-
-    image: Path
-    depth: Path | None
-    reference: Path | None
-    size: tuple[int, int]
-    faults: Mapping[Plane, str]
-
-    def load(self, plane: Plane) -> Array | None:
-        if plane in self.faults:
-            raise InputError(self.faults[plane])
-        if plane == "depth":
-            return None if self.depth is None else read_depth(self.depth, self.size)
-        path = self.image if plane == "rgb" else self.reference
-        return None if path is None else read_rgb(path, self.size)
+__all__ = ["Colmap"]
 
 
-@dataset(requires=("cv2", "PIL", "tifffile"))
+@dataset(requires=("cv2", "PIL", "tifffile"), has=("poses", "depth", "reference", "charts"))
 @dataclass(frozen=True)
 class Colmap:
     """A COLMAP reconstruction with depth maps: one scene, one view a registered image, in order of name."""
@@ -70,12 +45,13 @@ class Colmap:
     """File of the charts' corners, in root; need not exist."""
     image_scale: float = 1.0
     """Shrink images, depth maps, cameras and chart corners by this factor, above 0 up to 1."""
+    undistort: bool = False
+    """Undistort images on the way where the model's cameras are distorted; depth maps are of undistorted images."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.image_scale <= 1:
-            raise InputError(f"colmap.image_scale: {self.image_scale} is not above 0 up to 1; give 0.5 for half size")
+        check_scale("colmap", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads the model and the image headers, decodes nothing.
@@ -85,7 +61,7 @@ class Colmap:
         """
         root = self._root()
         images = root / self.images
-        posed = read_model(root / self.sparse, images)
+        posed = read_model(root / self.sparse, images, distorted=self.undistort)
         names = [image.name for image in posed]
         missing = _missing(images, names)
         sizes = {
@@ -108,15 +84,15 @@ class Colmap:
                 faults["rgb"] = f"{images / name}: {fault}; use the images that the model was made of"
             if name in ambiguous:
                 faults["depth"] = ambiguous[name]
-            camera = self._camera(image, size)
+            camera = scaled_camera(image.camera, size, self.image_scale)
             target = (camera.width, camera.height)
-            files = Files(images / name, depths.get(name), references.get(name), target, faults)
-            seen = tuple(_scaled(chart, size, target) for chart in charts.get(name, ()))
+            files = Files(images / name, target, depths.get(name), references.get(name), lens=image.lens, faults=faults)
+            seen = tuple(scaled_chart(chart, size, target) for chart in charts.get(name, ()))
             views.append(View(name, files, camera, image.cam_from_world, seen, self.encoding))
 
         optional = {"depth": depths or ambiguous, "reference": references, "charts": charts}
         has = frozenset({"poses", *(what for what, there in optional.items() if there)})
-        yield Scene(root.resolve().name, views, has, data_id=_data_id(views))
+        yield Scene(root.resolve().name, views, has, data_id=data_id_of(views))
 
     def _root(self) -> Path:
         root = Path(self.root).expanduser()
@@ -127,12 +103,6 @@ class Colmap:
             if given != getattr(type(self), option) and not (root / given).exists():
                 raise InputError(f"{root / given}: is not there; correct or drop dataset.{option}={given}")
         return root
-
-    def _camera(self, image: Posed, size: tuple[int, int]) -> Camera:
-        """Return the model's camera brought to the stored image's size and to image_scale."""
-        width, height = (max(1, round(side * self.image_scale)) for side in size)
-        scale = np.diag([width / image.camera.width, height / image.camera.height, 1.0])
-        return Camera(scale @ image.camera.K, width, height)
 
 
 def _missing(images: Path, names: Sequence[str]) -> dict[str, str]:
@@ -150,35 +120,3 @@ def _references(folder: Path, names: Sequence[str]) -> dict[str, Path]:
     if folder.is_dir() and not found:
         raise InputError(f"{folder}: no file is named like an image; name them like {names[0]}")
     return found
-
-
-def _scaled(chart: Chart, size: tuple[int, int], target: tuple[int, int]) -> Chart:
-    return Chart(chart.name, chart.kind, chart.corners * np.divide(target, size))
-
-
-def _data_id(views: Sequence[View]) -> str:
-    """Return a hash of all that the views hold: cameras, poses, charts, options and the files' content."""
-    digest = hashlib.blake2b(digest_size=6)
-    for view in track(views, "hashing"):
-        assert isinstance(view.pixels, Files)
-        assert view.camera is not None
-        assert view.cam_from_world is not None
-        charts = [(chart.name, chart.kind, chart.corners.tolist()) for chart in view.charts]
-        camera = (view.camera.K.tolist(), view.pixels.size, view.cam_from_world.tolist())
-        digest.update(repr((view.name, view.encoding, camera, charts)).encode())
-        for path in (view.pixels.image, view.pixels.depth, view.pixels.reference):
-            digest.update(b"none" if path is None else _fingerprint(path))
-    return digest.hexdigest()
-
-
-def _fingerprint(path: Path) -> bytes:
-    """Return a hash of a file: of its size, first and last 4 KiB for PNG, which ends on checksums, and JPEG."""
-    try:
-        with path.open("rb") as file:
-            if path.suffix.lower() not in (".png", ".jpg", ".jpeg"):
-                return hashlib.file_digest(file, "blake2b").digest()
-            start, size = file.read(4096), file.seek(0, 2)
-            file.seek(max(0, size - 4096))
-            return hashlib.blake2b(b"%d" % size + start + file.read()).digest()
-    except OSError:
-        return b"unreadable"
