@@ -13,7 +13,7 @@ __all__ = ["binomial", "saliency"]
 def saliency(rgb: Array) -> Array:
     """Return (H, W) float32: how far each pixel's smoothed colour is from the image's mean colour, in L*a*b* / 100.
 
-    rgb: (H, W, 3) in [0, 1]. Eq. 4, without the division by the image's maximum that is for display, so that maps of
+    rgb: (H, W, 3) in [0, 1]. Without the division by the image's maximum that is for display, so that maps of
     two images can be compared; the unit is the distance from black to white.
     """
     lab = to_lab(rgb) / 100

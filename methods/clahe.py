@@ -1,0 +1,32 @@
+"""CLAHE on lightness (Zuiderveld 1994, Contrast limited adaptive histogram equalization, Graphics Gems IV)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.errors import InputError
+from sucre_bench.steps.lab import equalised
+
+
+@method(requires=("cv2",), cites="Zuiderveld 1994", encoding="gamma")
+@dataclass(frozen=True)
+class Clahe:
+    """Equalise the histogram of lightness tile by tile, contrast limited; hue and chroma are kept.
+
+    It raises contrast and corrects no cast: what most pipelines for underwater images begin with.
+    """
+
+    clip: float = 2.0
+    """How steep the curve may become: the limit of a histogram's bin, in multiples of the mean bin."""
+
+    tiles: int = 4
+    """Tiles along each side of the image."""
+
+    def __post_init__(self) -> None:
+        if not (self.clip > 0 and self.tiles >= 1):
+            raise InputError(f"clahe: clip={self.clip}, tiles={self.tiles}; use clip > 0 and tiles >= 1")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, equalised, in [0, 1]."""
+        return Restoration(equalised(view.rgb, self.clip, self.tiles))

@@ -1,0 +1,40 @@
+"""Red compensation: the quick colour correction that survey images are given before or after photogrammetry.
+
+Red from green and gray world as in Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018, Color balance and fusion for
+underwater image enhancement, without its fusion; then a contrast stretch.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.colour import stretch
+from sucre_bench.errors import InputError
+from sucre_bench.steps.white_balance import gray_world, red_from_green
+
+
+@method(cites="Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018", encoding="gamma")
+@dataclass(frozen=True)
+class RedCompensation:
+    """Lift red where green is strong, balance by gray world, and stretch the contrast of each channel."""
+
+    strength: float = 1.0
+    """How much of red's lack, against green, is given back: alpha of Ancuti et al. 2018, eq. 4; 0 = none."""
+
+    percent: float = 0.05
+    """Of each channel's pixels, how many percent become 0, and as many 1."""
+
+    def __post_init__(self) -> None:
+        if not (self.strength >= 0 and 0 <= self.percent < 50):
+            raise InputError(
+                f"red_compensation: strength={self.strength}, percent={self.percent}; "
+                "use strength >= 0 and 0 <= percent < 50"
+            )
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, corrected, in [0, 1]."""
+        balanced = gray_world(red_from_green(view.rgb, self.strength))
+        return Restoration(stretch(balanced, self.percent, 100 - self.percent).astype(np.float32))

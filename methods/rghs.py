@@ -1,0 +1,108 @@
+"""Relative global histogram stretching (Huang, Wang, Song, Sequeira & Mavromatis 2018, Shallow-water image enhancement
+using relative global histogram stretching based on adaptive parameter acquisition, MMM).
+
+Contrast: green and blue are brought to mid gray, each channel is stretched from its own range [I_min, I_max] to a
+desired one [O_min, O_max], and noise is filtered. Colour: lightness is stretched, and weak chroma raised, in L*a*b*.
+A channel's histogram is taken for a Rayleigh distribution with its mode a, of sigma = sqrt((4 - pi) / 2) a = 0.655 a.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array
+from sucre_bench.steps.lab import from_lab, to_lab
+
+_SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
+_RESIDUAL = (0.83, 0.95, 0.97)  # of red, green and blue light, what a metre of water leaves
+_KAPPA = (1.1, 0.9, 0.9)  # found by trial, in the publication
+_CHROMA = 1.3  # phi: gray's factor; full chroma keeps its own
+_LEVEL = 1 / 255  # a mode is a level of an 8-bit histogram
+
+
+@method(requires=("cv2",), cites="Huang, Wang, Song, Sequeira & Mavromatis 2018", encoding="gamma")
+@dataclass(frozen=True)
+class Rghs:
+    """Stretch each channel to a range that its histogram and its attenuation set, then lightness and chroma.
+
+    Made for shallow water: red is stretched but not balanced, so a picture with next to no red stays cold.
+    """
+
+    distance_m: float = 3.0
+    """How far the scene is taken to be, metres: a channel that loses more on the way is stretched further."""
+
+    tail: float = 0.1
+    """Percent of the pixels on each side of a channel's mode that its range leaves out."""
+
+    noise: float = 0.1
+    """Differences of colour, in [0, 1], that the bilateral filter takes for noise; 0 = no filter."""
+
+    def __post_init__(self) -> None:
+        if not (self.distance_m >= 0 and 0 <= self.tail < 50 and self.noise >= 0):
+            raise InputError(
+                f"rghs: distance_m={self.distance_m}, tail={self.tail}, noise={self.noise}; "
+                "use 0 or more, tail below 50"
+            )
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, in [0, 1]."""
+        import cv2
+
+        rgb = _equalised(view.rgb)
+        for channel in range(3):
+            rgb[..., channel] = self._stretched(rgb[..., channel], channel)
+        if self.noise:
+            rgb = np.asarray(cv2.bilateralFilter(rgb, 5, self.noise, 3))
+        return Restoration(_coloured(rgb))
+
+    def _stretched(self, plane: Array, channel: int) -> Array:
+        """The plane (H, W) moved from [I_min, I_max] to [O_min, O_max], cut at 0 and 1."""
+        low, high, mode = _range(plane, self.tail)
+        if high - low < _LEVEL:
+            return plane.clip(0, 1)
+        bottom = min((1 - _SPREAD) * mode, low)  # a - sigma; no more than I_min
+        top = _top(high, mode, _KAPPA[channel] * _RESIDUAL[channel] ** self.distance_m)
+        return ((plane - low) * ((top - bottom) / (high - low)) + bottom).clip(0, 1)
+
+
+def _equalised(rgb: Array) -> Array:
+    """A copy, green and blue scaled to a mean of 0.5; not cut, so that none piles up at 1."""
+    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
+    gain = np.where(mean > 1e-6, 0.5 / np.where(mean > 1e-6, mean, 1), 1)
+    return rgb * np.array([1, gain[1], gain[2]], np.float32)
+
+
+def _range(plane: Array, tail: float) -> tuple[float, float, float]:
+    """I_min, I_max and the mode a: a share of the values below the mode, and of those above, is left out."""
+    levels = np.rint(plane.clip(0, 9) / np.float32(_LEVEL)).astype(np.int64)  # 9: no bins for a lone bright pixel
+    mode = float(np.bincount(levels.ravel()).argmax()) * _LEVEL
+    left, right = plane[plane < mode], plane[plane >= mode]
+    low = float(np.percentile(left, tail)) if left.size else mode
+    high = float(np.percentile(right, 100 - tail)) if right.size else mode
+    return low, high, mode
+
+
+def _top(high: float, mode: float, remaining: float) -> float:
+    """O_max: the mean of (a + mu sigma) / (kappa t) over the whole numbers mu that put it in [I_max, 1], else 1."""
+    sigma = _SPREAD * mode
+    if sigma < _LEVEL or high >= 1:
+        return 1.0
+    first = math.ceil((remaining * high - mode) / sigma)
+    last = math.floor((remaining - mode) / sigma)
+    return (mode + (first + last) / 2 * sigma) / remaining if first <= last else 1.0
+
+
+def _coloured(rgb: Array) -> Array:
+    """Percentiles 1 and 99 of lightness become 0 and 100; a and b are multiplied by 1.3^(1 - |a / 128|)."""
+    lab = to_lab(rgb)
+    low, high = np.percentile(lab[..., 0], [1, 99])
+    if high - low > 100 * _LEVEL:
+        lab[..., 0] = ((lab[..., 0] - low) * (100 / (high - low))).clip(0, 100)
+    chroma = lab[..., 1:]
+    chroma *= np.float32(_CHROMA) ** (1 - np.abs(chroma / 128))
+    return from_lab(lab)

@@ -1,0 +1,189 @@
+"""Fusion restorers: their inputs and weights against the publications' equations in float64."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from scipy import ndimage
+from skimage.color import rgb2lab
+
+from sucre_bench import Arrays, InputError, Scene, View
+from sucre_bench.methods.fusion import (
+    Fusion2012,
+    Fusion2018,
+    _balanced,
+    _fused,
+    _sharpened,
+    _weight_2012,
+    _weight_2018,
+)
+from sucre_bench.steps.saliency import binomial, saliency
+
+RNG = np.random.default_rng(0)
+IMAGE = RNG.random((13, 17, 3), dtype=np.float32)
+WATER = np.float32([0.1, 0.4, 0.5]) * (0.7 + 0.6 * RNG.random((61, 47, 3), dtype=np.float32))
+KERNEL = np.outer([1, 4, 6, 4, 1], [1, 4, 6, 4, 1]) / 256
+BOTH = pytest.mark.parametrize("method", [Fusion2012(), Fusion2018()], ids=["2012", "2018"])
+
+
+def restored(method: Fusion2012 | Fusion2018, rgb: np.ndarray) -> np.ndarray:
+    view = View("photo.png", Arrays(rgb))
+    return method.restore(Scene("alone", [view], frozenset()), view).image
+
+
+def filtered(plane: np.ndarray, kernel: np.ndarray) -> np.ndarray:
+    """Correlation in float64, the image mirrored about its outermost pixels."""
+    return ndimage.correlate(plane.astype(np.float64), kernel, mode="mirror")
+
+
+def saliency_by_hand(rgb: np.ndarray) -> np.ndarray:
+    lab = rgb2lab(rgb.astype(np.float64)) / 100
+    smooth = np.stack([filtered(lab[..., c], KERNEL) for c in range(3)], axis=-1)
+    return np.sqrt(((smooth - lab.mean(axis=(0, 1))) ** 2).sum(axis=-1))
+
+
+def luminance(rgb: np.ndarray) -> np.ndarray:
+    return rgb.astype(np.float64) @ [0.299, 0.587, 0.114]
+
+
+def laplacian(light: np.ndarray) -> np.ndarray:
+    return np.abs(filtered(light, np.array([[0, 1, 0], [1, -4, 1], [0, 1, 0]], np.float64)))
+
+
+def test_saliency_is_the_distance_of_the_smoothed_colour_from_the_mean_colour():
+    np.testing.assert_allclose(saliency(IMAGE), saliency_by_hand(IMAGE), atol=3e-3)  # OpenCV's L*a*b* is approximate
+
+
+def test_what_is_unlike_the_rest_is_salient():
+    image = np.full((40, 40, 3), 0.4, np.float32)
+    image[18:22, 18:22] = [0.8, 0.2, 0.1]
+    found = saliency(image)
+    assert found[20, 20] > 10 * found[0, 0]
+    assert not saliency(np.full((8, 8, 3), 0.3, np.float32)).max() > 1e-5
+
+
+def test_the_binomial_halves_a_wave_at_the_cut_off_the_papers_name():
+    """pi / 2.75 is a frequency: not, as often programmed, a bound on intensity."""
+    wave = np.cos(np.pi / 2.75 * np.arange(200))
+    smooth = binomial(np.tile(wave, (9, 1)).astype(np.float32))[4]
+    np.testing.assert_allclose(smooth[5:-5], 0.5 * wave[5:-5], atol=2e-3)
+
+
+def test_the_weights_of_2012_are_its_four_measures():
+    light = luminance(IMAGE)
+    contrast = (light - filtered(light, KERNEL)) ** 2
+    exposed = np.exp(-((light - 0.5) ** 2) / (2 * 0.25**2))
+    expected = laplacian(light) + contrast + saliency(IMAGE) + exposed
+    np.testing.assert_allclose(_weight_2012(IMAGE), expected, atol=2e-5)
+
+
+def test_the_weights_of_2018_are_its_three_measures():
+    light = luminance(IMAGE)
+    saturation = np.sqrt(((IMAGE - light[..., None]) ** 2).sum(axis=-1) / 3)
+    expected = laplacian(light) + saliency(IMAGE) + saturation
+    np.testing.assert_allclose(_weight_2018(IMAGE), expected, atol=2e-5)
+
+
+@pytest.mark.parametrize("weight", [_weight_2012, _weight_2018])
+@pytest.mark.parametrize("size", [(61, 47), (4, 6), (1, 1)])
+def test_an_input_fused_with_itself_is_itself_so_the_weights_sum_to_one(weight, size: tuple[int, int]):
+    image = RNG.random((*size, 3), dtype=np.float32)
+    np.testing.assert_allclose(_fused(image, image, weight, 0.1, 5), image, atol=2e-6)
+
+
+def test_the_white_balance_of_2012_brings_each_mean_to_that_of_its_illuminant():
+    dull = np.float32([0.1, 0.4, 0.5]) + np.float32(0.02) * (IMAGE - 0.5)
+    mean = dull.mean(axis=(0, 1), dtype=np.float64)
+    np.testing.assert_allclose(_balanced(dull, 0.2).mean(axis=(0, 1)), 0.5 + 0.2 * mean, rtol=1e-5)
+    np.testing.assert_allclose(_balanced(dull, 0).mean(axis=(0, 1)), 0.5, rtol=1e-5)
+
+
+def test_a_dead_channel_stays_dead_and_no_other_leaves_the_range():
+    balanced = _balanced(IMAGE * np.float32([0, 1, 0.1]), 0.2)
+    assert not balanced[..., 0].any()
+    assert balanced.max() == 1
+
+
+def test_the_sharpened_input_is_the_mean_of_the_image_and_its_stretched_detail():
+    image = IMAGE.astype(np.float64)
+    detail = image - ndimage.gaussian_filter(image, 2, mode="mirror", axes=(0, 1), truncate=4)
+    stretched = (detail - detail.min()) / (detail.max() - detail.min())  # one range for the three channels
+    np.testing.assert_allclose(_sharpened(IMAGE, 2), (image + stretched) / 2, atol=2e-4)
+
+
+def test_fusion_2018_of_a_flat_gray_is_the_mean_of_its_two_inputs():
+    """Without contrast, saliency and saturation there is only the regulariser, equal for both."""
+    flat = np.full((20, 31, 3), 0.3)
+    np.testing.assert_allclose(restored(Fusion2018(gamma=2), flat), (0.3 + 0.3**2) / 2, atol=1e-5)
+
+
+def test_red_is_what_fusion_2018_lifts_and_nothing_where_blue_is_lacking():
+    lifted, left = restored(Fusion2018(), WATER), restored(Fusion2018(red=0), WATER)
+    assert np.abs(lifted - left).max() > 0.05
+    swapped = np.ascontiguousarray(WATER[..., ::-1])
+    np.testing.assert_array_equal(restored(Fusion2018(), swapped), restored(Fusion2018(red=0), swapped))
+
+
+def test_blue_is_lifted_where_it_is_asked_for_and_lacking():
+    """Red and blue compensated are mirror images: an image with the two swapped is restored with the two swapped."""
+    greenish = np.float32([0.1, 0.5, 0.2]) * (0.7 + 0.6 * RNG.random((32, 32, 3), dtype=np.float32))
+    both = Fusion2018(red=0.4, blue=0.8)
+    assert np.abs(restored(both, greenish) - restored(Fusion2018(red=0.4), greenish)).max() > 0.05
+    mean = greenish.mean(axis=(0, 1), dtype=np.float64)
+    red, green, blue = (greenish[..., c].astype(np.float64) for c in range(3))
+    by_hand = np.stack(
+        [
+            red + 0.4 * (mean[1] - mean[0]) * (1 - red) * green,
+            green,
+            blue + 0.8 * (mean[1] - mean[2]) * (1 - blue) * green,
+        ],
+        axis=-1,
+    )
+    np.testing.assert_allclose(restored(both, greenish), restored(Fusion2018(red=0), by_hand), atol=1e-4)
+
+
+@BOTH
+def test_a_red_thing_stays_red_and_a_blue_one_blue(method: Fusion2012 | Fusion2018):
+    image = WATER.copy()
+    image[8:16, 8:16] = [0.5, 0.15, 0.15]
+    image[40:48, 20:28] = [0.05, 0.2, 0.8]
+    result = restored(method, image)
+    assert result[10:14, 10:14].mean(axis=(0, 1)).argmax() == 0
+    assert result[42:46, 22:26].mean(axis=(0, 1)).argmax() == 2
+
+
+@BOTH
+def test_highlights_stay_the_brightest(method: Fusion2012 | Fusion2018):
+    """In 8-bit arithmetic what exceeds 255 would come back dark."""
+    image = WATER.copy()
+    image[20:36, 12:28] = [0.95, 1, 1]
+    bright = restored(method, image)[26:30, 18:22].mean()
+    assert bright > np.percentile(restored(method, image).mean(axis=-1), 85)
+
+
+@BOTH
+@pytest.mark.parametrize("size", [(61, 47), (3, 5), (1, 1), (2, 64)])
+def test_any_size_is_restored_to_its_own(method: Fusion2012 | Fusion2018, size: tuple[int, int]):
+    image = RNG.random((*size, 3), dtype=np.float32)
+    result = restored(method, image)
+    assert result.shape == image.shape
+    assert result.dtype == np.float32
+    assert 0 <= result.min() <= result.max() <= 1
+
+
+def test_noise_is_smoothed_before_it_is_equalised():
+    noisy = (0.4 + RNG.normal(0, 0.02, (64, 64, 3))).astype(np.float32)
+    rough, smooth = (restored(Fusion2012(noise=noise), noisy) for noise in (0, 0.2))
+    assert np.abs(np.diff(smooth, axis=1)).mean() < 0.9 * np.abs(np.diff(rough, axis=1)).mean()
+
+
+@pytest.mark.parametrize("wrong", [{"illuminant": -1}, {"noise": -0.1}, {"clip": 0}, {"tiles": 0}, {"levels": 0}])
+def test_fusion_2012_refuses_options_that_mean_nothing(wrong: dict):
+    with pytest.raises(InputError, match=r"^fusion_2012: .*use"):
+        Fusion2012(**wrong)
+
+
+@pytest.mark.parametrize("wrong", [{"red": -1}, {"blue": -1}, {"gamma": 0}, {"blur_px": 0}, {"levels": 0}])
+def test_fusion_2018_refuses_options_that_mean_nothing(wrong: dict):
+    with pytest.raises(InputError, match=r"^fusion_2018: .*use"):
+        Fusion2018(**wrong)
