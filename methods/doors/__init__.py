@@ -1,0 +1,12 @@
+"""Doors for restorers that live elsewhere: images that were restored already, and programs that restore them.
+
+What both have in common: `pattern` finds the image that belongs to a view, `picture` reads it, `template` fills
+placeholders. `handover` writes what a program is given, `process` runs it.
+"""
+
+from __future__ import annotations
+
+from sucre_bench.methods.doors.command import Command
+from sucre_bench.methods.doors.precomputed import Precomputed
+
+__all__ = ["Command", "Precomputed"]

@@ -1,0 +1,224 @@
+"""Any program or container that restores images: in another language, another environment, with its own licence.
+
+It is run without a shell: the command is split into words as a shell would, and the placeholders in them are then
+filled, so that no file name can become a command.
+"""
+
+from __future__ import annotations
+
+import functools
+import shlex
+import shutil
+import tempfile
+import weakref
+from collections.abc import Mapping
+from dataclasses import dataclass
+from math import nan
+from pathlib import Path
+from typing import Any, Literal
+
+from sucre_bench import InputError, NotApplicableError, Restoration, Scene, SucreBenchError, View, method
+from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
+from sucre_bench.methods.doors.pattern import SUFFIXES, check_pattern, find_image
+from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
+from sucre_bench.methods.doors.process import Ended, run_program
+from sucre_bench.methods.doors.template import placeholders
+from sucre_bench.progress import track
+
+__all__ = ["Command"]
+
+_PER_SCENE = ("input", "depth", "distance", "output")
+_PER_VIEW = (*_PER_SCENE, "name", "width", "height")
+
+
+@method(reads=("rests_on",))
+@dataclass(frozen=True)
+class Command:
+    """Any program that reads an image and writes one: run once a view, or once for all views of a scene.
+
+    It gets no shell, no input and this process's environment and working folder. Where it fails, the view fails with
+    the exit code and the last line that it wrote. Beside its image a.png it may leave the water in a.json: B, and beta
+    and gamma if known, three numbers each.
+    """
+
+    run: str
+    """The command: 'python3 restore.py {input} {output}'. Placeholders: {input}, {output}, {depth} (along the optical
+    axis), {distance} (from the camera), and with per=view {name}, {width}, {height}; {{ and }} are braces."""
+
+    per: Literal["view", "scene"] = "view"
+    """view: each image is a process's, placeholders are files; scene: one process for all images of the scene,
+    placeholders are folders with files of the same names."""
+
+    timeout: float | None = 600.0
+    """Seconds a process may take, then it is stopped; null sets no limit."""
+
+    bits: int = 8
+    """Bits a channel of the input, a PNG: 8 or 16."""
+
+    depth_format: DepthFormat = "png"
+    """Of depth and distance, 0 where unknown: png, 16-bit millimetres; npy and tif, 32-bit float metres."""
+
+    output_suffix: str = ".png"
+    """Suffix of {output} with per=view; whatever the program writes instead is found as well."""
+
+    pattern: str = "{stem}"
+    """What the output is called where it is not what {output} says, or with per=scene as the input: '{stem}_out'."""
+
+    encoding: FileEncoding = "view"
+    """What the program takes and gives: gamma (sRGB), linear, or as the view is."""
+
+    holes: Holes = "alpha"
+    """Which pixels have no colour: alpha, those wholly transparent; black, those that are exactly black, too; none,
+    neither. NaN never is one."""
+
+    resize: bool = False
+    """Bring an output of another size to the view's, by area or linearly; otherwise it is an error."""
+
+    rests_on: Path | None = None
+    """File or folder that is the program, or its weights: when it changes, views are restored again."""
+
+    def __post_init__(self) -> None:
+        words = self._words
+        if not words or shutil.which(words[0]) is None:
+            what = f"'{words[0]}' is not found or not executable" if words else "is empty"
+            raise InputError(f"command.run: {what}; give a program that is installed, or its path")
+        used = placeholders(self.run, _PER_VIEW, "command.run")
+        if self.per == "scene" and used - set(_PER_SCENE):
+            raise InputError(f"command.run: {{{min(used - set(_PER_SCENE))}}} is of one view; use it with per=view")
+        if "output" not in used:
+            raise InputError("command.run: without {output}; put it where the program is told what to write")
+        check_pattern(self.pattern, "command.pattern")
+        if self.output_suffix not in SUFFIXES:
+            raise InputError(f"command.output_suffix: '{self.output_suffix}' is not one of {', '.join(SUFFIXES)}")
+        if self.bits not in (8, 16):
+            raise InputError(f"command.bits: {self.bits} is neither 8 nor 16")
+        if self.timeout is not None and not self.timeout > 0:
+            raise InputError(f"command.timeout: {self.timeout} must be positive; null sets no limit")
+        if self.rests_on is not None and not self.rests_on.exists():
+            raise InputError(f"{self.rests_on}: no such file or folder; mend command.rests_on")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return what the program makes of the view, in the view's encoding.
+
+        info: "seconds" and "peak_mb" of its process (per=scene: a view's share of the time), "said", the end of what it
+        printed. Raises NotApplicableError where the view lacks what the command asks for, InputError where the program
+        fails, or leaves no image that can be used.
+        """
+        if lack := self._lack(view):
+            raise NotApplicableError(f"{view.name}: {lack}, which the command asks for")
+        if self.per == "scene":
+            batch = _run_batch(scene, self)
+            if isinstance(batch, SucreBenchError):
+                raise batch
+            return self._read(batch, view)
+        with tempfile.TemporaryDirectory(prefix="sucre-bench-", ignore_cleanup_errors=True) as place:
+            work = self._handover(Path(place))
+            paths = work.give(view, "view.png")
+            paths["output"] = paths["output"].with_suffix(self.output_suffix)
+            height, width = view.rgb.shape[:2]
+            ended = self._run({**paths, "name": view.name, "width": width, "height": height})
+            return self._read(_Work(Path(place), {view.name: "view.png"}, {}, ended), view)
+
+    @property
+    def _words(self) -> list[str]:
+        try:
+            return [str(Path(w).expanduser()) if w.startswith("~/") else w for w in shlex.split(self.run)]
+        except ValueError as fault:
+            raise InputError(f"command.run: {fault}; close what was opened, or write \\' for the character") from fault
+
+    @property
+    def _program(self) -> str:
+        return Path(self._words[0]).name
+
+    @property
+    def _planes(self) -> frozenset[str]:
+        return placeholders(self.run, _PER_VIEW, "command.run") & {"input", "depth", "distance"}
+
+    def _lack(self, view: View) -> str:
+        """What the command asks for and a view has not."""
+        if self._planes & {"depth", "distance"} and not view.has_depth:
+            return "has no depth map"
+        return "has no camera" if "distance" in self._planes and view.camera is None else ""
+
+    def _handover(self, place: Path) -> Handover:
+        return Handover(place, self._planes, self.bits, self.encoding, self.depth_format)
+
+    def _run(self, values: Mapping[str, Any]) -> Ended:
+        return run_program([word.format_map(values) for word in self._words], self.timeout)
+
+    def _read(self, work: _Work, view: View) -> Restoration:
+        """The image that belongs to a view among those a program wrote."""
+        if view.name in work.refused:
+            raise work.refused[view.name]
+        ended, who = work.ended, f"{self._program}: {view.name}"
+        about = f"{ended.fault}, saying: {ended.last_words}" if ended.fault and ended.last_words else ended.fault
+        printed = _Printed(ended.said) if ended.said else None
+        if ended.fault and self.per == "view":
+            raise InputError(f"{who}: {about}; mend the program or its options") from printed
+        try:
+            path = find_image(work.place / "output", work.names[view.name], [*work.names.values()], self.pattern)
+            image, done = Reading(self.encoding, self.holes, self.resize).image(path, view)
+            water = water_beside(path)
+        except NotApplicableError:
+            fault = f"{about or 'ended well'}, but wrote no image"
+            raise InputError(f"{who}: {fault}; the program is to write to {{output}}") from printed
+        except InputError as fault:
+            raise InputError(f"{who}: {str(fault).replace(f'{work.place}/', '')}") from (printed or fault)
+        info = {**done, "seconds": ended.seconds / len(work.names), "peak_mb": ended.peak_mb, "device": "unknown"}
+        told = {"said": ended.said[-2000:], "fault": about}
+        return Restoration(image, water, info=info | {key: text for key, text in told.items() if text})
+
+
+class _Printed(Exception):  # noqa: N818, it is no error: it is kept with the traceback of one
+    """What a program printed."""
+
+
+@dataclass(frozen=True, eq=False)
+class _Work:
+    """What a program left: place/output holds its images.
+
+    names: what each view that it was given is called there, by the view's name; refused: why others were not given.
+    """
+
+    place: Path
+    names: Mapping[str, str]
+    refused: Mapping[str, Exception]
+    ended: Ended
+
+
+@functools.lru_cache(maxsize=2)  # every view of the scene asks for it
+def _run_batch(scene: Scene, command: Command) -> _Work | SucreBenchError:
+    """Run the program on all views of a scene that have what it asks for; or why that failed, which is kept too.
+
+    Its images stay until the process ends or another batch needs the room.
+    """
+    place = Path(tempfile.mkdtemp(prefix="sucre-bench-"))
+    try:
+        work = _hand_all(scene, command, place)
+        weakref.finalize(work, shutil.rmtree, place, ignore_errors=True)
+        return work
+    except SucreBenchError as fault:
+        shutil.rmtree(place, ignore_errors=True)
+        return fault
+    except BaseException:
+        shutil.rmtree(place, ignore_errors=True)
+        raise
+
+
+def _hand_all(scene: Scene, command: Command, place: Path) -> _Work:
+    handover, names = command._handover(place), names_for(scene.views)
+    given: dict[str, str] = {}
+    refused: dict[str, Exception] = {}
+    for view in track(scene.views, f"writing images for {command._program}"):
+        try:
+            if not command._lack(view):
+                handover.give(view, names[view.name])
+                given[view.name] = names[view.name]
+        except Exception as fault:  # of this view; the others go on
+            refused[view.name] = fault
+    if not given:
+        return _Work(place, given, refused, Ended("", 0, nan, ""))
+    ended = command._run({plane: place / plane for plane in _PER_SCENE})
+    for plane in command._planes:
+        shutil.rmtree(place / plane, ignore_errors=True)
+    return _Work(place, given, refused, ended)

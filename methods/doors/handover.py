@@ -1,0 +1,95 @@
+"""Writes views to files for a program: images as PNG, depth or distance as 16-bit millimetres or float metres."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+import numpy as np
+
+from sucre_bench.colour import converted
+from sucre_bench.errors import InputError
+from sucre_bench.methods.doors.pattern import inside
+from sucre_bench.methods.doors.picture import FileEncoding, encoding_of
+from sucre_bench.scene import Array, View
+
+__all__ = ["DepthFormat", "Handover", "names_for"]
+
+DepthFormat = Literal["png", "npy", "tif"]
+
+# What 16 bits of millimetres can say.
+_FARTHEST_PNG_M = 65.535
+
+
+def names_for(views: Sequence[View]) -> dict[str, str]:
+    """Return what each view's files are called, by the view's name: its path as PNG, a.jpg.png where a.png is taken.
+
+    Raises InputError for a name that leads out of a folder.
+    """
+    stems = Counter(inside(view.name).with_suffix("") for view in views)
+    return {
+        view.name: str(path.with_suffix(".png")) if stems[path.with_suffix("")] == 1 else f"{path}.png"
+        for view in views
+        for path in [PurePosixPath(view.name)]
+    }
+
+
+@dataclass(frozen=True)
+class Handover:
+    """What a program is given, in folders of one place: input, depth, distance; and output, for it to fill.
+
+    planes: of "input", "depth" and "distance", those that the program asks for; bits, encoding: of the images.
+    """
+
+    place: Path
+    planes: frozenset[str]
+    bits: int
+    encoding: FileEncoding
+    depth_format: DepthFormat
+
+    def give(self, view: View, name: str) -> dict[str, Path]:
+        """Write a view's files under a name; return where each plane is, and where its output is to be.
+
+        Raises InputError where a depth does not fit its format.
+        """
+        paths = {plane: self._path(plane, name) for plane in (*self.planes, "output")}
+        for path in paths.values():
+            path.parent.mkdir(parents=True, exist_ok=True)
+        if "input" in self.planes:
+            image = converted(view.rgb, view.encoding, encoding_of(self.encoding, view))
+            levels = 2**self.bits - 1
+            rounded = (image.clip(0, 1) * levels + 0.5).astype(np.uint8 if self.bits == 8 else np.uint16)
+            _write_png(paths["input"], rounded[..., ::-1])
+        if "depth" in self.planes:
+            self._write_depth(paths["depth"], view.depth, view.name)
+        if "distance" in self.planes:
+            self._write_depth(paths["distance"], view.distance, view.name)
+        return paths
+
+    def _path(self, plane: str, name: str) -> Path:
+        path = self.place / plane / name
+        return path.with_suffix(f".{self.depth_format}") if plane in ("depth", "distance") else path
+
+    def _write_depth(self, path: Path, depth: Array, name: str) -> None:
+        import tifffile
+
+        if self.depth_format == "npy":
+            np.save(path, depth)
+        elif self.depth_format == "tif":
+            tifffile.imwrite(path, depth)
+        elif depth.max(initial=0) > _FARTHEST_PNG_M:
+            fault = f"depth up to {depth.max():.1f} m does not fit into 16-bit millimetres"
+            raise InputError(f"{name}: {fault}; give method.depth_format=npy or tif")
+        else:
+            _write_png(path, (depth * 1000 + 0.5).astype(np.uint16))
+
+
+def _write_png(path: Path, values: np.ndarray) -> None:
+    import cv2
+
+    written, encoded = cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, 1])  # it is read once
+    assert written
+    path.write_bytes(encoded.tobytes())

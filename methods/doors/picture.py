@@ -1,0 +1,158 @@
+"""Reads a restored image as another program left it, and the water beside it.
+
+8- and 16-bit files are divided by 255 and 65535; floating ones, .npy, .npz and .tif, are taken as they are. Arrays are
+(H, W, 3) in RGB order, those with a fourth channel have their transparency there; an .npz holds one, or several and
+one called "image".
+"""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+from zipfile import BadZipFile
+
+import numpy as np
+
+from sucre_bench.colour import converted
+from sucre_bench.errors import InputError
+from sucre_bench.images import decode, same_shape
+from sucre_bench.scene import Array, Encoding, Mask, View, Water
+
+__all__ = ["FileEncoding", "Holes", "Reading", "encoding_of", "water_beside"]
+
+FileEncoding = Literal["view", "gamma", "linear"]
+Holes = Literal["alpha", "black", "none"]
+
+# A restoration may exceed 1, but half of its values do not exceed 2; those of 0 to 255 do.
+_MOST_MEDIAN = 2.0
+
+
+@dataclass(frozen=True)
+class Reading:
+    """How restored images are to be read; each of its options means what `Precomputed` says of it."""
+
+    encoding: FileEncoding
+    holes: Holes
+    resize: bool
+
+    def image(self, path: Path, view: View) -> tuple[Array, dict[str, Any]]:
+        """Return a view's restored image, (H, W, 3) float32 in the view's encoding, NaN in holes, and what was done.
+
+        Raises InputError where it cannot be read, has no pixel with a colour, or is not of the view's size.
+        """
+        image, transparent = _colours(path)
+        holes = ~np.isfinite(image).all(axis=-1)
+        if self.holes != "none":
+            holes |= transparent
+        if self.holes == "black":
+            holes |= (image == 0).all(axis=-1)
+        if holes.all():
+            raise InputError(f"{path}: no pixel has a colour; see method.holes, {self.holes} here")
+        image[holes] = np.nan
+        image = converted(image, encoding_of(self.encoding, view), view.encoding).astype(np.float32)
+        return self._at_size_of(view, image, path)
+
+    def _at_size_of(self, view: View, image: Array, path: Path) -> tuple[Array, dict[str, Any]]:
+        import cv2
+
+        height, width = view.rgb.shape[:2]
+        own = (image.shape[1], image.shape[0])
+        if own == (width, height):
+            return image, {}
+        sizes = f"is {own[0]}x{own[1]}, the view is {width}x{height}"
+        if not same_shape(own, (width, height)):
+            raise InputError(f"{path}: {sizes}, another shape; restore the view as it is, uncropped")
+        if not self.resize:
+            raise InputError(f"{path}: {sizes}; restore it at that size, or give method.resize=true")
+        # What is made of a hole and its neighbours is a hole: NaN spreads.
+        how = cv2.INTER_AREA if own[0] > width else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(image, (width, height), interpolation=how)), {"resized_from": list(own)}
+
+
+def encoding_of(encoding: FileEncoding, view: View) -> Encoding:
+    """Return the encoding of a view's files."""
+    return view.encoding if encoding == "view" else encoding
+
+
+def water_beside(path: Path) -> Water | None:
+    """Return the water that ``a.json`` beside ``a.png`` holds as B and, if known, beta and gamma; None without.
+
+    Raises InputError where the file holds something else under these names, or is not JSON.
+    """
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        return None
+    try:
+        told = json.loads(beside.read_text(encoding="utf-8"))
+        if not isinstance(told, dict) or "B" not in told:
+            return None
+        unknown = [np.nan] * 3
+        water = [np.array(told.get(name, unknown), dtype=np.float64) for name in ("B", "beta", "gamma")]
+    except (OSError, ValueError, TypeError) as fault:
+        raise InputError(f"{beside}: does not hold a water ({fault}); give three numbers of B, beta, gamma") from fault
+    if any(values.shape != (3,) for values in water):
+        raise InputError(f"{beside}: does not hold a water; give three numbers each of B, beta, gamma")
+    return Water(*water)
+
+
+def _colours(path: Path) -> tuple[Array, Mask]:
+    """An image file as (H, W, 3) float32, RGB, and where it is transparent."""
+    stored = _stored(path)
+    if stored.ndim == 2:
+        stored = stored[..., None]
+    if stored.ndim != 3 or stored.shape[2] not in (1, 3, 4) or not stored.size:
+        shape = "x".join(map(str, stored.shape))
+        raise InputError(f"{path}: is an array of {shape}; expected height x width x 3, colours in RGB order")
+    if stored.dtype.kind == "f":
+        with np.errstate(over="ignore"):  # what float32 cannot hold is a hole
+            values = stored.astype(np.float32)
+        some = values[..., :3].reshape(-1)[:: max(1, values.size // 1_000_000)]
+        if (some > _MOST_MEDIAN).sum() > some.size / 2:
+            raise InputError(f"{path}: half of its values exceed {_MOST_MEDIAN:g}; divide them so that white is 1")
+    elif stored.dtype in (np.uint8, np.uint16):
+        values = stored.astype(np.float32) / np.float32(np.iinfo(stored.dtype).max)
+    else:
+        raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel, or as floats")
+    transparent = values[..., 3] == 0 if values.shape[2] == 4 else np.zeros(values.shape[:2], dtype=bool)
+    colours = values.repeat(3, axis=2) if values.shape[2] == 1 else values[..., :3].copy()
+    return colours, transparent
+
+
+def _stored(path: Path) -> np.ndarray:
+    """What a file holds, channels in RGB order."""
+    import cv2
+
+    suffix = path.suffix.lower()
+    if suffix in (".npy", ".npz"):
+        return _array(path)
+    if suffix in (".tif", ".tiff") and (values := _tiff(path)) is not None:
+        return values
+    values = decode(path, cv2.IMREAD_UNCHANGED)
+    return values if values.ndim == 2 else values[..., [2, 1, 0, 3][: values.shape[2]]]
+
+
+def _array(path: Path) -> np.ndarray:
+    try:
+        with path.open("rb") as file:
+            loaded = np.load(file, allow_pickle=False)
+            if isinstance(loaded, np.ndarray):
+                return loaded
+            name = "image" if "image" in loaded.files or len(loaded.files) != 1 else loaded.files[0]
+            return np.asarray(loaded[name])
+    except (OSError, ValueError, EOFError, KeyError, BadZipFile) as fault:
+        raise InputError(f"{path}: cannot be read, {fault}; write an array with numpy.save") from fault
+
+
+def _tiff(path: Path) -> np.ndarray | None:
+    """What a TIFF holds; None where another reader is to try, or to say what is wrong.
+
+    OpenCV multiplies 8-bit colours by their transparency, and splits float images into pages.
+    """
+    import tifffile
+
+    try:
+        return np.asarray(tifffile.imread(path))
+    except Exception:  # of any kind: each of its decoders has its own
+        return None

@@ -1,0 +1,26 @@
+"""Text with placeholders in braces, such as "{stem}_restored"; {{ and }} are braces themselves."""
+
+from __future__ import annotations
+
+import string
+from collections.abc import Collection
+
+from sucre_bench.errors import InputError, did_you_mean
+
+__all__ = ["placeholders"]
+
+
+def placeholders(template: str, known: Collection[str], option: str) -> frozenset[str]:
+    """Return the names of the placeholders in a template, which `str.format` then fills.
+
+    Raises InputError, naming the option, for one that is not known or not a plain name, and for a stray brace.
+    """
+    try:
+        fields = [field for field in string.Formatter().parse(template) if field[1] is not None]
+    except ValueError as fault:
+        raise InputError(f"{option}: '{template}': {fault}; write {{{{ and }}}} for braces") from fault
+    for _, name, form, conversion in fields:
+        if name not in known or form or conversion:
+            hint = did_you_mean(str(name), known)
+            raise InputError(f"{option}: no placeholder '{{{name}}}'; {hint}; write {{{{ and }}}} for braces")
+    return frozenset(str(name) for _, name, _, _ in fields)
