@@ -15,6 +15,8 @@ from sucre_bench.scene import Array, View
 
 __all__ = ["distances", "without_water"]
 
+_DEEPEST = 20.0  # optical depth: exp(20) is 5e8, which makes a picture of no camera's noise, and is no overflow
+
 
 def distances(view: View) -> tuple[Array, Literal["distance", "depth"]]:
     """Return how far every pixel is seen, (H, W) float32 metres, 0 = unknown, and what it is measured along.
@@ -32,11 +34,12 @@ def without_water(
 ) -> Array:
     """Return J = (I - veil(z)) exp(optical_depth(z)), (H, W, 3) float32, NaN where z is 0 (SUCRe, eq. 3).
 
-    image: (H, W, 3); z: (H, W) metres, 0 = unknown; veil, optical_depth: functions of distances (P,) and of a channel.
+    image: (H, W, 3); z: (H, W) metres, 0 = unknown; veil, optical_depth: functions of distances (P,) and of a channel;
+    beyond an optical depth of 20 no more is undone.
     """
     seen = z > 0
     through = z[seen]
     J = np.full(image.shape, np.nan, dtype=np.float32)
     for c in range(3):  # a channel at a time: the planes of 24 megapixels add up
-        J[seen, c] = (image[..., c][seen] - veil(through, c)) * np.exp(optical_depth(through, c))
+        J[seen, c] = (image[..., c][seen] - veil(through, c)) * np.exp(np.minimum(optical_depth(through, c), _DEEPEST))
     return J

@@ -36,7 +36,7 @@ def nearest_depth(image: Array, veiling_light: Array) -> float:
     """Return the depth of the nearest pixel, as a share of the deepest scene's: 1 - max |A - I| / max(A, 1 - A).
 
     The difference is greatest where the least water lies between; its channel's A says how great it can become.
-    Peng & Cosman 2017, sec. III-C; Song et al. 2018 take it over.
+    Peng & Cosman 2017; Song et al. 2018 take it over.
     """
     A = np.asarray(veiling_light, dtype=np.float64)
     difference = np.stack([np.abs(A[k] - [image[..., k].min(), image[..., k].max()]).max() for k in range(3)])
@@ -92,9 +92,9 @@ def restoration(image: Array, veiling_light: Array, transmission: Array, **info:
 
 def transmissions(transmission: Array) -> dict[str, list[float]]:
     """Return the least, mean and greatest transmission of each channel, as lists; (H, W) counts as one channel."""
-    planes = transmission.reshape(*transmission.shape[:2], -1)
+    planes = np.moveaxis(np.atleast_3d(transmission), -1, 0)
     return {
-        "transmission_min": planes.min(axis=(0, 1)).tolist(),
-        "transmission_mean": planes.mean(axis=(0, 1), dtype=np.float64).tolist(),
-        "transmission_max": planes.max(axis=(0, 1)).tolist(),
+        "transmission_min": [float(plane.min()) for plane in planes],
+        "transmission_mean": [float(plane.mean(dtype=np.float64)) for plane in planes],
+        "transmission_max": [float(plane.max()) for plane in planes],
     }

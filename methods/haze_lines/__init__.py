@@ -1,0 +1,118 @@
+"""Underwater haze-lines (Berman, Levy, Avidan & Treibitz 2021, IEEE TPAMI 43(8)).
+
+Underwater single image color restoration using haze-lines and a new quantitative dataset. The water's type, one of
+Jerlov's, is what decides how fast each channel fades; each is tried, and the one with the most neutral result is taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.colour import gray_world_gain, srgb_decode, srgb_encode
+from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
+from sucre_bench.methods.haze_lines.lines import channel_transmission, transmission
+from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
+from sucre_bench.progress import track
+from sucre_bench.scene import Array, Water
+from sucre_bench.steps.veiling_light import recovered, reduced, transmissions
+
+__all__ = ["HazeLines"]
+
+
+@method(
+    requires=("cv2", "scipy"),
+    encoding="gamma",
+    cites="Berman, Levy, Avidan & Treibitz 2021, Underwater single image color restoration using haze-lines and a new "
+    "quantitative dataset",
+)
+@dataclass(frozen=True)
+class HazeLines:
+    """Find the water's type among Jerlov's, each pixel's transmission along its haze-line, and undo both.
+
+    The veiling light is taken from the largest area without texture, which should be open water; in an image that shows
+    none, it is a guess. At the end, the picture is white-balanced by gray world over what is not water.
+    """
+
+    linear: bool = True
+    """Whether to decode intensities (sRGB) first: the model is one of linear light, in which the authors work."""
+    lines: int = 500
+    """How many directions, spread over the sphere, pixels are clustered into."""
+    radius: int = 30
+    """Radius of the guided filter's window, pixels."""
+    eps: float = 1e-3
+    """Variance of intensity below which the guided filter smooths."""
+    least: float = 0.1
+    """Least transmission, of blue in the estimate and of any channel in the recovery: what bounds the noise."""
+    contrast: float = 0.1
+    """By how much objects' mean transmission must exceed the water's for a type to be considered."""
+    textureless: float = 0.2
+    """Share of the pixels that counts as free of texture."""
+    work_px: int = 1024
+    """The veiling light and the water's type are chosen on the image with its longer side reduced to these pixels."""
+
+    def __post_init__(self) -> None:
+        if not 0 < self.textureless <= 1:
+            raise InputError(f"haze_lines.textureless: {self.textureless}; give a share in (0, 1]")
+        if not 0 < self.least <= 1:
+            raise InputError(f"haze_lines.least: {self.least}; give a transmission in (0, 1]")
+        for name in ("lines", "work_px"):
+            if getattr(self, name) < 1:
+                raise InputError(f"haze_lines.{name}: {getattr(self, name)} is too small; give 1 or more")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, restored; it may leave [0, 1]."""
+        small = reduced(view.rgb, self.work_px)
+        area = textureless_area(small, self.textureless)
+        small = self._decoded(small)
+        open_water = OpenWater.of(small[area])
+        water_type = self._type_of(small, open_water)
+        image = self._decoded(view.rgb)
+        J, t, _ = self._restored(image, open_water, water_type)
+        mean = _mean(J, 1 - open_water.likeness(image))
+        J *= gray_world_gain(mean[None]).astype(np.float32)
+        A = open_water.veiling_light.astype(np.float64)
+        unknown = np.full(3, np.nan)
+        return Restoration(
+            self._encoded(J),
+            Water(self._encoded(A), unknown, unknown),
+            info={**transmissions(t), "water_type": water_type.name},
+        )
+
+    def _type_of(self, image: Array, open_water: OpenWater) -> WaterType:
+        """The type whose result is nearest to gray on objects, among those that see objects before the water."""
+        object_like = 1 - open_water.likeness(image)
+        casts = {}
+        for water_type in track(WATER_TYPES, "water types"):
+            J, _, t = self._restored(image, open_water, water_type)
+            ahead = _mean(t, object_like) - _mean(t, 1 - object_like)
+            casts[water_type] = (bool(ahead < self.contrast), float(_mean(J, object_like).std()))
+        return min(casts, key=lambda water_type: casts[water_type])
+
+    def _restored(self, image: Array, open_water: OpenWater, water_type: WaterType) -> tuple[Array, Array, Array]:
+        """J and each channel's transmission (H, W, 3), and blue's transmission (H, W)."""
+        A = open_water.veiling_light
+        likeness = open_water.likeness(image)
+        t = transmission(
+            image, A, water_type, likeness, lines=self.lines, radius=self.radius, eps=self.eps, least=self.least
+        )
+        t_c = channel_transmission(t, water_type, self.least)
+        return recovered(image, A, t_c), t_c, t
+
+    def _decoded(self, image: Array) -> Array:
+        return srgb_decode(image).astype(np.float32) if self.linear else image
+
+    def _encoded(self, image: Array) -> Array:
+        return srgb_encode(image) if self.linear else image
+
+
+def _mean(values: Array, weight: Array) -> Array:
+    """The weighted mean over the pixels, of (H, W) or of each channel of (H, W, 3), within [0, 1].
+
+    Colours beyond are noise that the recovery has amplified. Where nothing has a weight, everything counts alike.
+    """
+    if not weight.any():
+        weight = np.ones_like(weight)
+    return np.asarray(np.average(values.clip(0, 1).reshape(weight.size, -1), axis=0, weights=weight.ravel()))

@@ -1,0 +1,67 @@
+"""Underwater dark channel prior, UDCP (Drews et al. 2013, Transmission estimation in underwater single images).
+
+Continued in Drews et al. 2016, Underwater depth estimation and image restoration based on single images. Where nothing
+of the scene is dark, the dark channel prior of He, Sun & Tang (2011) holds for green and blue alone: red is dark
+everywhere under water, near and far.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.scene import Array
+from sucre_bench.steps.dark_channel import dark_channel
+from sucre_bench.steps.veiling_light import brightest, refined, restoration
+
+
+@method(
+    requires=("cv2",),
+    encoding="gamma",
+    cites="Drews Jr, do Nascimento, Moraes, Botelho & Campos 2013, Transmission estimation in underwater single images",
+)
+@dataclass(frozen=True)
+class Udcp:
+    """Remove the veil that the dark channel of green and blue measures, the same in all three channels.
+
+    The veiling light A is the colour where that dark channel is highest. The transmission t is 1 less the dark channel
+    of I / A, refined by a guided filter, and J = (I - A) / t + A.
+    """
+
+    window: int = 9
+    """Side of the dark channel's window, pixels, odd."""
+    radius: int = 50
+    """Radius of the guided filter's window, pixels."""
+    eps: float = 1e-3
+    """Variance of intensity below which the guided filter smooths."""
+    least: float = 0.2
+    """Least transmission: what bounds the amplification of noise."""
+    greatest: float = 0.9
+    """Greatest transmission: a veil that near parts keep, too."""
+
+    def __post_init__(self) -> None:
+        if self.window < 1 or self.window % 2 == 0:
+            raise InputError(f"udcp.window: {self.window}; give an odd number of pixels, 1 or more")
+        if not 0 < self.least <= self.greatest <= 1:
+            raise InputError(f"udcp: least={self.least}, greatest={self.greatest}; use 0 < least <= greatest <= 1")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, restored; it may leave [0, 1]."""
+        rgb = view.rgb
+        A = _veiling_light(rgb, self.window)
+        t = refined(rgb, _transmission(rgb, A, self.window), self.radius, self.eps)
+        return restoration(rgb, A, t.clip(self.least, self.greatest))
+
+
+def _veiling_light(rgb: Array, window: int) -> Array:
+    """The colour (3,) of the pixel where the dark channel of green and blue is highest; of equals, the brightest."""
+    dark = dark_channel(rgb[..., 1:], window)
+    return brightest(rgb, dark == dark.max())
+
+
+def _transmission(rgb: Array, veiling_light: Array, window: int) -> Array:
+    """1 - min over window and over green and blue of I / A, (H, W); may fall below 0."""
+    A = np.maximum(veiling_light[1:], 1e-3).astype(np.float32)  # in a black image, nothing is brighter than A
+    return np.asarray(1 - dark_channel(rgb[..., 1:] / A, window))

@@ -1,0 +1,68 @@
+"""Underwater light attenuation prior, ULAP (Song et al. 2018, A rapid scene depth estimation model).
+
+Red fades first, so that the farther a point, the more of its green or blue and the less of its red is left: depth is
+linear in both, with coefficients learned from images with known relative depth.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.scene import Array
+from sucre_bench.steps.veiling_light import brightest, highest, nearest_depth, refined, restoration
+
+_OFFSET, _STRONGER, _RED = 0.51157954, 0.50516165, -0.90511117  # learned, for intensities in [0, 1]
+
+
+@method(
+    requires=("cv2",),
+    encoding="gamma",
+    cites="Song, Wang, Huang & Tjondronegoro 2018, A rapid scene depth estimation model based on underwater light "
+    "attenuation prior for underwater image restoration",
+)
+@dataclass(frozen=True)
+class Ulap:
+    """Estimate depth linearly from red and the stronger of green and blue, and undo the attenuation over it.
+
+    Depth is refined by a guided filter; the veiling light A is the brightest among the deepest pixels, and
+    J = (I - A) / t + A with t = r^(deepest (depth + nearest)), r being what is left of each channel after a metre.
+    """
+
+    remaining: tuple[float, ...] = (0.83, 0.95, 0.97)
+    """Shares of red, green and blue light that are left after a metre."""
+    deepest: float = 8.0
+    """Metres that the relative depth 1 stands for."""
+    share: float = 0.001
+    """Share of the pixels, the deepest, among which the veiling light is the brightest."""
+    radius: int = 50
+    """Radius of the guided filter's window, pixels."""
+    eps: float = 1e-3
+    """Variance of intensity below which the guided filter smooths."""
+    least: float = 0.1
+    """Least transmission: what bounds the amplification of noise."""
+    greatest: float = 0.9
+    """Greatest transmission."""
+
+    def __post_init__(self) -> None:
+        if len(self.remaining) != 3 or not all(0 < r <= 1 for r in self.remaining):
+            raise InputError(f"ulap.remaining: {self.remaining}; give three shares in (0, 1], for R, G and B")
+        if not 0 < self.least <= self.greatest <= 1:
+            raise InputError(f"ulap: least={self.least}, greatest={self.greatest}; use 0 < least <= greatest <= 1")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, restored; it may leave [0, 1]."""
+        rgb = view.rgb
+        depth = refined(rgb, _depth(rgb), self.radius, self.eps)
+        A = brightest(rgb, highest(depth, self.share))
+        metres = self.deepest * (depth.clip(0, 1) + np.float32(nearest_depth(rgb, A)))
+        t = np.array(self.remaining, dtype=np.float32) ** metres[..., None]
+        return restoration(rgb, A, t.clip(self.least, self.greatest))
+
+
+def _depth(rgb: Array) -> Array:
+    """Relative depth (H, W), linear in red and in the stronger of green and blue."""
+    stronger = rgb[..., 1:].max(axis=-1)
+    return np.asarray(_OFFSET + _STRONGER * stronger + _RED * rgb[..., 0])
