@@ -14,7 +14,8 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.scene import Array
 from sucre_bench.steps.dark_channel import window_max
-from sucre_bench.steps.veiling_light import highest, nearest_depth, reduced, refined, restoration
+from sucre_bench.steps.guided_filter import guided_filter
+from sucre_bench.steps.veiling_light import highest, nearest_depth, reduced, restoration
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
 _SLOPE, _INTERCEPT = -0.00113, 1.62517  # scattering is linear in the wavelength (Zhao et al. 2015)
@@ -67,11 +68,11 @@ class Ibla:
         rgb = view.rgb
         small = reduced(rgb, self.work_px)
         sharpness = _sharpness(_gray(small), self.scales, self.window)
-        A = _veiling_light(small, refined(small, sharpness, self.radius, self.eps))
+        A = _veiling_light(small, guided_filter(small, sharpness, self.radius, self.eps))
         depth = _depth(small, sharpness, A, self.window)
         if depth.shape != rgb.shape[:2]:
             depth = np.asarray(cv2.resize(depth, rgb.shape[1::-1], interpolation=cv2.INTER_LINEAR), dtype=np.float32)
-        depth = refined(rgb, depth, self.radius, self.eps).clip(0, 1)
+        depth = guided_filter(rgb, depth, self.radius, self.eps).clip(0, 1)
         metres = np.float32(self.deepest) * (depth + np.float32(nearest_depth(rgb, A)))
         beta = self.red * _attenuation_ratio(A)
         t = np.exp(-beta.astype(np.float32) * metres[..., None])

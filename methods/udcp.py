@@ -14,7 +14,8 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.scene import Array
 from sucre_bench.steps.dark_channel import dark_channel
-from sucre_bench.steps.veiling_light import brightest, refined, restoration
+from sucre_bench.steps.guided_filter import guided_filter
+from sucre_bench.steps.veiling_light import brightest, restoration
 
 
 @method(
@@ -51,7 +52,7 @@ class Udcp:
         """Return the whole image, restored; it may leave [0, 1]."""
         rgb = view.rgb
         A = _veiling_light(rgb, self.window)
-        t = refined(rgb, _transmission(rgb, A, self.window), self.radius, self.eps)
+        t = guided_filter(rgb, _transmission(rgb, A, self.window), self.radius, self.eps)
         return restoration(rgb, A, t.clip(self.least, self.greatest))
 
 

@@ -12,7 +12,8 @@ import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.scene import Array
-from sucre_bench.steps.veiling_light import brightest, highest, nearest_depth, refined, restoration
+from sucre_bench.steps.guided_filter import guided_filter
+from sucre_bench.steps.veiling_light import brightest, highest, nearest_depth, restoration
 
 _OFFSET, _STRONGER, _RED = 0.51157954, 0.50516165, -0.90511117  # learned, for intensities in [0, 1]
 
@@ -55,7 +56,7 @@ class Ulap:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored; it may leave [0, 1]."""
         rgb = view.rgb
-        depth = refined(rgb, _depth(rgb), self.radius, self.eps)
+        depth = guided_filter(rgb, _depth(rgb), self.radius, self.eps)
         A = brightest(rgb, highest(depth, self.share))
         metres = self.deepest * (depth.clip(0, 1) + np.float32(nearest_depth(rgb, A)))
         t = np.array(self.remaining, dtype=np.float32) ** metres[..., None]

@@ -6,14 +6,12 @@ import numpy as np
 import pytest
 from made_haze import hazy
 
-from sucre_bench.steps.guided_filter import guided_filter
 from sucre_bench.steps.veiling_light import (
     brightest,
     highest,
     nearest_depth,
     recovered,
     reduced,
-    refined,
     restoration,
 )
 
@@ -77,11 +75,6 @@ def test_a_restoration_tells_the_veiling_light_and_how_much_came_through() -> No
     assert result.info["transmission_mean"] == pytest.approx([0.3, 0.6, 0.6])
     assert result.info["transmission_max"] == [0.4, 0.8, 0.6]
     assert result.info["extra"] == 1
-
-
-def test_filtering_in_bands_is_filtering_at_once() -> None:
-    guide, plane = RNG.random((1100, 9, 3), dtype=np.float32), RNG.random((1100, 9), dtype=np.float32)
-    np.testing.assert_allclose(refined(guide, plane, 4, 1e-3), guided_filter(guide, plane, 4, 1e-3), atol=1e-5)
 
 
 def test_reducing_averages_and_leaves_small_images_alone() -> None:

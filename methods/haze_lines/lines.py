@@ -14,7 +14,7 @@ import numpy as np
 
 from sucre_bench.methods.haze_lines.jerlov import WaterType
 from sucre_bench.scene import Array
-from sucre_bench.steps.veiling_light import refined
+from sucre_bench.steps.guided_filter import guided_filter
 
 __all__ = ["channel_transmission", "compensated", "directions", "least_transmission", "transmission"]
 
@@ -53,7 +53,7 @@ def transmission(
         bound = np.maximum(least_transmission(image[rows], A, water), least)
         along = np.maximum(_HAZE_FREE * length[rows] / np.maximum(longest, 1e-9)[line[rows]], bound)
         t[rows] = along + likeness[rows] * (bound - along)
-    return refined(image, t, radius, eps).clip(least, 1)
+    return guided_filter(image, t, radius, eps).clip(least, 1)
 
 
 def _bands(height: int) -> list[slice]:

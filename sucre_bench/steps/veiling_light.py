@@ -12,11 +12,8 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.scene import Array, Mask, Restoration, Water
-from sucre_bench.steps.guided_filter import guided_filter
 
-__all__ = ["brightest", "highest", "nearest_depth", "recovered", "reduced", "refined", "restoration", "transmissions"]
-
-_BAND = 512  # rows filtered at once: the guided filter keeps some thirty planes of what it is given
+__all__ = ["brightest", "highest", "nearest_depth", "recovered", "reduced", "restoration", "transmissions"]
 
 
 def highest(plane: Array, share: float) -> Mask:
@@ -57,18 +54,6 @@ def reduced(image: Array, longest: int) -> Array:
         return image
     size = max(1, round(width * scale)), max(1, round(height * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
-
-
-def refined(guide: Array, plane: Array, radius: int, eps: float) -> Array:
-    """Return `guided_filter`'s result, computed in bands of rows so that large images need no more memory."""
-    height = len(plane)
-    smooth = np.empty(plane.shape, dtype=np.float32)
-    for top in range(0, height, _BAND):
-        bottom = min(top + _BAND, height)
-        low, high = max(0, top - 2 * radius), min(height, bottom + 2 * radius)  # a mean of means reaches this far
-        band = guided_filter(guide[low:high], plane[low:high], radius, eps)
-        smooth[top:bottom] = band[top - low : bottom - low]
-    return smooth
 
 
 def recovered(image: Array, veiling_light: Array, transmission: Array) -> Array:
