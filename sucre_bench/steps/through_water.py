@@ -22,10 +22,10 @@ def distances(view: View) -> tuple[Array, Literal["distance", "depth"]]:
     """Return how far every pixel is seen, (H, W) float32 metres, 0 = unknown, and what it is measured along.
 
     Where the view has no camera, "depth" along the optical axis takes the place of the Euclidean "distance".
-    Raises NotApplicableError where no pixel has a depth.
+    Raises NotApplicableError where no pixel has depth.
     """
     if not view.valid.any():
-        raise NotApplicableError(f"{view.name}: no pixel has a depth")
+        raise NotApplicableError(f"{view.name}: no pixel has depth")
     return (view.depth, "depth") if view.camera is None else (view.distance, "distance")
 
 

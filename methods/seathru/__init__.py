@@ -1,0 +1,5 @@
+"""Sea-thru*: the water of a single view from its darkest pixels and its local illuminant."""
+
+from sucre_bench.methods.seathru.seathru import Seathru
+
+__all__ = ["Seathru"]

@@ -1,0 +1,175 @@
+"""Sea-thru (Akkaynak & Treibitz 2019), for 8-bit images: Sea-thru* of the SUCRe paper.
+
+D. Akkaynak and T. Treibitz, Sea-thru: A Method for Removing Water From Underwater Images, CVPR 2019. It is made for raw
+images; how SUCRe's authors adapted it to 8 bits (supplementary material, Sea-thru*) is not published, so the
+adaptations are our own, each told where it is made. Intensities are in [0, 1], distances Euclidean, in metres.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Literal
+
+import numpy as np
+
+from sucre_bench import Restoration, Scene, View, Water, method
+from sucre_bench.colour import converted, gray_world_gain
+from sucre_bench.errors import InputError
+from sucre_bench.methods.seathru.attenuation import (
+    Attenuation,
+    Kind,
+    constant_attenuation,
+    fit_attenuation,
+    illuminant_by_distance,
+)
+from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
+from sucre_bench.methods.seathru.illuminant import local_average
+from sucre_bench.scene import Array, Encoding, Mask
+from sucre_bench.steps.through_water import distances, without_water
+
+__all__ = ["Seathru"]
+
+_CHANNELS = ("red", "green", "blue")
+_GREY_LEVEL = 1 / 255
+# Below this share of the distance, a range of distances says nothing about how light changes with it.
+_FLAT = 0.02
+
+
+@method(
+    needs={"depth"},
+    requires=("scipy",),
+    cites="Akkaynak & Treibitz 2019, Sea-thru; adapted to 8 bits as in Boittiaux et al. 2024 (Sea-thru*)",
+)
+@dataclass(frozen=True)
+class Seathru:
+    """Remove the backscatter that the darkest pixels show, and the attenuation that the local illuminant shows.
+
+    From a single view with its distances (Sea-thru*). Pixels without depth have no colour. The water it reports has a
+    constant attenuation, also where the image is restored with one that changes with distance.
+    """
+
+    raw: bool = False
+    """Work in linear light, as on raw images: gamma-encoded views are decoded (sRGB), the result is encoded again."""
+
+    attenuation: Kind = "two_term"
+    """Of light with distance: "two_term", beta(z) = a exp(-b z) + c exp(-d z), or "constant", as in SUCRe's model."""
+
+    white_balance: Literal["gray-world", "none"] = "gray-world"
+    """What is done last, over pixels with depth: "gray-world", which equals the channels' means, or "none"."""
+
+    f: float = 2.0
+    """Illuminant over local average colour: 2 where a scene's mean is a half; 5 suits linear light, where it is 0.2."""
+
+    p: float = 0.01
+    """Share of a pixel's own colour in its local average; the average reaches over some 1 / sqrt(p) pixels."""
+
+    eps: float = 0.1
+    """Neighbours are averaged that are no farther from each other than this share of the view's range of distances."""
+
+    bins: int = 10
+    """Into how many bins of distance the darkest pixels are sorted."""
+
+    share: float = 0.01
+    """Share of each bin's pixels that counts as dark."""
+
+    most: int = 20
+    """The most dark pixels of a bin."""
+
+    amplification: float = 25.0
+    """The most any intensity is multiplied by to undo attenuation: at 25, one of 255 levels becomes a tenth."""
+
+    size: int = 1024
+    """Longest side, in pixels, of the image that water and illuminant are estimated on: every n-th pixel is taken."""
+
+    def __post_init__(self) -> None:
+        for name, least in (("bins", 1), ("most", 1), ("amplification", 1), ("size", 16)):
+            if not getattr(self, name) >= least:
+                raise InputError(f"seathru.{name}: {getattr(self, name)} is too small; give {least} or more")
+        if not self.f > 0:
+            raise InputError(f"seathru.f: {self.f} is not positive; give the illuminant over the average, such as 2")
+        for name in ("p", "eps", "share"):
+            if not 0 < getattr(self, name) <= 1:
+                raise InputError(f"seathru.{name}: {getattr(self, name)} is not a share; give more than 0, at most 1")
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError without any depth."""
+        z, along = distances(view)
+        light: Encoding = "linear" if self.raw else "gamma"
+        taken = self._taken(z)
+        level = float(converted(np.array(_GREY_LEVEL), "gamma", light))
+        few, few_z = converted(view.rgb[taken], view.encoding, light), z[taken]
+        seen = few_z > 0
+        intensity, far = few[seen], few_z[seen]  # (P, 3), (P,)
+
+        dark = dark_pixels(intensity, far, self.bins, self.share, self.most)
+        backscatter = fit_backscatter(intensity[dark], far[dark])
+        # Where the veil is brighter than the pixel, noise or the fit is to blame: no light is left to average, and the
+        # pixel stays a little below 0 in the result.
+        direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(min=0)
+        illuminant = self.f * local_average(direct, few_z, self.p, self.eps)
+        beta, constant = self._attenuation(illuminant, far, level)
+
+        def optical_depth(through: Array, c: int) -> Array:
+            return beta[c].optical_depth(through, self.amplification)
+
+        J = without_water(few, few_z, backscatter.veil, optical_depth)
+        gain = self._gain(J[seen], level)
+        image = without_water(converted(view.rgb, view.encoding, light), z, backscatter.veil, optical_depth)
+        image *= gain
+        water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate)
+        info: dict[str, Any] = {
+            "along": along,
+            "dark_pixels": len(dark),
+            "residual": backscatter.residual.tolist(),
+            "residual_rate": backscatter.residual_rate.tolist(),
+            "beta": [[b.a, b.b, b.c, b.d] for b in beta],
+            "gain": gain.tolist(),
+            "negative_share": (J[seen] < 0).mean(axis=0).tolist(),
+            "limited_share": [self._limited(b, far) for b in beta],
+            "undetermined": _undetermined(far, water),
+        }
+        return Restoration(converted(image, light, view.encoding).astype(np.float32, copy=False), water, info=info)
+
+    def _taken(self, z: Array) -> tuple[slice, slice]:
+        """Every n-th pixel; not their mean, which knows no darkest pixel and mixes near with far."""
+        n = -(-max(z.shape) // self.size)
+        taken = (slice(None, None, n), slice(None, None, n))
+        return taken if (z[taken] > 0).any() else (slice(None), slice(None))
+
+    def _attenuation(self, illuminant: Array, z: Array, level: float) -> tuple[list[Attenuation], list[float]]:
+        """Each channel's beta(z), and the constant nearest to it, from the distances where there is light to see.
+
+        level: of intensity, below which the average of a step is black to 8 bits, and has no logarithm.
+        """
+        at, E = illuminant_by_distance(illuminant, z)
+        lit = level * self.f < E
+        channels = [(at[lit[:, c]], E[lit[:, c], c]) for c in range(3)]
+        fitted = [fit_attenuation(*of, self.attenuation) for of in channels]
+        return fitted, [constant_attenuation(*of) for of in channels]
+
+    def _limited(self, beta: Attenuation, z: Array) -> float:
+        """The share of pixels (P,) that are not multiplied by more, though beta says so."""
+        return float((beta.optical_depth(z, np.inf) > np.log(self.amplification)).mean())
+
+    def _gain(self, J: Array, level: float) -> Array:
+        """The (3,) white balance; of J (P, 3) as it would be shown, so that amplified noise beyond does not count.
+
+        A channel below `level` is noise: it is neither lifted to the others, nor are they lowered to it.
+        """
+        gain, shown = np.ones(3, dtype=np.float32), J.clip(0, 1)
+        lit = shown.mean(axis=0, dtype=np.float64) > level
+        if self.white_balance == "gray-world" and lit.any():
+            gain[lit] = gray_world_gain(shown[:, lit])
+        return gain
+
+
+def _undetermined(z: Array, water: Water) -> str:
+    """Say what the view cannot tell; "" where it can."""
+    if z.max() - z.min() < _FLAT * z.max():
+        return "all pixels are about equally far: veil and attenuation are one choice of many"
+    doubts = (("attenuation", water.attenuation <= 0), ("veiling light", water.veiling_light >= 1 - _GREY_LEVEL))
+    return "; ".join(f"{what} of {_named(where)}" for what, where in doubts if where.any())
+
+
+def _named(where: Mask) -> str:
+    return ", ".join(name for name, is_so in zip(_CHANNELS, where, strict=True) if is_so)

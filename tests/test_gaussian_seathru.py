@@ -1,0 +1,180 @@
+"""Gaussian Sea-thru, against data drawn from the very model, and its likelihood against scipy's normal distribution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from made_scene import WATER, make_camera, make_pose, make_view
+from scipy.stats import norm
+
+import sucre_bench as sb
+from sucre_bench import Arrays, InputError, Scene, View
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
+from sucre_bench.plugins import Plugin, discover
+
+
+def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:
+    """Colours drawn from N(0.5, 0.15) at distances from 1 to 9 m, in known water."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(1, 9, (height, width)).astype(np.float32)
+    J = rng.normal(0.5, 0.15, (height, width, 3))
+    veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
+    intensity = (J * np.exp(-WATER.attenuation * z[..., None]) + veil).clip(0, 1)
+    return View("a.png", Arrays(np.rint(intensity * 255) / 255 if rounded else intensity, z, J))
+
+
+def alone(view: View) -> Scene:
+    return Scene("alone", [view], frozenset({"depth"}))
+
+
+def test_it_is_found_with_what_it_needs():
+    plugin = discover("method")["gaussian_seathru"]
+    assert isinstance(plugin, Plugin)
+    assert (plugin.cls, plugin.needs, plugin.display) == (GaussianSeathru, {"depth"}, "stretch-1-99")
+
+
+@pytest.mark.parametrize(
+    "water", [Parameters(0.3, 0.2, 0.4), Parameters(0.1, 1.0, 0.05), Parameters(0.3, 0.2, 0.5, 0.6, 0.2, 0.05)]
+)
+def test_the_likelihood_is_that_of_a_normal_distribution(water: Parameters):
+    rng = np.random.default_rng(1)
+    z, intensity = rng.uniform(1, 9, 500), rng.random(500)
+    beta = water.t * np.exp(-water.p * z) + water.c * np.exp(-water.w * z)
+    veil = water.B * (1 - np.exp(-water.gamma * z))
+    J = (intensity - veil) * np.exp(beta * z)
+    mean, deviation = J.mean() * np.exp(-beta * z) + veil, J.std() * np.exp(-beta * z)
+    expected = -norm.logpdf(intensity, mean, deviation).mean()
+    assert negative_log_likelihood(water, intensity, z) == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_likelihood_is_least_at_the_water_the_data_were_drawn_in():
+    view = drawn_view(2, rounded=False)
+    z, red = view.depth.ravel().astype(np.float64), view.rgb[..., 0].ravel().astype(np.float64)
+    true = (WATER.veiling_light[0], WATER.backscatter[0], WATER.attenuation[0])
+    least = negative_log_likelihood(Parameters(*true), red, z)
+    for i in range(3):
+        for factor in (0.7, 1.4):
+            other = [value * (factor if i == k else 1) for k, value in enumerate(true)]
+            assert negative_log_likelihood(Parameters(*other), red, z) > least
+
+
+def test_the_water_of_drawn_data_is_recovered():
+    view = drawn_view(height=400, width=300)
+    result = sb.restore("gaussian_seathru", alone(view), view, sample=120_000)
+    assert result.water is not None
+    np.testing.assert_allclose(result.water.attenuation, WATER.attenuation, rtol=0.03)
+    z = np.linspace(1, 9, 30)[:, None]
+    veil, true = (w.veiling_light * (1 - np.exp(-w.backscatter * z)) for w in (result.water, WATER))
+    np.testing.assert_allclose(veil, true, atol=0.02)
+    np.testing.assert_allclose(result.info["mu"], 0.5, atol=0.03)
+    np.testing.assert_allclose(result.info["sigma"], 0.15, atol=0.01)
+    assert view.reference is not None
+    assert (
+        np.sqrt(np.mean((result.image - view.reference) ** 2))
+        < 0.05
+        < np.sqrt(np.mean((view.rgb - view.reference) ** 2))
+    )
+
+
+def test_two_terms_contain_the_constant():
+    """They can only be likelier, and are where the attenuation changes with distance."""
+    rng = np.random.default_rng(3)
+    z = rng.uniform(1, 9, (60, 80)).astype(np.float32)
+    beta = (0.6 * np.exp(-0.5 * z) + 0.1)[..., None]
+    J = rng.normal(0.5, 0.15, (60, 80, 3))
+    view = View("a.png", Arrays(J * np.exp(-beta * z[..., None]) + 0.2 * (1 - np.exp(-0.3 * z[..., None])), z))
+    one, two = (
+        sb.restore("gaussian_seathru", alone(view), view, attenuation=kind) for kind in ("constant", "two_term")
+    )
+    assert (np.array(two.info["cost"]) < np.array(one.info["cost"]) - 0.001).all()
+
+
+def test_the_best_of_all_starts_is_taken():
+    """In red one of the starts ends 1.5 above the others: the result must be no less likely than the truth."""
+    view = drawn_view(4)
+    z = view.depth.ravel().astype(np.float64)
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    for c in range(3):
+        own = view.rgb[..., c].ravel().astype(np.float64)
+        true = Parameters(WATER.veiling_light[c], WATER.backscatter[c], WATER.attenuation[c])
+        assert result.info["cost"][c] <= negative_log_likelihood(true, own, z) + 1e-6
+
+
+def test_restoring_inverts_the_model_it_reports():
+    view = drawn_view(5)
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    water, z = result.water, view.depth[..., None].astype(np.float64)
+    assert water is not None
+    veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
+    np.testing.assert_allclose(result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=1e-4)
+
+
+def test_the_sample_is_drawn_with_the_seed_alone():
+    view = drawn_view(6)
+    first, again, other = (
+        sb.restore("gaussian_seathru", alone(view), view, sample=2000, seed=seed).image for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0
+    assert np.abs(first - other).mean() < 0.1
+
+
+def test_pixels_without_depth_have_no_colour_and_no_influence():
+    view = drawn_view(7)
+    depth, rgb = view.depth.copy(), view.rgb.copy()
+    depth[40:90, 30:60] = 0
+    results = []
+    for colour in (0.0, 1.0):
+        rgb[40:90, 30:60] = colour
+        holes = replace(view, pixels=Arrays(rgb, depth))
+        results.append(sb.restore("gaussian_seathru", alone(holes), holes).image)
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(np.isnan(results[0]).all(axis=-1), depth == 0)
+
+
+def test_euclidean_distance_is_used_where_the_camera_is_known():
+    view = make_view("a.png", make_camera(60, 44, 30), make_pose((0, 0, 0)), WATER)
+    far = replace(view, pixels=Arrays(view.rgb, view.distance), camera=None)
+    expected, found = (sb.restore("gaussian_seathru", alone(v), v) for v in (far, view))
+    assert (expected.info["along"], found.info["along"]) == ("depth", "distance")
+    np.testing.assert_array_equal(found.image, expected.image)
+
+
+def test_a_constant_channel_is_left_as_it_is():
+    view = drawn_view(8)
+    rgb = view.rgb.copy()
+    rgb[..., 0] = 0.3
+    dead = replace(view, pixels=Arrays(rgb, view.depth))
+    result = sb.restore("gaussian_seathru", alone(dead), dead)
+    np.testing.assert_allclose(result.image[..., 0], 0.3, atol=1e-4)
+
+
+def test_one_pixel_with_depth_has_no_spread_and_is_left_as_it_is():
+    depth = np.zeros((8, 8))
+    depth[2, 3] = 2.0
+    view = View("a.png", Arrays(np.random.default_rng(0).random((8, 8, 3)), depth))
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    np.testing.assert_allclose(result.image[2, 3], view.rgb[2, 3], atol=1e-4)
+    assert result.valid.sum() == 1
+
+
+def test_a_single_distance_is_said_to_tell_nothing():
+    view = View("wall.png", Arrays(np.random.default_rng(0).random((20, 30, 3)), np.full((20, 30), 3.0)))
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    assert "equally far" in result.info["undetermined"]
+    assert np.isfinite(result.image).all()
+    assert np.abs(result.image).max() < 5
+
+
+def test_a_view_without_any_depth_is_not_applicable():
+    view = View("empty.png", Arrays(np.full((8, 8, 3), 0.5), np.zeros((8, 8))))
+    with pytest.raises(NotApplicableError, match=r"empty\.png"):
+        sb.restore("gaussian_seathru", alone(view), view)
+
+
+def test_a_sample_without_spread_is_refused():
+    with pytest.raises(InputError, match="sample"):
+        GaussianSeathru(sample=1)
