@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import subprocess
 import sys
 from dataclasses import replace
@@ -10,6 +11,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from made_networks import ARCHITECTURES, network_options
 
 from sucre_bench import Arrays, Camera, NotApplicableError, Restoration, Scene, View, plugins, restore, score
 from sucre_bench.options import options_of
@@ -17,6 +19,7 @@ from sucre_bench.plugins import Plugin, discover
 from sucre_bench.scene import Water
 
 HEAVY = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
+HEAVY |= {"onnx", "onnxruntime", "numba", "psutil"}
 
 
 def built_in(kind: plugins.Kind) -> list[Plugin]:
@@ -63,7 +66,12 @@ def options_for(plugin: Plugin, scene: Scene, folder: Path) -> dict[str, Any]:
         for view in scene:
             np.save(folder / f"{Path(view.name).stem}.npy", view.rgb)
         return {"folder": folder}
+    if plugin.name in (*ARCHITECTURES, "onnx"):
+        return _network(plugin.name, folder.parent)  # the folder of all tests of this process
     return QUICK.get(plugin.name, {})
+
+
+_network = functools.cache(network_options)  # up to 45 MB to write
 
 
 @pytest.mark.parametrize("plugin", built_in("method"), ids=named)

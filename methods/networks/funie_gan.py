@@ -1,0 +1,60 @@
+"""FUnIE-GAN (Islam, Xia & Sattar 2020, Fast underwater image enhancement for improved visual perception, IEEE RA-L)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.methods.networks.on_torch import Device, loaded
+from sucre_bench.methods.networks.sizes import resized, tiled
+from sucre_bench.methods.networks.weights import check_file
+
+__all__ = ["FunieGan"]
+
+# A pixel sees 90 others to each side at most, fewer than a quarter of the overlap: tiles leave no trace.
+_TILE, _OVERLAP, _MULTIPLE = 1024, 384, 32
+
+
+@method(
+    requires=("torch", "PIL"),
+    encoding="gamma",
+    reads=("weights",),
+    cites="Islam, Xia & Sattar 2020, IEEE RA-L",
+    licence="network from the paper; the authors' weights MIT",
+)
+@dataclass(frozen=True)
+class FunieGan:
+    """A small U-Net trained against a discriminator for the eyes of robots (FUnIE-GAN).
+
+    As published, it sees every image at 256 x 256 pixels, and what it returns is enlarged to the view's size.
+    """
+
+    weights: Path
+    """File of the generator's state dict, as PyTorch saves it: the authors' funie_generator.pth."""
+
+    size: int | None = 256
+    """Side of the square that views are resized to, pixels, a multiple of 32; None works at each view's own size."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a GPU when there is one."""
+
+    def __post_init__(self) -> None:
+        check_file(self.weights, "weights")
+        if self.size is not None and (self.size < _MULTIPLE or self.size % _MULTIPLE):
+            raise InputError(f"funie_gan.size: {self.size} must be a multiple of {_MULTIPLE}, or null")
+
+    def warm_up(self) -> None:
+        """Load the weights. Raises InputError when the file does not hold them."""
+        loaded("FunieGenerator", self.weights, self.device)
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, restored. info: device, worked_at (height and width)."""
+        network = loaded("FunieGenerator", self.weights, self.device)
+        height, width = view.rgb.shape[:2]
+        at = (self.size, self.size) if self.size else (height, width)
+        rgb = resized(view.rgb, *at)
+        restored = tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, _TILE, _OVERLAP, _MULTIPLE)
+        return Restoration(
+            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
+        )

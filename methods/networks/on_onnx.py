@@ -1,0 +1,147 @@
+"""Opening an ONNX model, reading what it declares, and running it on pixels."""
+
+from __future__ import annotations
+
+import functools
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+import numpy as np
+
+from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.scene import Array
+from sucre_bench.threads import usable_cores
+
+__all__ = ["Device", "Layout", "OnnxNetwork", "opened"]
+
+Device = Literal["auto", "cpu", "cuda"]
+Layout = Literal["auto", "nchw", "nhwc"]
+
+_TYPES = {
+    "tensor(float)": "float32",
+    "tensor(float16)": "float16",
+    "tensor(double)": "float64",
+    "tensor(uint8)": "uint8",
+}
+_NO_GPU = "onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OnnxNetwork:
+    """An opened model. fixed: the height and width it works at, None where it leaves them open; dtype: of its input."""
+
+    session: Any
+    path: Path
+    output: str
+    dtype: str
+    channels_first: bool
+    fixed: tuple[int, int] | None
+    device: str
+
+    def __call__(self, pixels: Array) -> Array:
+        """Return what the network makes of pixels (H, W, 3), in the order and range it takes: (h, w, 3) float32.
+
+        Raises InputError, naming the file, when it fails or returns no picture of the same proportions.
+        """
+        batch = (pixels.round().clip(0, 255) if self.dtype == "uint8" else pixels)[None]
+        batch = batch.transpose(0, 3, 1, 2) if self.channels_first else batch
+        feed = {self.session.get_inputs()[0].name: np.ascontiguousarray(batch, dtype=self.dtype)}
+        height, width = pixels.shape[:2]
+        try:
+            restored = np.asarray(self.session.run([self.output], feed)[0])
+        except Exception as fault:  # onnxruntime's errors have no common base but this
+            raise InputError(
+                f"{self.path}: fails on {height}x{width} pixels, {_brief(fault)}; give method.multiple or method.size"
+            ) from fault
+        returned = restored.shape
+        if restored.ndim == 4 and returned[0] == 1:
+            restored = restored[0]
+        if restored.ndim == 3 and self.channels_first:
+            restored = restored.transpose(1, 2, 0)
+        if restored.ndim != 3 or restored.shape[2] != 3:
+            raise InputError(
+                f"{self.path}: output '{self.output}' is {returned}, no picture; give another method.output"
+            )
+        if restored.shape[0] * width != restored.shape[1] * height:
+            raise InputError(
+                f"{self.path}: makes {restored.shape[0]}x{restored.shape[1]} of {height}x{width} pixels, other "
+                "proportions; give method.multiple, or a model that keeps them"
+            )
+        return restored.astype(np.float32)
+
+
+def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwork:
+    """Open a model, kept for the next view while the file does not change.
+
+    Raises InputError, naming the file, for one that is no model or does not take one picture of three channels, and
+    for a device that is not there.
+    """
+    state = path.stat()
+    return _opened(path, state.st_mtime_ns, state.st_size, device, layout, output)
+
+
+@functools.lru_cache(maxsize=2)
+def _opened(path: Path, changed: int, size: int, device: Device, layout: Layout, output: str) -> OnnxNetwork:
+    session = _session(path, device)
+    if len(session.get_inputs()) != 1:
+        names = ", ".join(f"'{i.name}'" for i in session.get_inputs())
+        raise InputError(f"{path}: takes {names}; a model of one input is needed, the picture")
+    given = session.get_inputs()[0]
+    if given.type not in _TYPES:
+        raise InputError(f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed")
+    channels_first, fixed = _read_shape(path, given.shape, layout)
+    where = "cuda" if session.get_providers()[0] == "CUDAExecutionProvider" else "cpu"
+    return OnnxNetwork(session, path, _output(path, session, output), _TYPES[given.type], channels_first, fixed, where)
+
+
+def _session(path: Path, device: Device) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = usable_cores()
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # faults are raised; anything else is advice on the export
+    on_gpu = device != "cpu" and "CUDAExecutionProvider" in onnxruntime.get_available_providers()
+    if device == "cuda" and not on_gpu:
+        raise InputError(f"method.device: {_NO_GPU}")
+    providers = [*(["CUDAExecutionProvider"] if on_gpu else []), "CPUExecutionProvider"]
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
+    except Exception as fault:  # onnxruntime's errors have no common base but this
+        raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; give a whole .onnx file") from fault
+    if device == "cuda" and session.get_providers()[0] != "CUDAExecutionProvider":
+        raise InputError(f"method.device: {_NO_GPU}")  # the provider was there and did not start
+    return session
+
+
+def _read_shape(path: Path, shape: list[Any], layout: Layout) -> tuple[bool, tuple[int, int] | None]:
+    """Whether channels come first, and the declared height and width; sizes left open are names, None or 0."""
+    sizes = [n if isinstance(n, int) and n > 0 else None for n in shape]
+    shown = "x".join("?" if n is None else str(n) for n in sizes)
+    if len(sizes) != 4 or sizes[0] not in (1, None):
+        raise InputError(f"{path}: takes {shown or 'any shape'}; a model of one picture, 1x3xHxW or 1xHxWx3, is needed")
+    places = {name: at for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)}
+    chosen = layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
+    if not chosen and len(places) == 2:
+        raise InputError(f"{path}: does not say where its channels are; give method.layout=nchw or nhwc")
+    if chosen not in places:
+        raise InputError(f"{path}: takes {shown}, not 3 channels in {layout}; a model of RGB pictures is needed")
+    height, width = (sizes[2], sizes[3]) if chosen == "nchw" else (sizes[1], sizes[2])
+    if (height is None) != (width is None):
+        raise InputError(f"{path}: takes {shown}, with one side open; export it with both open or both fixed")
+    return chosen == "nchw", None if height is None or width is None else (height, width)
+
+
+def _output(path: Path, session: Any, wanted: str) -> str:
+    names = [o.name for o in session.get_outputs()]
+    if wanted and wanted not in names:
+        raise InputError(f"{path}: has no output '{wanted}'; {did_you_mean(wanted, names)}")
+    if not wanted and len(names) > 1:
+        raise InputError(f"{path}: has outputs {', '.join(names)}; choose with method.output={names[0]}")
+    return wanted or str(names[0])
+
+
+def _brief(fault: Exception) -> str:
+    """The fault without onnxruntime's prefix of codes, short enough for a line."""
+    return one_line(fault).rsplit("] : ", 1)[-1].split(" : ", 2)[-1][:200]

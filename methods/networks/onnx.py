@@ -1,0 +1,129 @@
+"""Any network exported as ONNX (Open Neural Network Exchange), run by onnxruntime.
+
+One input, a picture; what it expects of it is read from the model where the model says so, and told by options
+where it cannot.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.methods.networks.on_onnx import Device, Layout, OnnxNetwork, opened
+from sucre_bench.methods.networks.sizes import resized, tiled
+from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.scene import Array
+
+__all__ = ["Onnx"]
+
+Range = Literal["unit", "symmetric", "bytes", "imagenet"]
+
+# Mean and standard deviation that networks begun on ImageNet are given pixels less and over, RGB in [0, 1].
+_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
+_DEVIATION = np.array([0.229, 0.224, 0.225], dtype=np.float32)
+
+
+@method(
+    requires=("onnxruntime", "PIL"),
+    encoding="gamma",
+    reads=("model",),
+    cites="the network's own authors",
+    licence="the model's own",
+)
+@dataclass(frozen=True)
+class Onnx:
+    """A network of your own, or anybody's, exported as ONNX: one picture in, one picture out."""
+
+    model: Path
+    """The .onnx file. Further files of weights lie beside it."""
+
+    order: Literal["rgb", "bgr"] = "rgb"
+    """Order of the channels, in and out."""
+
+    layout: Layout = "auto"
+    """nchw: channels before height and width; nhwc: after them; auto reads it from the model."""
+
+    range: Range = "unit"
+    """What the network is given: unit [0, 1], symmetric [-1, 1], bytes [0, 255], imagenet [0, 1] less ImageNet's mean
+    over its deviation, which are those of red, green and blue whatever the order."""
+
+    output_range: Literal["same", "unit", "symmetric", "bytes", "imagenet"] = "same"
+    """What it returns: one of these, or the same as it is given."""
+
+    output: str = ""
+    """Name of the output to take; needed where a model has several."""
+
+    size: int | None = None
+    """Side of the square that views are resized to; None: the size the model declares, or else each view's own."""
+
+    multiple: int = 1
+    """Height and width must be multiples of this; views are mirrored up to it."""
+
+    tile: int | None = 1024
+    """Longest side of a tile, pixels; None never cuts a view, as networks need that look at the whole of it."""
+
+    overlap: int = 128
+    """By how much tiles overlap, pixels: four times as far as the network sees leaves no trace of them."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a GPU when onnxruntime can."""
+
+    def __post_init__(self) -> None:
+        check_file(self.model, "model")
+        for name in ("size", "multiple", "tile"):
+            value = getattr(self, name)
+            if value is not None and value < 1:
+                raise InputError(f"onnx.{name}: {value} must be positive")
+        if self.overlap < 0 or (self.tile is not None and self.tile < 2 * self.overlap):
+            raise InputError(f"onnx.overlap: {self.overlap} must be between 0 and half of tile={self.tile}")
+
+    def warm_up(self) -> None:
+        """Open the model. Raises InputError when it cannot be used with these options."""
+        self._network()
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, restored; it may leave [0, 1]. info: device, worked_at (height and width)."""
+        network = self._network()
+        height, width = view.rgb.shape[:2]
+        if network.fixed:
+            at, tile, multiple = network.fixed, None, 1
+        else:
+            at, tile, multiple = (self.size or height, self.size or width), self.tile, self.multiple
+        rgb = resized(view.rgb, *at)
+        restored = tiled([rgb], lambda x: self._run(network, x), tile, self.overlap, multiple)
+        return Restoration(
+            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
+        )
+
+    def _network(self) -> OnnxNetwork:
+        network = opened(self.model, self.device, self.layout, self.output)
+        if network.dtype == "uint8" and self.range != "bytes":
+            raise InputError(f"{self.model}: takes whole numbers, not range={self.range}; give method.range=bytes")
+        if network.fixed and self.size and network.fixed != (self.size, self.size):
+            fixed = f"{network.fixed[0]}x{network.fixed[1]}"
+            raise InputError(f"{self.model}: works at {fixed} only; leave out method.size={self.size}")
+        return network
+
+    def _run(self, network: OnnxNetwork, rgb: Array) -> Array:
+        given, back = _to_range(rgb, self.range), -1 if self.order == "bgr" else 1
+        restored = network(given[..., ::back])[..., ::back]
+        returned = self.range if self.output_range == "same" else self.output_range
+        return resized(_from_range(restored, returned), *rgb.shape[:2])
+
+
+def _to_range(rgb: Array, wanted: Range) -> Array:
+    """Bring RGB (H, W, 3) from [0, 1] to the range a network wants."""
+    if wanted == "imagenet":
+        return (rgb - _MEAN) / _DEVIATION
+    return {"unit": rgb, "symmetric": 2 * rgb - 1, "bytes": 255 * rgb}[wanted]
+
+
+def _from_range(rgb: Array, given: str) -> Array:
+    """Bring RGB (H, W, 3) from the range a network gives to [0, 1]."""
+    if given == "imagenet":
+        return rgb * _DEVIATION + _MEAN
+    return {"unit": rgb, "symmetric": (rgb + 1) / 2, "bytes": rgb / 255}[given]

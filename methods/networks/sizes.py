@@ -1,0 +1,88 @@
+"""Bringing a view of any size to a network: resized, mirrored to a size it takes, or in tiles that are blended."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from sucre_bench.progress import track
+from sucre_bench.scene import Array
+
+__all__ = ["limited", "resized", "tiled"]
+
+
+def limited(height: int, width: int, longest: int | None) -> tuple[int, int]:
+    """Return the height and width, scaled down so that neither exceeds `longest`; None limits nothing."""
+    share = min(1.0, (longest or max(height, width)) / max(height, width))
+    return max(1, round(height * share)), max(1, round(width * share))
+
+
+def resized(image: Array, height: int, width: int) -> Array:
+    """Return an image (H, W, 3) at another size, float32: bicubic, wide enough not to alias when it shrinks.
+
+    The bicubic filter of Pillow, in which most published networks were given their images. It may overshoot.
+    """
+    from PIL import Image
+
+    if image.shape[:2] == (height, width):
+        return image
+    planes = (Image.fromarray(np.ascontiguousarray(image[..., c], dtype=np.float32)) for c in range(image.shape[2]))
+    return np.stack([np.asarray(p.resize((width, height), Image.Resampling.BICUBIC)) for p in planes], axis=-1)
+
+
+def tiled(
+    images: Sequence[Array],
+    run: Callable[[Array], Array],
+    tile: int | None,
+    overlap: int = 0,
+    multiple: int = 1,
+    least: int = 1,
+) -> Array:
+    """Return what `run` makes of images (H, W, C) of one size, their channels joined, in tiles: (H, W, 3) float32.
+
+    run: (h, w, channels of all) -> (h, w, 3), where h and w are multiples of `multiple` and not below `least`; images
+    are continued by their mirror image up to such a size. tile: longest side of a tile, None for one tile. Of the
+    `overlap` of two tiles the outer quarters are not used and the rest is a ramp from one to the other: where the
+    network sees no further than a quarter, the result is that of a single tile.
+    """
+    height, width = images[0].shape[:2]
+    rows, columns = (_mirrored(n, multiple, least) for n in (height, width))
+    down, right = (_tiles(len(at), tile, overlap, multiple) for at in (rows, columns))
+    restored = np.zeros((len(rows), len(columns), 3), dtype=np.float32)
+    places = [(y, x) for y in down for x in right]
+    for (y, vertical), (x, horizontal) in track(places, "tiles") if len(places) > 1 else places:
+        here = np.ix_(rows[y : y + len(vertical)], columns[x : x + len(horizontal)])
+        part = run(np.concatenate([image[here] for image in images], axis=-1))
+        weight = vertical[:, None, None] * horizontal[:, None]
+        restored[y : y + len(vertical), x : x + len(horizontal)] += weight * part
+    return restored[:height, :width]
+
+
+def _mirrored(length: int, multiple: int, least: int) -> np.ndarray:
+    """The pixels of a line that is long enough: its own, then back again, as often as it takes."""
+    wanted = _up(max(length, least), multiple)
+    return np.pad(np.arange(length), (0, wanted - length), mode="symmetric")
+
+
+def _up(length: int, multiple: int) -> int:
+    return -(-length // multiple) * multiple
+
+
+def _tiles(length: int, tile: int | None, overlap: int, multiple: int) -> list[tuple[int, Array]]:
+    """Where along a line tiles start, on multiples, and the weight of each of their pixels; weights add up to 1."""
+    shared = _up(overlap, multiple)
+    n = 1 if tile is None or length <= tile else -(-(length - shared) // max(multiple, tile - shared))
+    size = min(length, _up(-(-(length + (n - 1) * shared) // n), multiple))  # all alike, none narrow
+    starts = [min(i * (size - shared), length - size) for i in range(n)]
+    at = (np.arange(size) + 0.5 - overlap / 4) / max(overlap / 2, 1e-6)
+    rising = at.clip(0, 1).astype(np.float32)
+    weights = [
+        (np.ones_like(rising) if start == 0 else rising)
+        * (np.ones_like(rising) if start == length - size else rising[::-1])
+        for start in starts
+    ]
+    total = np.zeros(length, dtype=np.float32)
+    for start, weight in zip(starts, weights, strict=True):
+        total[start : start + size] += weight
+    return [(start, weight / total[start : start + size]) for start, weight in zip(starts, weights, strict=True)]

@@ -1,0 +1,90 @@
+"""Water-Net (Li et al. 2020, An underwater image enhancement benchmark dataset and beyond, IEEE TIP 29)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.methods.networks.on_torch import Device, loaded
+from sucre_bench.methods.networks.sizes import limited, resized, tiled
+from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.scene import Array
+from sucre_bench.steps.lab import equalised
+
+__all__ = ["WaterNet", "white_balanced"]
+
+# A pixel sees 13 others to each side, fewer than a quarter of the overlap: tiles leave no trace.
+_TILE, _OVERLAP = 512, 64
+
+
+@method(
+    requires=("torch", "cv2"),
+    encoding="gamma",
+    reads=("weights",),
+    cites="Li, Guo, Ren, Cong, Hou, Kwong & Tao 2020, IEEE TIP",
+    licence="network from the paper; weights under their publishers' terms",
+)
+@dataclass(frozen=True)
+class WaterNet:
+    """A network that mixes the white-balanced, the equalised and the gamma-corrected image (Water-Net).
+
+    Each is refined, and weighted in every pixel by a confidence map.
+    """
+
+    weights: Path
+    """File of the network's state dict, as PyTorch saves it."""
+
+    clahe_clip: float = 3.56
+    """Limit of the equalised image's histogram, in multiples of its mean; 3.56 is what the authors' default of .01
+    comes to, 0.1 is what a common PyTorch port is trained with."""
+
+    longest_side: int | None = None
+    """Longest side that the network works at, pixels; larger views are scaled down and the result up again; None
+    scales nothing."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a GPU when there is one."""
+
+    def __post_init__(self) -> None:
+        check_file(self.weights, "weights")
+        if not self.clahe_clip > 0:
+            raise InputError(f"water_net.clahe_clip: {self.clahe_clip} must be positive")
+        if self.longest_side is not None and self.longest_side < 1:
+            raise InputError(f"water_net.longest_side: {self.longest_side} must be positive")
+
+    def warm_up(self) -> None:
+        """Load the weights. Raises InputError when the file does not hold them."""
+        loaded("WaterNet", self.weights, self.device)
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image, restored; it may exceed 1. info: device, worked_at (height and width)."""
+        network = loaded("WaterNet", self.weights, self.device)
+        height, width = view.rgb.shape[:2]
+        at = limited(height, width, self.longest_side)
+        rgb = resized(view.rgb, *at).clip(0, 1)
+        inputs = (rgb, white_balanced(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
+        restored = tiled(inputs, network, _TILE, _OVERLAP)
+        return Restoration(
+            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
+        )
+
+
+def white_balanced(rgb: Array) -> Array:
+    """Stretch each channel (H, W, 3) between two of its quantiles: the weaker it is, the more of it is cut.
+
+    Cut are a share of .005 max(sum R, sum G, sum B) / sum of the channel at both ends (the authors' variant of the
+    simplest colour balance of Limare et al. 2011), and below a half, which a channel that is all but black would
+    exceed. A constant channel stays as it is.
+    """
+    total = rgb.sum(axis=(0, 1), dtype=np.float64)
+    cut = np.minimum(0.005 * total.max() / np.maximum(total, 1e-12), 0.49)
+    channels = []
+    for c in range(3):
+        # The quantiles of the authors' language: the k-th of n values is at (k - .5) / n.
+        bottom, top = np.quantile(rgb[..., c], [cut[c], 1 - cut[c]], method="hazen").astype(np.float32)
+        flat = top - bottom < 1e-6
+        channels.append(rgb[..., c] if flat else ((rgb[..., c] - bottom) / (top - bottom)).clip(0, 1))
+    return np.stack(channels, axis=-1)

@@ -1,0 +1,80 @@
+"""Files of networks for the tests: state dicts with seeded random weights, and small ONNX models."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+# Method -> its architecture, and the option that names the file.
+ARCHITECTURES = {"water_net": "WaterNet", "funie_gan": "FunieGenerator", "tacl": "TaclGenerator"}
+
+
+def random_state(architecture: str, seed: int = 0) -> dict[str, Any]:
+    """A state dict with weights that neither fade nor grow from layer to layer."""
+    import torch
+
+    from sucre_bench.methods.networks import architectures
+
+    draw = torch.Generator().manual_seed(seed)
+    with torch.device("meta"):
+        shapes = {key: value.shape for key, value in getattr(architectures, architecture)().state_dict().items()}
+    state = {}
+    for key, shape in shapes.items():
+        noise = torch.randn(shape, generator=draw)
+        if key.endswith("num_batches_tracked"):
+            state[key] = torch.tensor(7)
+        elif len(shape) == 4:
+            state[key] = noise * (2 / (shape[1] * shape[2] * shape[3])) ** 0.5
+        elif key.endswith("running_var"):
+            state[key] = 0.5 + noise.abs()
+        else:  # biases about 0, the gains of a normalisation about 1
+            state[key] = 0.1 * noise + float(key.endswith("weight"))
+    return state
+
+
+def weights_file(method: str, folder: Path) -> Path:
+    """A file of random weights that a method of this package reads."""
+    import torch
+
+    path = folder / f"{method}.pth"
+    torch.save(random_state(ARCHITECTURES[method]), path)
+    return path
+
+
+def onnx_file(
+    path: Path,
+    nodes: Sequence[Any],
+    constants: dict[str, np.ndarray] | None = None,
+    shape: Sequence[Any] = (1, 3, "h", "w"),
+    dtype: str = "FLOAT",
+    outputs: Sequence[str] = ("y",),
+    inputs: Sequence[str] = ("x",),
+    output_dtype: str = "FLOAT",
+) -> Path:
+    """Save a model of these nodes, from inputs "x" to outputs "y"."""
+    import onnx
+    from onnx import helper
+
+    graph = helper.make_graph(
+        list(nodes),
+        "made",
+        [helper.make_tensor_value_info(name, getattr(onnx.TensorProto, dtype), shape) for name in inputs],
+        [helper.make_tensor_value_info(name, getattr(onnx.TensorProto, output_dtype), None) for name in outputs],
+        [onnx.numpy_helper.from_array(value, name) for name, value in (constants or {}).items()],
+    )
+    model = helper.make_model(graph, opset_imports=[helper.make_opsetid("", 17)], ir_version=10)
+    onnx.save(model, path)
+    return path
+
+
+def network_options(method: str, folder: Path) -> dict[str, Any]:
+    """Options that make a network restore small images soon: a file of its own, made in `folder`."""
+    if method in ARCHITECTURES:
+        quick = {"size": 64} if method == "funie_gan" else {}
+        return {"weights": weights_file(method, folder), **quick}
+    from onnx.helper import make_node
+
+    return {"model": onnx_file(folder / "model.onnx", [make_node("Relu", ["x"], ["y"])])}
