@@ -1,0 +1,224 @@
+"""SQUID: 57 stereo pairs from four sites in the Red Sea and the Mediterranean, with distances from stereo.
+
+    Katzaa/stereoParams0.5.mat                              the pair of cameras, as MATLAB calibrated it
+           image_set_01/LFT_4007resizedUndistort.tif        16 bit, 2737x1827, without lens distortion
+                        RGT_4011resizedUndistort.tif
+                        distanceFromCamera.mat              dist_map_l, dist_map_r: metres, NaN = unknown
+    Michmoret/, Nachsholim/, Satil/                         likewise
+
+Conventions. The maps hold distances from the camera's centre: each is divided by the length of its pixel's ray to
+make planar depth. MATLAB's K stands transposed, with the first pixel's centre at (1, 1), here (0.5, 0.5); its poses are
+for row vectors, x2 = x1 R + t, lengths in millimetres unless it says otherwise. The world is the left camera.
+The images are taken as linear: they stem from raw files and are dark as those are.
+Source: Berman, Levy, Avidan & Treibitz, Underwater single image color restoration using haze-lines and a new
+quantitative dataset, TPAMI 2021.
+"""
+
+from __future__ import annotations
+
+import functools
+import importlib
+import math
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.images import image_size, same_shape
+from sucre_bench.loading.charts_file import read_charts
+from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera, scaled_chart
+from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.multiview.geometry import pixel_rays
+from sucre_bench.plugins import dataset
+from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene, View
+
+__all__ = ["Squid"]
+
+_SIZE = (2737, 1827)  # of the images and maps, which the calibration was made at
+_SUFFIXES = (".tif", ".tiff", ".png")
+_METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
+
+
+@dataset(
+    requires=("PIL", "cv2", "scipy", "tifffile"),
+    has=("poses", "depth", "charts"),
+    cites="Berman, Levy, Avidan & Treibitz 2021, TPAMI",
+    licence="as its download page says",
+    source="https://zenodo.org/records/5744037 (57 stereo pairs; raw files, TIFF and distance maps)",
+)
+@dataclass(frozen=True)
+class Squid:
+    """The SQUID stereo pairs: one scene for each image set below root, of the left and the right view."""
+
+    root: Path
+    """The download, one site of it or one image set."""
+    image_scale: float = 1.0
+    """Shrink images, depth maps, cameras and chart corners by this factor, above 0 up to 1."""
+    encoding: Encoding = "linear"
+    """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
+    farthest_m: float = 100.0
+    """Distances beyond this are unknown: where stereo fails it may give any length."""
+    charts: str = "charts.json"
+    """File of charts' corners in an image set's folder; need not exist."""
+
+    def __post_init__(self) -> None:
+        check_scale("squid", self.image_scale)
+        if not self.farthest_m > 0:
+            raise InputError(f"squid.farthest_m: {self.farthest_m} is not above 0; give metres")
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each image set. Reads calibrations and image headers, decodes nothing.
+
+        Raises InputError when there is no set, or its calibration is missing or cannot be read.
+        """
+        root, found = existing(self.root, "squid"), False
+        calibration = functools.cache(_calibration)
+        for folder in folders_below(root, lambda place, _: place.name.lower().startswith("image_set")):
+            found = True
+            yield self._scene(folder, scene_name(folder, root), *calibration(_beside(folder)))
+        if not found:
+            raise InputError(f"{root}: holds no folder image_set_NN; give the folder of Katzaa, Michmoret and so on")
+
+    def _scene(self, folder: Path, name: str, cameras: tuple[Camera, Camera], right_from_left: Array) -> Scene:
+        paths = [_image(folder, "LFT"), _image(folder, "RGT")]
+        sizes = {
+            path.name: image_size(path) or (camera.width, camera.height)
+            for path, camera in zip(paths, cameras, strict=True)
+        }
+        charts = read_charts(folder / self.charts, sizes)
+        maps = folder / "distanceFromCamera.mat"
+        views = []
+        for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True):
+            size, faults = sizes[path.name], dict[Plane, str]()
+            if not path.is_file():
+                faults["rgb"] = f"{path}: no such file; copy it there, the raw files of a set are not used"
+            elif not same_shape(size, (camera.width, camera.height)):
+                fault = f"is {size[0]}x{size[1]}, its camera {camera.width}x{camera.height}"
+                faults["rgb"] = f"{path}: {fault}; use the undistorted images as released"
+            scaled = scaled_camera(camera, size, self.image_scale)
+            target = (scaled.width, scaled.height)
+            read = functools.partial(_read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m)
+            files = Files(path, target, maps if maps.is_file() else None, None, read, faults=faults)
+            seen = tuple(scaled_chart(chart, size, target) for chart in charts.get(path.name, ()))
+            views.append(View(path.name, files, scaled, pose, seen, self.encoding))
+        has = {"poses", *(("depth",) if maps.is_file() else ()), *(("charts",) if charts else ())}
+        return Scene(name, views, frozenset(has), data_id=data_id_of(views, self.farthest_m))
+
+
+def _image(folder: Path, side: str) -> Path:
+    """Return the undistorted image of a side; where there is none, what it should be called."""
+    found = sorted(p for p in folder.glob(f"{side}_*ndistort*") if p.suffix.lower() in _SUFFIXES)
+    named = sorted(p.stem for p in folder.glob(f"{side}_*")) or [f"{side}_"]
+    return found[0] if found else folder / f"{named[0]}resizedUndistort.tif"
+
+
+def _read_distance(path: Path, key: str, camera: Camera, farthest_m: float) -> Array:
+    """Return planar metres (H, W) of one of a file's distance maps, NaN where unknown."""
+    distance = _load(path, key).get(key)
+    if not isinstance(distance, np.ndarray) or distance.ndim != 2 or distance.dtype.kind != "f":
+        raise InputError(f"{path}: holds no map {key} of distances; copy the file again")
+    height, width = distance.shape
+    if not same_shape((width, height), (camera.width, camera.height)):
+        size = f"{width}x{height}, its camera {camera.width}x{camera.height}"
+        raise InputError(f"{path}: {key} is {size}; copy the file again")
+    rays = pixel_rays(scaled_camera(camera, (width, height)))
+    return np.where(distance <= farthest_m, distance / np.linalg.norm(rays, axis=-1), np.nan)
+
+
+# -- the calibration ---------------------------------------------------------------------------------------
+
+
+def _beside(folder: Path) -> Path:
+    for place in (folder.parent, folder):
+        if found := sorted(place.glob("stereoParams*.mat")):
+            return found[0]
+    raise InputError(f"{folder.parent / 'stereoParams0.5.mat'}: no such file; copy it there from the site's download")
+
+
+def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:
+    """Return the left and the right camera, and the (4, 4) transform from the left one's frame, in metres."""
+    stored: Any = _load(path)
+    if _field(stored, "RotationOfCamera2") is None and "__function_workspace__" in stored:
+        stored = _objects(path)  # saved as an object of a MATLAB class, as released
+    try:
+        cameras = _camera(_field(stored, "CameraParameters1")), _camera(_field(stored, "CameraParameters2"))
+        rotation, translation = (_numbers(_field(stored, f"{part}OfCamera2")) for part in ("Rotation", "Translation"))
+        units = np.asarray(_plain(_field(stored, "WorldUnits"))).ravel()
+        right_from_left = np.eye(4)
+        right_from_left[:3, :3] = rotation.reshape(3, 3).T
+        right_from_left[:3, 3] = translation.reshape(3) * _METRES[str(units[0]) if units.size else "mm"]
+    except (KeyError, TypeError, ValueError) as fault:  # a key error: of a unit of length
+        reason = " ".join(str(fault).split())
+        raise InputError(f"{path}: is no calibration of two cameras ({reason}); copy the file again") from fault
+    return cameras, right_from_left
+
+
+def _camera(parameters: Any) -> Camera:
+    named = (_field(parameters, name) for name in ("IntrinsicMatrix", "IntrinsicMatrixInternal", "K"))
+    stored = next((matrix for matrix in named if matrix is not None), None)
+    K = _numbers(stored).reshape(3, 3)
+    K = K if np.allclose(K[2], (0, 0, 1)) else K.T
+    if not (np.allclose(K[2], (0, 0, 1)) and K[0, 0] > 0 and K[1, 1] > 0):
+        raise ValueError(f"intrinsic matrix {K.tolist()}")
+    K = K - np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])
+    size = _field(parameters, "ImageSize")
+    rows_columns = () if size is None else tuple(_numbers(size).ravel())
+    height, width = rows_columns if len(rows_columns) == 2 else _SIZE[::-1]
+    return Camera(K, int(width), int(height))
+
+
+def _field(value: Any, name: str) -> Any:
+    """Return the first field of that name in what a MATLAB file holds, however deep; None when there is none."""
+    value = getattr(value, "properties", value)
+    if isinstance(value, np.ndarray) and value.dtype.names:
+        value = {field: value[field] for field in value.dtype.names}
+    if isinstance(value, dict):
+        if name in value:
+            return value[name]
+        inner: Iterable[Any] = value.values()
+    elif isinstance(value, np.ndarray) and value.dtype == object:
+        inner = value.flat
+    else:
+        return None
+    return next((found for item in inner if (found := _field(item, name)) is not None), None)
+
+
+def _plain(value: Any) -> Any:
+    """Return what a MATLAB value holds, out of the arrays of one element that it is read into."""
+    while isinstance(value, np.ndarray) and value.dtype == object and value.size == 1:
+        value = value.item()
+    return [] if value is None else value
+
+
+def _numbers(value: Any) -> Array:
+    numbers = np.asarray(_plain(value), dtype=np.float64)
+    if not math.isfinite(numbers.sum()):
+        raise ValueError("a number is missing")
+    return numbers
+
+
+def _load(path: Path, variable: str | None = None) -> dict[str, Any]:
+    """Return what a MATLAB file holds, or of it one variable."""
+    import scipy.io
+
+    try:
+        return dict(scipy.io.loadmat(path, variable_names=variable))
+    except NotImplementedError as fault:
+        raise InputError(f"{path}: is of MATLAB 7.3; save it again with save(..., '-v7')") from fault
+    except Exception as fault:  # of any kind: a file cut short trips its reader anywhere
+        raise InputError(f"{path}: cannot be read, cut short or no MATLAB file; copy it again") from fault
+
+
+def _objects(path: Path) -> Any:
+    try:
+        matio = importlib.import_module("matio")
+    except ImportError as fault:
+        remedy = "install mat-io (pip install mat-io), or in MATLAB save toStruct(stereoParams) to it"
+        raise InputError(f"{path}: holds an object of a MATLAB class; {remedy}") from fault
+    try:
+        return matio.load_from_mat(str(path))
+    except Exception as fault:  # of any kind, as above
+        raise InputError(f"{path}: cannot be read ({fault}); in MATLAB save toStruct(stereoParams) to it") from fault

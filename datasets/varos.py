@@ -1,0 +1,223 @@
+"""VAROS: a synthetic deep-sea dive, with the same views without water, depth and poses.
+
+    .../vehicle0/cam0/A/seq01_veh0_camM0_A-00000000.png   the view in water: RGB, 1280x720
+                      B/...B-00000000.png                 without water, evenly lit: the reference
+                      D/...D-00000000.png                 depth, uint16: metres = value / 65535 * 25
+                      camM0.yaml                          focal_length, sensor_width, resolution
+                      camM0_timestamps.csv                nanoseconds, and the files of that time
+                      camM0_poses/camM0_poses_transformation_matrix.csv
+
+Conventions. Depth is planar, and the poses take camera to world with the camera looking along +z, x right, y down
+(as OpenCV, not as Blender that rendered it): so does code of one of the data's authors multiply the inverse intrinsic
+matrix by the depth and the result by the pose, with no axis turned; and others warp one view into another likewise.
+Pixels are square: Blender leaves sensor_height unused. The last depth value, 25 m, means "that far or farther".
+Source: Zwilgmeyer et al., The VAROS synthetic underwater data set, ICCV Workshops 2021.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.images import decode, image_size, same_shape
+from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera
+from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.plugins import dataset
+from sucre_bench.progress import track
+from sucre_bench.scene import Array, Camera, Plane, Scene, View
+
+__all__ = ["Varos"]
+
+_FAR_M = 25.0
+_FAR_VALUE = 65535
+_CAMERA = "camM0.yaml"
+_TIMES = "camM0_timestamps.csv"
+_POSES = "camM0_poses/camM0_poses_transformation_matrix.csv"
+_MATRIX = (*(f"r{row}{column}" for row in "123" for column in "123"), "s_x_vw", "s_y_vw", "s_z_vw")
+# Time stamps passed through float32 (4999936 for 5 ms), and clocks start up to 5 ms apart. Frames are 100 ms apart.
+_SAME_TIME_NS = 10_000_000
+
+
+@dataset(
+    requires=("PIL", "cv2", "tifffile"),
+    has=("poses", "depth", "reference"),
+    cites="Zwilgmeyer, Yip, Teigen, Mester & Stahl 2021, ICCV Workshops",
+    licence="as its download page says",
+    source="https://www.ntnu.edu/arosvisiongroup/varos (4,715 frames of 1280x720, four files each)",
+)
+@dataclass(frozen=True)
+class Varos:
+    """The VAROS dive: one scene for each folder below root that holds A/ (and B/, D/), views in order of frame."""
+
+    root: Path
+    """The download, or any folder in it from 2021-08-17_SEQ1 down to cam0 or to one's own train/ or val/."""
+    image_scale: float = 1.0
+    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
+
+    def __post_init__(self) -> None:
+        check_scale("varos", self.image_scale)
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each camera folder. Reads camera, poses and image headers, decodes nothing.
+
+        Raises InputError when there is no such folder, or its camera or poses are missing or wrong.
+        """
+        root, found = existing(self.root, "varos"), False
+        for folder in folders_below(root, lambda _, below: "A" in below):
+            found = True
+            yield self._scene(folder, root)
+        if not found:
+            raise InputError(f"{root}: holds no folder A of views in water; give the folder that holds vehicle0/cam0/A")
+
+    def _scene(self, folder: Path, root: Path) -> Scene:
+        images = _frames(folder / "A")
+        if not images:
+            raise InputError(f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there")
+        references, depths = _frames(folder / "B"), _frames(folder / "D")
+        others_of: list[tuple[Plane, str, dict[int, Path]]] = [("depth", "D", depths), ("reference", "B", references)]
+        camera = _camera(_beside(folder, root, _CAMERA))
+        times = _times(_beside(folder, root, _TIMES), sorted(images))
+        poses = _poses(_beside(folder, root, _POSES))
+
+        views = []
+        for frame, path in track(sorted(images.items()), "image sizes"):
+            size = image_size(path) or (camera.width, camera.height)
+            faults: dict[Plane, str] = {}
+            if not same_shape(size, (camera.width, camera.height)):
+                fault = f"is {size[0]}x{size[1]}, its camera {camera.width}x{camera.height}"
+                faults["rgb"] = f"{path}: {fault}; do not crop the images"
+            for plane, place, others in others_of:
+                if others and frame not in others:
+                    faults[plane] = f"{folder / place}: no file of frame {frame}; copy it there"
+            own = scaled_camera(camera, size, self.image_scale)
+            files = Files(
+                path, (own.width, own.height), depths.get(frame), references.get(frame), _read_depth, faults=faults
+            )
+            name = path.relative_to(folder / "A").as_posix()
+            views.append(View(name, files, own, _nearest(poses, times.get(frame))))
+
+        optional = {"depth": depths, "reference": references, "poses": any(v.cam_from_world is not None for v in views)}
+        has = frozenset(what for what, there in optional.items() if there)
+        return Scene(scene_name(folder, root), views, has, data_id=data_id_of(views))
+
+
+def _frames(folder: Path) -> dict[int, Path]:
+    """Return the PNG files in a folder, and those it holds, by the number that their names end on."""
+    found: dict[int, Path] = {}
+    for path in sorted(folder.rglob("*.png")):
+        number = re.search(r"(\d+)$", path.stem)
+        if number is None:
+            continue
+        other = found.setdefault(int(number[1]), path)
+        if other != path:
+            raise InputError(f"{path}: frame {int(number[1])} is also {other}; keep one of them")
+    return found
+
+
+def _beside(folder: Path, root: Path, name: str) -> Path:
+    """Return a file of the camera: with its images, or above where they were split into folders of one's own."""
+    places = [place for place in (folder, *folder.parents) if place == root or root in place.parents]
+    for place in places:
+        for path in (place / name, place / Path(name).name):
+            if path.is_file():
+                return path
+    raise InputError(f"{folder / name}: no such file, nor in the folders above up to {root}; copy it from the download")
+
+
+def _read_depth(path: Path) -> Array:
+    import cv2
+
+    values = decode(path, cv2.IMREAD_UNCHANGED)
+    if values.dtype != np.uint16 or values.ndim != 2:
+        shape = "x".join(map(str, values.shape))
+        raise InputError(f"{path}: is {values.dtype} of shape {shape}; expected 16 bits in one channel, 65535 = 25 m")
+    return np.where(values < _FAR_VALUE, values.astype(np.float32) * np.float32(_FAR_M / _FAR_VALUE), np.float32(0))
+
+
+# -- the camera and its poses ------------------------------------------------------------------------------
+
+
+def _camera(path: Path) -> Camera:
+    import yaml
+
+    try:
+        text = path.read_text(encoding="utf-8")
+        stored = yaml.safe_load(re.sub(r"^%YAML.*\n", "", text))  # as OpenCV heads its files, which YAML refuses
+        resolution = stored.get("resolution", stored)
+        width, height = resolution if isinstance(resolution, list) else (resolution["width"], resolution["height"])
+        focal = float(stored["focal_length"]) / float(stored["sensor_width"]) * width
+        if not (focal > 0 and width > 0 and height > 0):
+            raise ValueError(f"focal length {focal:g} px for {width}x{height}")
+    except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError, ZeroDivisionError) as fault:
+        reason = " ".join(str(fault).split())
+        expected = "focal_length, sensor_width and resolution: width, height"
+        raise InputError(f"{path}: is no camera ({type(fault).__name__}: {reason}); expected {expected}") from fault
+    K = np.array([[focal, 0, width / 2], [0, focal, height / 2], [0, 0, 1]], dtype=np.float64)
+    return Camera(K, int(width), int(height))
+
+
+def _times(path: Path, frames: list[int]) -> dict[int, int]:
+    """Return the time of each frame in nanoseconds, by the file names in its row, or by its order where all are there.
+
+    Raises InputError when neither tells.
+    """
+    rows = [row for row in _rows(path) if row[0].strip().isdigit()]
+    times: dict[int, int] = {}
+    for row in rows:
+        named = (re.search(r"-(\d+)(\.\w+)?\s*$", cell) for cell in row[1:])
+        numbers = {int(match[1]) for match in named if match}
+        if len(numbers) == 1:
+            times[numbers.pop()] = int(row[0])
+    if times or not rows:
+        return times
+    if len(rows) != len(frames):
+        fault = f"{len(rows)} times that name no files, for {len(frames)} images"
+        raise InputError(f"{path}: {fault}; use the file of the download, which names them")
+    return {frame: int(row[0]) for frame, row in zip(frames, rows, strict=True)}
+
+
+def _poses(path: Path) -> tuple[Array, Array]:
+    """Return the times (N,) in nanoseconds, ascending, and cam_from_world (N, 4, 4)."""
+    rows = list(_rows(path))
+    header = [re.sub(r"\s*\[.*", "", cell).strip() for cell in rows[0]] if rows else []
+    absent = [name for name in _MATRIX if name not in header]
+    if absent:
+        raise InputError(f"{path}: has no column {absent[0]}; expected a time in ns and {', '.join(_MATRIX)}")
+    columns = [0, *(header.index(name) for name in _MATRIX)]
+    try:
+        values = np.array([[float(row[column]) for column in columns] for row in rows[1:]], dtype=np.float64)
+    except (ValueError, IndexError) as fault:
+        raise InputError(f"{path}: a row is cut short or no number ({fault}); copy the file again") from fault
+    if len(values) == 0:
+        raise InputError(f"{path}: holds no pose; copy the file again")
+    world_from_cam = np.tile(np.eye(4), (len(values), 1, 1))
+    world_from_cam[:, :3, :3] = rotation = values[:, 1:10].reshape(-1, 3, 3)
+    world_from_cam[:, :3, 3] = values[:, 10:]
+    proper = np.isclose(rotation @ rotation.transpose(0, 2, 1), np.eye(3), atol=1e-3).all(axis=(1, 2))
+    proper &= np.linalg.det(rotation) > 0
+    if not proper.all():
+        raise InputError(f"{path}: row {int(np.argmin(proper)) + 2} holds no rotation; copy the file again")
+    order = np.argsort(values[:, 0], kind="stable")
+    return values[order, 0], np.linalg.inv(world_from_cam[order])
+
+
+def _nearest(poses: tuple[Array, Array], time: int | None) -> Array | None:
+    if time is None:
+        return None
+    nearest = int(np.argmin(np.abs(poses[0] - time)))
+    return poses[1][nearest] if abs(poses[0][nearest] - time) <= _SAME_TIME_NS else None
+
+
+def _rows(path: Path) -> list[list[Any]]:
+    try:
+        with path.open(encoding="utf-8-sig", newline="") as file:
+            return [row for row in csv.reader(file) if row]
+    except (OSError, UnicodeDecodeError, csv.Error) as fault:
+        raise InputError(f"{path}: cannot be read ({fault}); copy the file again") from fault
