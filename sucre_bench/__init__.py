@@ -17,6 +17,7 @@ __version__ = "0.1.0"
 # Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
 _HOME = {
     "sucre_bench.api": ("load_scenes", "restore", "score"),
+    "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
     "sucre_bench.plugins": ("dataset", "method", "metric", "load_file"),
     "sucre_bench.progress": ("track",),
@@ -30,6 +31,8 @@ if TYPE_CHECKING:
     from sucre_bench.api import load_scenes as load_scenes
     from sucre_bench.api import restore as restore
     from sucre_bench.api import score as score
+    from sucre_bench.degrade import Degradation as Degradation
+    from sucre_bench.degrade import degraded as degraded
     from sucre_bench.errors import InputError as InputError
     from sucre_bench.errors import NotApplicableError as NotApplicableError
     from sucre_bench.errors import PluginError as PluginError

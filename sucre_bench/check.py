@@ -52,7 +52,7 @@ def check(sweep: Sweep) -> list[Planned]:
                 _made(choice)
             if key not in opened:
                 opened[key] = open_scenes(job.dataset)
-            planned.append(Planned(job, tuple(tasks(job, opened[key])), _data_id(opened[key])))
+            planned.append(Planned(job, tuple(tasks(job, opened[key])), _data_id(job, opened[key])))
         except SucreBenchError as fault:
             problems.append(str(fault))
     if not problems:
@@ -76,8 +76,8 @@ def _made(choice: Choice) -> None:
         raise InputError(f"{choice.plugin.name}: {one_line(fault)}; mend its options") from fault
 
 
-def _data_id(scenes: Sequence[Scene]) -> str:
-    return ",".join(sorted({scene.data_id for scene in scenes}))
+def _data_id(job: Job, scenes: Sequence[Scene]) -> str:
+    return ",".join(sorted({job.degrade.data_id(scene.data_id) for scene in scenes}))
 
 
 def _clashes(planned: Sequence[Planned]) -> list[str]:

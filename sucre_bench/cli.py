@@ -82,7 +82,8 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
 
     Overrides are Hydra's, key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their
     options follow a dot. Also: out=FOLDER, views=[NAME,...] or a .txt list, every=N, first=N, seed=N,
-    overwrite=missing|always|never, save=display|full, tracking.uri=URI or off, report=false.
+    overwrite=missing|always|never, save=display|full, tracking.uri=URI or off, report=false. Any dataset can be made
+    worse in a known way: degrade.noise=0.02, degrade.keep=5 and others, see `sucre-bench list degradations`.
 
     What is done is not done again: the same command goes on where it was stopped.
     """
@@ -195,7 +196,7 @@ def score(
 
 
 @cli.command("list")
-@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments"]))
+@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with plugins of your own.")
 def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 from sucre_bench import plugins
 from sucre_bench.colour import check_display
+from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.options import Option, check_options, create, options_of, typed
 from sucre_bench.plugins import Kind, Plugin
@@ -31,11 +32,17 @@ class Tracking:
     parent_run: str = ""
 
 
+# A degradation's options, for Hydra: what is frozen, it would not let anyone override.
+_hints = get_type_hints(Degradation)
+_Degrade = make_dataclass("Degrade", [(f.name, _hints[f.name], field(default=f.default)) for f in fields(Degradation)])
+
+
 @dataclass
 class RunConfig:
     """What `sucre-bench run` accepts beside dataset, method and metrics.
 
-    swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them.
+    swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; degrade: what is done to
+    the dataset first, the options of `sucre_bench.degrade.Degradation`.
     """
 
     dataset: Any = field(default_factory=dict)
@@ -52,6 +59,7 @@ class RunConfig:
     plugins: list[str] = field(default_factory=list)
     swept: list[str] = field(default_factory=list)
     tracking: Tracking = field(default_factory=Tracking)
+    degrade: Any = field(default_factory=_Degrade)
 
 
 @dataclass(frozen=True)
@@ -104,9 +112,10 @@ class MetricChoice:
 
 @dataclass(frozen=True)
 class Job:
-    """One dataset, one method, some metrics: what one Hydra job does."""
+    """One dataset, one method, some metrics: what one Hydra job does. degrade: what is done to the dataset first."""
 
     dataset: Choice
+    degrade: Degradation
     method: Choice
     metrics: tuple[MetricChoice, ...]
     out: Path
@@ -140,8 +149,11 @@ class Job:
             raise InputError(f"every={values['every']}: at least 1; every=5 takes each fifth view")
         if values["first"] is not None and values["first"] < 1:
             raise InputError(f"first={values['first']}: at least 1; first=5 takes the first five views")
+        degrade = Degradation.of(values["degrade"])
+        dataset = _choice("dataset", values["dataset"], values["swept"])
         return cls(
-            dataset=_choice("dataset", values["dataset"], values["swept"]),
+            dataset=replace(dataset, label=degrade.labelled(dataset.label)),
+            degrade=degrade,
             method=_choice("method", values["method"], values["swept"]),
             metrics=_metrics(values["metrics"]),
             out=Path(values["out"]).expanduser(),

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
+from sucre_bench.degrade import Degradation
 from sucre_bench.options import Option, options_of
 from sucre_bench.plugins import Broken, Kind, Plugin
 
@@ -19,6 +20,8 @@ __all__ = ["as_json", "as_text"]
 
 def as_json(what: str) -> str:
     """Everything that is known of each plugin, or the experiments, as a JSON array."""
+    if what == "degradations":
+        return json.dumps({o.name: _option(o) for o in options_of(Degradation)}, indent=1)
     if what == "experiments":
         return json.dumps(_experiments(), indent=1)
     return json.dumps([_about(p) for p in plugins.discover(_kind(what)).values()], indent=1)
@@ -28,6 +31,8 @@ def as_text(what: str, colour: bool) -> str:
     """Each with its needs, licence, options and whether it can run here, wrapped to the terminal."""
     if what == "experiments":
         return "\n".join(f"{e['name']}  {e['description']}" for e in _experiments()) or "no experiments"
+    if what == "degradations":
+        return "\n".join(line for option in options_of(Degradation) for line in _option_lines(option))
     entries = [_entry(plugin, colour) for plugin in plugins.discover(_kind(what)).values()]
     if what == "metrics":
         entries.append("metric:variant, * computed unless others are asked for")
@@ -54,11 +59,15 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
     for name, said in plugin.variants.items():
         lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
     for option in options_of(plugin.cls):
-        words = [*option.choices, *([] if option.is_closed else ["..."])]
-        choices = f" ({'|'.join(words)})" if option.choices else ""
-        default = "" if option.default is MISSING else f"={_plain_default(option.default)}"
-        lines += _wrapped(f"{option.name}{default}{choices}  ", option.help)
+        lines += _option_lines(option)
     return "\n".join(lines)
+
+
+def _option_lines(option: Option) -> list[str]:
+    words = [*option.choices, *([] if option.is_closed else ["..."])]
+    choices = f" ({'|'.join(words)})" if option.choices else ""
+    default = "" if option.default is MISSING else f"={_plain_default(option.default)}"
+    return _wrapped(f"{option.name}{default}{choices}  ", option.help)
 
 
 def _wrapped(head: str, text: str) -> list[str]:

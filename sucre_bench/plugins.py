@@ -91,7 +91,8 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen, encoding, reads: see `method`; source, has: see `dataset`; unit, better, range, variants, default (metrics): see `metric`.
+    to the screen, encoding, reads: see `method`; source, has: see `dataset`; unit, better, range, variants, default:
+    see `metric`.
     """
 
     kind: Kind
@@ -335,7 +336,7 @@ def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
     return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
 
 
-_ENGINE = ("scene.py", "colour.py", "charts.py", "images.py", "multiview", "steps")
+_ENGINE = ("scene.py", "colour.py", "charts.py", "images.py", "multiview", "steps", "loading", "degrade")
 
 
 def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:

@@ -16,6 +16,7 @@ import numpy as np
 
 from sucre_bench import plugins, progress, results
 from sucre_bench.colour import display, to_8bit
+from sucre_bench.degrade import around, degraded_whole
 from sucre_bench.errors import (
     ANY_FAULT,
     InputError,
@@ -107,11 +108,15 @@ def open_scenes(dataset: Choice) -> list[Scene]:
 
 
 def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
-    """Yield the views a job is to restore, in the dataset's order. InputError for a name that no scene has."""
+    """Yield the views a job is to restore, degraded, in the dataset's order.
+
+    Raises InputError for a name that no scene has, and for a scene that lacks what is to be degraded.
+    """
     base, kept = _base_row(job), places(job.dataset.label, scenes)
-    for scene, view in _selected(scenes, job):
-        row = replace(base, scene=scene.name, view=view.name, data_id=scene.data_id)
-        yield Task(scene, view, kept[scene.name, view.name], row)
+    data_ids = {scene.name: job.degrade.data_id(scene.data_id) for scene in scenes}
+    for scene, view in _selected([degraded_whole(scene, job.degrade) for scene in scenes], job):
+        row = replace(base, scene=scene.name, view=view.name, data_id=data_ids[scene.name])
+        yield Task(around(scene, view, job.degrade), view, kept[scene.name, view.name], row)
 
 
 def _selected(scenes: Sequence[Scene], job: Job) -> list[tuple[Scene, View]]:

@@ -11,6 +11,7 @@ import os
 import tempfile
 from collections.abc import Callable
 from contextlib import suppress
+from dataclasses import asdict
 from functools import wraps
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ParamSpec, TypeVar
@@ -148,7 +149,7 @@ def _status(rows: pd.DataFrame) -> str:
 
 
 def _params(job: Job) -> dict[str, Any]:
-    chosen = {"method": job.method.record, "dataset": job.dataset.record}
+    chosen = {"method": job.method.record, "dataset": job.dataset.record, "degrade": asdict(job.degrade)}
     return {f"{group}.{name}": value for group, record in chosen.items() for name, value in record.items()}
 
 

@@ -1,0 +1,162 @@
+"""Any dataset, made worse in a known way: fewer views, worse depth, poses and images, added water.
+
+A degradation is a wrapper: planes are degraded when they are loaded, files stay as they are. What is done to an image
+follows the light: added water, blur of the lens, size of the sensor, its noise, its bits, the JPEG file. A depth map is
+brought to the image's size, then gets noise, then holes; water is added by the depth as it was. The reference only
+follows in size. Random numbers belong to the seed, the scene's name and the view's: a view gets the same noise
+whichever others are selected.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.degrade import geometry, sensor
+from sucre_bench.degrade.degradation import VIEWS, Degradation, hashed
+from sucre_bench.degrade.draws import generator
+from sucre_bench.degrade.views import kept_views
+from sucre_bench.degrade.water import under_water
+from sucre_bench.errors import InputError
+from sucre_bench.loading.files import scaled_camera, scaled_chart
+from sucre_bench.multiview.geometry import distance_map
+from sucre_bench.scene import Array, Chart, Plane, Scene, View
+
+__all__ = ["Degradation", "around", "degraded", "degraded_whole"]
+
+
+def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
+    """Return a scene with a degradation, or with the options of one; pixels are degraded when they are loaded.
+
+    target: the view that is to be restored, by name; `within` and `keep` choose the views around it, and need it.
+    To degrade a scene twice at random, give another seed. Raises InputError for an unknown option, a value that is
+    none, a missing target, or a scene that lacks what is to be degraded.
+    """
+    if degradation is not None and options:
+        raise InputError(f"degraded: options {', '.join(options)} beside a Degradation; give them when making it")
+    degradation = Degradation.of(options) if degradation is None else degradation
+    whole = degraded_whole(scene, degradation)
+    if target:
+        return around(whole, whole[target], degradation)
+    if degradation.chooses_views:
+        raise InputError("degrade: within and keep choose views around one; give target=NAME")
+    return whole
+
+
+def around(scene: Scene, target: View, degradation: Degradation) -> Scene:
+    """Return a scene with only the views that a degradation leaves beside a target."""
+    if not degradation.chooses_views:
+        return scene
+    names = [view.name for view in scene.views]
+    rng = generator(degradation.seed, scene.name, target.name, "keep")
+    kept = kept_views(names, target.name, degradation.within, degradation.keep, rng)
+    if len(kept) == len(names):
+        return scene
+    views = [scene.views[place] for place in kept]
+    return dataclasses.replace(
+        scene, views=views, data_id=hashed(scene.data_id, "views", [view.name for view in views])
+    )
+
+
+def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
+    """Return a scene with all its views, but for `within` and `keep` degraded. InputError where it lacks what is."""
+    done = degradation.identity(without=VIEWS)
+    if not done:
+        return scene
+    for option, needed in degradation.needs():
+        if needed not in scene.has:
+            raise InputError(f"degrade.{option}: scene '{scene.name}' has no {needed}; leave it out")
+    added = {"reference", "truth"} if degradation.water else set()
+    return dataclasses.replace(
+        scene,
+        views=[_view(scene, view, degradation) for view in scene.views],
+        has=scene.has | added,
+        water=degradation.water or scene.water,
+        data_id=hashed(scene.data_id, *done),
+    )
+
+
+def _view(scene: Scene, view: View, d: Degradation) -> View:
+    camera, charts, pose = view.camera, list(view.charts), view.cam_from_world
+    if d.scale != 1 and camera is not None:
+        size = (camera.width, camera.height)
+        camera = scaled_camera(camera, size, d.scale)
+        charts = [scaled_chart(chart, size, (camera.width, camera.height)) for chart in charts]
+    elif d.scale != 1:  # without the image's size, to half a pixel
+        charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
+    if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
+        rng = generator(d.seed, scene.name, view.name, "pose")
+        pose = geometry.noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
+    pixels = view.pixels
+    if d.alters_pixels:
+        pixels = _Degraded(view, scene.name, d, "reference" in scene.has)
+    return dataclasses.replace(view, pixels=pixels, camera=camera, cam_from_world=pose, charts=charts)
+
+
+@dataclass(frozen=True, eq=False)
+class _Degraded:
+    """A view's pixels, degraded when they are loaded. has_references: whether water goes over the view's reference."""
+
+    view: View
+    scene: str
+    degradation: Degradation
+    has_references: bool
+
+    def load(self, plane: Plane) -> Array | None:
+        """Return a degraded plane. InputError where there is nothing to add water to."""
+        match plane:
+            case "rgb":
+                return self._rgb()
+            case "depth":
+                return self._depth()
+            case "reference":
+                return self._scaled(self._dry() if self.degradation.water else self.view.pixels.load("reference"))
+
+    def _rgb(self) -> Array | None:
+        d, encoding = self.degradation, self.view.encoding
+        image = self._wet() if d.water else self.view.pixels.load("rgb")
+        if image is None:
+            return None
+        if d.blur_px:
+            image = sensor.blurred(image, d.blur_px, encoding)
+        image = self._scaled(image)
+        assert image is not None
+        if d.noise:
+            image = sensor.noisy(image, d.noise, self._rng("noise"))
+        if d.bits is not None:
+            image = sensor.quantised(image, d.bits)
+        if d.jpeg_quality is not None:
+            image = sensor.through_jpeg(image, d.jpeg_quality, encoding)
+        return image
+
+    def _depth(self) -> Array | None:
+        d, depth = self.degradation, self._scaled(self.view.pixels.load("depth"))
+        if depth is not None and d.depth_noise:
+            depth = geometry.noisy_depth(depth, d.depth_noise, d.depth_noise_px, self._rng("depth_noise"))
+        if depth is not None and d.depth_holes:
+            depth = geometry.with_holes(depth, d.depth_holes, d.depth_hole_px, self._rng("depth_holes"))
+        return depth
+
+    def _dry(self) -> Array:
+        """The image without water: the reference where the scene has some, else the image itself."""
+        dry = self.view.pixels.load("reference" if self.has_references else "rgb")
+        if dry is None:
+            raise InputError(f"{self.view.name}: no reference, as other views have, to add water to; leave it out")
+        return dry
+
+    def _wet(self) -> Array:
+        depth, water, camera = self.view.pixels.load("depth"), self.degradation.water, self.view.camera
+        if depth is None or not (depth > 0).any():
+            raise InputError(f"{self.view.name}: no depth to add water by; leave the view out")
+        assert water is not None
+        return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
+
+    def _scaled(self, plane: Array | None) -> Array | None:
+        scale = self.degradation.scale
+        return plane if plane is None or scale == 1 else sensor.shrunk(plane, scale)
+
+    def _rng(self, what: str) -> np.random.Generator:
+        return generator(self.degradation.seed, self.scene, self.view.name, what)

@@ -1,0 +1,161 @@
+"""What a degradation is: its options, and how they show in labels and hashes."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import math
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass, fields
+from numbers import Integral, Real
+from pathlib import Path
+from typing import Any
+
+from sucre_bench.degrade.water import read_water
+from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.scene import Water
+
+__all__ = ["VIEWS", "Degradation", "hashed"]
+
+_VERSION = 1  # to be raised whenever equal degradations make other data than before
+
+# What each option may be: least, greatest, and whether it is a whole number.
+_RANGES: dict[str, tuple[float, float, bool]] = {
+    "within": (0, math.inf, True),
+    "keep": (1, math.inf, True),
+    "blur_px": (0, 100, False),
+    "scale": (0.01, 1, False),
+    "noise": (0, 1, False),
+    "bits": (1, 16, True),
+    "jpeg_quality": (1, 100, True),
+    "depth_noise": (0, 1, False),
+    "depth_noise_px": (0, 1000, False),
+    "depth_holes": (0, 0.99, False),
+    "depth_hole_px": (0, 1000, False),
+    "pose_noise_m": (0, 1000, False),
+    "pose_noise_deg": (0, 180, False),
+    "seed": (0, math.inf, True),
+}
+# Options that choose views, and not what is done to them.
+VIEWS = ("within", "keep")
+_POSES = ("pose_noise_m", "pose_noise_deg")
+_DEPTHS = ("add_water", "depth_noise", "depth_holes")
+_RANDOM = ("noise", "depth_noise", "depth_holes", *_POSES)
+# Options that mean nothing where another is off.
+_OF = {"depth_noise_px": ("depth_noise",), "depth_hole_px": ("depth_holes",), "seed": ("keep", *_RANDOM)}
+
+
+@dataclass(frozen=True)
+class Degradation:
+    """What is done to a dataset; nothing by default."""
+
+    within: int | None = None
+    """Only views at most so many frames before or after the target, in capture order."""
+    keep: int | None = None
+    """Only so many views, the target and others drawn at random, after `within`."""
+    add_water: Any = None
+    """Water added to the reference, or to the image where the scene has no references: nine numbers [B, beta, gamma],
+    each RGB, or a JSON file with "B", "beta" and "gamma". It becomes the true water, the dry image the reference."""
+    blur_px: float = 0.0
+    """Standard deviation of a Gaussian blur in pixels of the original image, done in linear light."""
+    scale: float = 1.0
+    """Size of image, depth, reference, camera and charts, above 0.01 up to 1."""
+    noise: float = 0.0
+    """Standard deviation of Gaussian noise of the stored intensities, as a share of full scale."""
+    bits: int | None = None
+    """Bits a channel that the stored intensities are rounded to, 1 to 16."""
+    jpeg_quality: int | None = None
+    """Quality of a JPEG file that the image goes through, 1 to 100."""
+    depth_noise: float = 0.0
+    """Standard deviation of Gaussian noise of depth, as a share of the depth."""
+    depth_noise_px: float = 0.0
+    """How smooth depth noise is: standard deviation in pixels of the Gaussian that smooths it, 0 = not at all."""
+    depth_holes: float = 0.0
+    """Share of the pixels with a depth that lose it."""
+    depth_hole_px: float = 10.0
+    """How large holes are: standard deviation in pixels of the Gaussian that shapes them, 0 = single pixels."""
+    pose_noise_m: float = 0.0
+    """Standard deviation in metres of noise of camera centres, along each axis."""
+    pose_noise_deg: float = 0.0
+    """Standard deviation in degrees of noise of camera rotations, about each axis."""
+    seed: int = 0
+    """Seed of all that is random here; independent of the run's."""
+
+    def __post_init__(self) -> None:
+        for name, (least, greatest, whole) in _RANGES.items():
+            value = getattr(self, name)
+            is_number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+            unset = value is None and getattr(type(self), name) is None
+            if not unset and not (is_number and least <= value <= greatest):
+                kind = "a whole number" if whole else "a number"
+                upto = f"from {least} to {greatest}" if math.isfinite(greatest) else f"of at least {least}"
+                raise InputError(f"degrade.{name}: {value} is not {kind} {upto}; mend it or leave it out")
+        _ = self.water
+
+    @classmethod
+    def of(cls, options: Mapping[str, Any]) -> Degradation:
+        """Return the degradation of these options. InputError for an unknown name, with the nearest, or value."""
+        known = {f.name for f in fields(cls)}
+        for name in options:
+            if name not in known:
+                raise InputError(f"degrade.{name}: no option of degrade; {did_you_mean(name, known)}")
+        return cls(**options)
+
+    @functools.cached_property
+    def water(self) -> Water | None:
+        """The water to add, as numbers."""
+        return None if self.add_water is None else read_water(self.add_water)
+
+    @property
+    def chooses_views(self) -> bool:
+        """Whether a scene's views depend on the target."""
+        return self.within is not None or self.keep is not None
+
+    @property
+    def alters_pixels(self) -> bool:
+        """Whether any plane of a view is not as it was."""
+        return bool(self.identity(without=(*VIEWS, *_POSES)))
+
+    def needs(self) -> Iterator[tuple[str, str]]:
+        """Yield the options that are on and need something, each with what of `Scene.has` that is."""
+        for name in self._given():
+            if name in (*_DEPTHS, *_POSES):
+                yield name, "depth" if name in _DEPTHS else "poses"
+
+    def labelled(self, dataset: str) -> str:
+        """Return a dataset's label with everything that is done to it: no two degradations share one."""
+        return ",".join([dataset, *(f"{name}={self._word(name)}" for name in self._given())])
+
+    def identity(self, without: Collection[str] = ()) -> tuple[object, ...]:
+        """Return all that tells this degradation from others that make other data, but for some options."""
+        given = [name for name in self._given() if name not in without]
+        active = [name for name in given if name not in _OF or any(other in given for other in _OF[name])]
+        return tuple((n, self._water_numbers() if n == "add_water" else float(getattr(self, n))) for n in active)
+
+    def data_id(self, original: str) -> str:
+        """Return the hash that rows keep: of a scene's data and all that is done to them, for whichever target."""
+        return hashed(original, *self.identity())
+
+    def _given(self) -> list[str]:
+        """The options that are not as they are by default."""
+        values = ((f, getattr(self, f.name)) for f in fields(self))
+        return [f.name for f, v in values if v is not f.default and (f.default is None or v != f.default)]
+
+    def _word(self, name: str) -> str:
+        if name != "add_water":
+            return str(getattr(self, name))
+        if isinstance(self.add_water, (str, Path)):  # two files may have one name
+            return f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
+        return "_".join(str(number) for number in self._water_numbers())
+
+    def _water_numbers(self) -> list[float]:
+        water = self.water
+        assert water is not None
+        return [float(x) for part in (water.veiling_light, water.attenuation, water.backscatter) for x in part]
+
+
+def hashed(original: str, *done: object) -> str:
+    """Return the hash of data that something was done to; the original's own where nothing was, or it has none."""
+    if not (original and done):
+        return original
+    return hashlib.blake2b(repr((_VERSION, original, done)).encode(), digest_size=6).hexdigest()

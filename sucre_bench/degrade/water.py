@@ -1,0 +1,73 @@
+"""Water of known parameters, added to dry images: I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2)."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array, Water
+
+__all__ = ["read_water", "under_water"]
+
+_PLACE = "degrade.add_water"
+
+
+def read_water(given: Any) -> Water:
+    """Return the water that is given: as nine numbers, B, beta and gamma in RGB order, as the path of a JSON file with
+    those three, or as it is.
+
+    Raises InputError for a file that does not hold them, or a water that cannot be: B in [0, 1], beta and gamma >= 0.
+    """
+    place, parts = _PLACE, given
+    if isinstance(given, Water):
+        parts = [given.veiling_light, given.attenuation, given.backscatter]
+    elif isinstance(given, (str, Path)):
+        path = Path(given).expanduser()
+        place, parts = str(path), _read_json(path)
+    elif np.shape(given) == (9,):
+        parts = [given[0:3], given[3:6], given[6:9]]
+    try:
+        numbers = np.array(parts, dtype=np.float64)
+    except (TypeError, ValueError):
+        numbers = np.empty(0)
+    if numbers.shape != (3, 3):
+        raise InputError(
+            f"{place}: not a water; give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three"
+        )
+    if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (numbers[0] <= 1).all()):
+        raise InputError(f"{place}: no water has these values; B is in [0, 1], beta and gamma are at least 0 per metre")
+    return Water(*numbers)
+
+
+def _read_json(path: Path) -> list[Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as fault:
+        reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else "not JSON"
+        raise InputError(f"{path}: cannot be read, {reason}; give a JSON file with B, beta and gamma") from fault
+    absent = [n for n in ("B", "beta", "gamma") if not isinstance(content, dict) or n not in content]
+    if absent:
+        raise InputError(f'{path}: no {", ".join(absent)} in it; write {{"B": [r, g, b], "beta": ..., "gamma": ...}}')
+    return [content["B"], content["beta"], content["gamma"]]
+
+
+def under_water(image: Array, z: Array, water: Water) -> Array:
+    """Return an image (H, W, 3) float32 as it looks through water, of stored intensities, clipped to [0, 1].
+
+    z: (H, W) metres, 0 = unknown: such a pixel is taken to be as far as the nearest pixel that is known, of which there
+    must be one. Whatever lies there would otherwise stay as in air, which no image-only method is made for.
+    """
+    if (z == 0).any():
+        from scipy.ndimage import distance_transform_edt
+
+        nearest = distance_transform_edt(z == 0, return_distances=False, return_indices=True)
+        z = z[tuple(nearest)]
+    seen = np.empty(image.shape, dtype=np.float32)
+    for c in range(3):  # a channel at a time: the planes of 24 megapixels add up
+        B, beta, gamma = (float(p[c]) for p in (water.veiling_light, water.attenuation, water.backscatter))
+        seen[..., c] = (image[..., c] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))).clip(0, 1)
+    return seen
