@@ -1,7 +1,7 @@
 """Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
 
 The map of image ``sub/a.jpg`` is ``sub/depth_a`` or ``sub/a`` in the depth folder, or else ``depth_a`` or ``a`` at
-its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too) or .npy (float metres).
+its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr (float metres).
 A map that may belong to two images is given to neither.
 """
 
@@ -16,6 +16,7 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.images import decode, same_shape
+from sucre_bench.loading.exr import read_exr
 from sucre_bench.scene import Array
 
 __all__ = ["find_depths", "fitted", "read_depth"]
@@ -146,4 +147,4 @@ def _kind(values: np.ndarray) -> str:
     return f"{values.dtype} of shape {'x'.join(map(str, values.shape))}"
 
 
-_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy}
+_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy, ".exr": read_exr}

@@ -9,7 +9,7 @@ which no pixel looks past the photograph, so that nothing black comes in at the 
 from __future__ import annotations
 
 import functools
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
@@ -67,12 +67,6 @@ class Lens:
         if (width, height) != size:
             straight = cv2.resize(straight, size, interpolation=cv2.INTER_AREA)
         return np.asarray(straight, dtype=np.float32)
-
-    def scaled(self, factor: float) -> Lens:
-        """Return the same lens on an image scaled by a factor."""
-        width, height = (max(1, round(side * factor)) for side in (self.camera.width, self.camera.height))
-        scale = np.diag([width / self.camera.width, height / self.camera.height, 1.0])
-        return replace(self, camera=Camera(scale @ self.camera.K, width, height))
 
     @property
     def _padded(self) -> Array:

@@ -1,0 +1,180 @@
+"""Lenses and poses in a Metashape chunk.
+
+Sensors: u = w/2 + cx + f x' + b1 x' + b2 y', v = h/2 + cy + f y', pixel centres at +0.5, x' = x (1 + k1 r^2 + k2 r^4 +
+k3 r^6 + k4 r^8) + (p1 (r^2 + 2 x^2) + 2 p2 x y) (1 + p3 r^2 + p4 r^4) and y' likewise: OpenCV's p1 is p2 here, its p2
+p1. A fisheye has the angle from the axis in the place of r (Agisoft Metashape User Manual, appendix "Camera models").
+
+Poses: a camera's <transform> takes points of its frame (x right, y down, z ahead) to the chunk's. The <transform> of
+its component, or else of the chunk, takes those to the world: scale R X + t, geocentric where the survey is
+georeferenced; t, of thousands of kilometres there, is left away. A camera with a master_id has the master's pose times
+its sensor's <rotation> and <location>, which is in units of the chunk.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree.ElementTree import Element
+
+import numpy as np
+
+from sucre_bench.datasets.metashape.document import Chunk
+from sucre_bench.errors import InputError
+from sucre_bench.loading.brown import lens_of
+from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.named import without_suffix
+from sucre_bench.loading.photograph import is_rigid
+from sucre_bench.progress import say
+from sucre_bench.scene import Array, Camera
+
+__all__ = ["Aligned", "Component", "read_components"]
+
+_REMEDY = "export it again: File > Export > Export Cameras, Agisoft XML"
+_UNDISTORT = "use File > Export > Undistort Photos and dataset.undistorted=true"
+
+
+@dataclass(frozen=True, eq=False)
+class Aligned:
+    """An aligned camera.
+
+    label: without the suffix of an image; named: what its image is called, with what is known of its folders.
+    """
+
+    label: str
+    named: str
+    lens: Lens
+    cam_from_world: Array
+
+
+@dataclass(frozen=True, eq=False)
+class Component:
+    """Cameras aligned with each other. scale: metres in a unit of the chunk, None where nothing set it."""
+
+    label: str
+    cameras: list[Aligned]
+    scale: float | None
+    is_one_of_several: bool
+
+
+def read_components(chunk: Chunk, document: Path) -> list[Component]:
+    """Return the components that have aligned, enabled cameras. InputError when there are none, or one is damaged."""
+    try:
+        return _components(chunk, document)
+    except (ValueError, TypeError, AttributeError) as fault:  # a number or a part that is not there
+        raise InputError(f"{document}: is not what Metashape writes ({fault}); {_REMEDY}") from fault
+
+
+def _components(chunk: Chunk, document: Path) -> list[Component]:
+    sensors = {str(sensor.get("id")): sensor for sensor in chunk.element.iterfind("sensors/sensor")}
+    cameras = list(_cameras(chunk.element.find("cameras")))
+    poses = {str(camera.get("id")): _pose(camera, document) for camera, _ in cameras}
+    lenses: dict[str, Lens] = {}
+    members: dict[str, list[Aligned]] = {}
+    worlds = {str(c.get("id")): c for c in chunk.element.iterfind("components/component")}
+    for camera, group in cameras:
+        number, sensor = str(camera.get("id")), str(camera.get("sensor_id"))
+        if camera.get("enabled", "true") in ("false", "0") or camera.get("label") is None:
+            continue
+        if sensor not in sensors:
+            raise InputError(f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_REMEDY}")
+        own, master = poses[number], poses.get(str(camera.get("master_id")))
+        if own is None and master is not None:
+            own = master @ _offset(sensors[sensor], document)
+        if own is None:
+            continue
+        if sensor not in lenses:
+            lenses[sensor] = _lens(sensors[sensor], document)
+        of = str(camera.get("component_id", next(iter(worlds), "")))
+        transform, scale = _world(worlds.get(of), chunk.element)
+        world_from_cam = transform @ own
+        world_from_cam[:3, 3] *= scale or 1.0
+        label = str(camera.get("label"))
+        named = chunk.paths.get(number, f"{group}/{label}" if group else label)
+        stem = without_suffix(label.replace("\\", "/").rsplit("/", 1)[-1])
+        members.setdefault(of, []).append(Aligned(stem, named, lenses[sensor], np.linalg.inv(world_from_cam)))
+    if not members:
+        raise InputError(f"{document}: none of its {len(cameras)} cameras is aligned; run Align Photos, {_REMEDY}")
+    used = sum(map(len, members.values()))
+    if used < len(cameras):
+        say(f"{document}: {used} of {len(cameras)} cameras are aligned and enabled, the others are left out")
+    return [
+        Component(_label(worlds.get(of), of), aligned, _world(worlds.get(of), chunk.element)[1], len(members) > 1)
+        for of, aligned in members.items()
+    ]
+
+
+def _cameras(parent: Element | None, group: str = "") -> Iterator[tuple[Element, str]]:
+    """Every camera and the label of the group that it is in."""
+    for element in parent if parent is not None else ():
+        if element.tag == "camera":
+            yield element, group
+        elif element.tag == "group":
+            yield from _cameras(element, element.get("label", ""))
+
+
+def _label(component: Element | None, number: str) -> str:
+    return (component.get("label") if component is not None else None) or f"component {number or 0}"
+
+
+def _pose(camera: Element, document: Path) -> Array | None:
+    text = camera.findtext("transform")
+    if text is None:
+        return None
+    pose = np.array(text.split(), dtype=np.float64).reshape(4, 4)
+    if not is_rigid(pose):
+        raise InputError(f"{document}: the transform of camera '{camera.get('label')}' is not rigid; {_REMEDY}")
+    return pose
+
+
+def _offset(sensor: Element, document: Path) -> Array:
+    """The pose (4, 4) of a rig's camera in its master's frame."""
+    offset = np.eye(4)
+    rotation, location = sensor.findtext("rotation"), sensor.findtext("location")
+    if rotation is None and location is None:
+        raise InputError(f"{document}: sensor '{sensor.get('label')}' has no place on its rig; {_REMEDY}")
+    if rotation is not None:
+        offset[:3, :3] = np.array(rotation.split(), dtype=np.float64).reshape(3, 3)
+    if location is not None:
+        offset[:3, 3] = np.array(location.split(), dtype=np.float64)
+    if not is_rigid(offset):
+        raise InputError(f"{document}: the rotation of sensor '{sensor.get('label')}' is none; {_REMEDY}")
+    return offset
+
+
+def _world(component: Element | None, chunk: Element) -> tuple[Array, float | None]:
+    """The rotation, as (4, 4), and the scale from the chunk's frame to the world; None where there is no scale."""
+    turn, own = np.eye(4), component.find("transform") if component is not None else None
+    transform = own if own is not None else chunk.find("transform")
+    if transform is None:
+        return turn, None
+    rotation, scale = transform.findtext("rotation"), transform.findtext("scale")
+    if rotation is not None:
+        turn[:3, :3] = np.array(rotation.split(), dtype=np.float64).reshape(3, 3)
+    if not is_rigid(turn) or (scale is not None and not 0 < float(scale) < np.inf):
+        raise ValueError(f"a transform with rotation {rotation} and scale {scale}")
+    return turn, None if scale is None else float(scale)
+
+
+def _lens(sensor: Element, document: Path) -> Lens:
+    """The lens of a sensor: adjusted calibration where there is one, else the initial."""
+    place = f"{document}: sensor '{sensor.get('label')}'"
+    every = {element.get("class"): element for element in sensor.iterfind("calibration")}
+    calibration = every.get("adjusted", next(iter(every.values()), None))
+    kind = sensor.get("type", "frame") if calibration is None else calibration.get("type", sensor.get("type", "frame"))
+    fisheye = kind in ("fisheye", "equidistant_fisheye")
+    if not fisheye and kind != "frame":
+        raise InputError(f"{place} is {kind}, which is not usable here; leave its cameras out, or {_UNDISTORT}")
+    if calibration is None or calibration.find("f") is None:
+        raise InputError(f"{place} has no calibration with a focal length; align in Metashape 1.3 or later, {_REMEDY}")
+    terms = ("f", "cx", "cy", "b1", "b2", "k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4")
+    f, cx, cy, b1, b2, k1, k2, k3, k4, p1, p2, p3, p4 = (float(calibration.findtext(term, "0")) for term in terms)
+    size = calibration.find("resolution")
+    size = size if size is not None else sensor.find("resolution")
+    if size is None:
+        raise InputError(f"{place} has no resolution; {_REMEDY}")
+    width, height = int(size.get("width", "")), int(size.get("height", ""))
+    if not (f > 0 and f + b1 > 0 and width > 0 and height > 0 and np.isfinite([f, cx, cy, b1, b2]).all()):
+        raise InputError(f"{place} has {width}x{height} pixels and f = {f:g}, which no camera has; {_REMEDY}")
+    camera = Camera(np.array([[f + b1, b2, width / 2 + cx], [0, f, height / 2 + cy], [0, 0, 1]]), width, height)
+    return lens_of(camera, "fisheye" if fisheye else "perspective", (k1, k2, k3, k4), (p2, p1, p3, p4))

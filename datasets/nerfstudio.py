@@ -1,0 +1,235 @@
+"""Scenes in nerfstudio's format, which instant-ngp, Blender's NeRF scenes, Polycam and RealityCapture users have too.
+
+root/transforms.json      cameras and poses; or transforms_train.json, _val and _test, taken together
+root/images/<name>        what its file_path names, with a suffix or without
+root/depths/<name>        optional, what its depth_file_path names: 16-bit .png, .npy, .tif
+
+Poses are camera-to-world in OpenGL's axes: x right, y up, z back. cx, cy are in pixels with centres at +0.5. Depth is
+planar, of the image as it is stored; a value times the unit factor is in metres, poses divided by applied_scale are.
+Source: https://docs.nerf.studio/quickstart/data_conventions.html
+"""
+
+from __future__ import annotations
+
+import json
+import math
+import os
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.images import decode, image_size
+from sucre_bench.loading.brown import lens_of
+from sucre_bench.loading.depth import read_depth
+from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.named import SUFFIXES
+from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
+from sucre_bench.plugins import dataset
+from sucre_bench.progress import track
+from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene
+
+__all__ = ["Nerfstudio"]
+
+_USUAL = ("transforms.json",), ("transforms_train.json", "transforms_val.json", "transforms_test.json")
+_PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
+_FISHEYE = ("OPENCV_FISHEYE",)
+_MILLIMETRE = 0.001  # nerfstudio's own depth_unit_scale_factor where nothing says another
+_Frame = Mapping[str, Any]
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile"),
+    source="your own scenes, from ns-process-data, Polycam, RealityCapture, instant-ngp or Blender",
+    has=("poses", "depth"),
+)
+@dataclass(frozen=True)
+class Nerfstudio:
+    """A scene in nerfstudio's format: one view a frame of transforms.json, in order of name."""
+
+    root: Path
+    """The folder that holds transforms.json and everything that it names."""
+    transforms: str = ""
+    """File of the cameras and poses, in root; empty: transforms.json, or else transforms_train, _val and _test.json."""
+    depth_scale: float | None = None
+    """Metres in a unit of the depth maps; none: what the file says (depth_unit_scale_factor), or else 0.001."""
+    image_scale: float = 1.0
+    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
+    encoding: Encoding = "gamma"
+    """How images are encoded: "gamma" (sRGB-like) or "linear"."""
+
+    def __post_init__(self) -> None:
+        check_scale("nerfstudio", self.image_scale)
+        if self.depth_scale is not None and not 0 < self.depth_scale < math.inf:
+            raise InputError(f"nerfstudio.depth_scale: {self.depth_scale} is no length; give 0.001 for millimetres")
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield the one scene, named like its folder. Reads the JSON and the image headers.
+
+        Raises InputError for what concerns all views: no or a damaged file, a path that leaves the folder, a camera or
+        pose that is none, no image at all. What is wrong with the files of one view is raised when they are loaded.
+        """
+        root = Path(self.root).expanduser()
+        if not root.is_dir():
+            raise InputError(f"{root}: no such folder; give the one that holds transforms.json as dataset.root=DIR")
+        photographs: dict[str, Photograph] = {}
+        units, masks = set(), []
+        for path in self._files(root):
+            content = _read(path)
+            unit = self.depth_scale or _number(content, "depth_unit_scale_factor", path) or _MILLIMETRE
+            units.add(unit)
+            for frame in track(content["frames"], "image sizes"):
+                photograph, mask = _photograph(root, path, content, frame, unit)
+                if photograph.name in photographs:
+                    raise InputError(f"{path}: {photograph.name} is there twice; every frame needs an image of its own")
+                photographs[photograph.name] = photograph
+                masks += [] if mask is None else [mask]
+        if all("rgb" in photograph.faults for photograph in photographs.values()):
+            first = next(iter(photographs.values()))
+            raise InputError(f"{root}: none of the images is there, not even {first.name}; put them there")
+        views = [view_of(photographs[name], self.image_scale, self.encoding) for name in sorted(photographs)]
+        with_depth = any(photograph.depth is not None for photograph in photographs.values())
+        has = frozenset({"poses", *(("depth",) if with_depth else ())})
+        more = (sorted(units), [mask.read_bytes() for mask in masks if mask.is_file()]) if with_depth else ()
+        yield Scene(root.resolve().name, views, has, data_id=data_id_of(views, *more))
+
+    def _files(self, root: Path) -> list[Path]:
+        if self.transforms:
+            if not (root / self.transforms).is_file():
+                raise InputError(f"{root / self.transforms}: no such file; correct or drop dataset.transforms=...")
+            return [root / self.transforms]
+        for names in _USUAL:
+            there = [root / name for name in names if (root / name).is_file()]
+            if there:
+                return there
+        raise InputError(f"{root / 'transforms.json'}: no such file; put it there or set dataset.transforms=FILE")
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+    except ValueError as fault:
+        raise InputError(f"{path}: breaks off or is not JSON ({fault}); copy or export it again") from fault
+    frames = content.get("frames") if isinstance(content, dict) else None
+    if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):
+        raise InputError(f"{path}: has no frames; export it again with ns-process-data or the like")
+    return dict(content)
+
+
+def _photograph(root: Path, path: Path, common: _Frame, frame: _Frame, unit: float) -> tuple[Photograph, Path | None]:
+    """Return what a frame describes, and the file of its mask."""
+    name = _inside(root, path, frame.get("file_path"), "file_path")
+    name = next((name + suffix for suffix in ("", *SUFFIXES) if (root / (name + suffix)).is_file()), name)
+    place = f"{path}: {name}"
+    faults: dict[Plane, str] = {}
+    if not (root / name).is_file():
+        faults["rgb"] = f"{root / name}: no such file, {path.name} names it; put it there"
+    lens = _lens({**common, **frame}, root / name, path, place)
+    depth = mask = None
+    if frame.get("depth_file_path"):
+        depth = root / _inside(root, path, frame["depth_file_path"], "depth_file_path")
+        if not depth.is_file():
+            faults["depth"] = f"{depth}: no such file, {path.name} names it; put it there"
+        elif depth.suffix.lower() not in (".png", ".npy", ".tif", ".tiff", ".exr"):
+            faults["depth"] = f"{depth}: is no depth map of a known kind; write 16-bit .png, .npy or .tif"
+        if frame.get("mask_path"):
+            mask = root / _inside(root, path, frame["mask_path"], "mask_path")
+    return Photograph(
+        name,
+        root / name,
+        lens,
+        _cam_from_world(frame, place, _number(common, "applied_scale", path) or 1.0),
+        depth,
+        _reader(unit, mask),
+        lens if lens.coefficients or lens.model == "fisheye" else None,
+        faults,
+    ), mask
+
+
+def _inside(root: Path, path: Path, named: Any, key: str) -> str:
+    """Return a path that the file at `path` names, relative to root. InputError when it leaves root."""
+    if not isinstance(named, str) or not named or "\0" in named:
+        raise InputError(f"{path}: a frame has no usable {key}; export it again")
+    posix = named.replace("\\", "/")
+    full = os.path.normpath(os.path.abspath(path.parent / posix))  # noqa: PTH100  (of links, only their names count)
+    top = os.path.abspath(root)  # noqa: PTH100
+    if os.path.commonpath([full, top]) != top or full == top or posix[1:2] == ":":
+        fault = f"{key} {named} is outside of {root}"
+        raise InputError(f"{path}: {fault}; make it relative to the file, or give the folder of both as dataset.root")
+    return Path(full).relative_to(top).as_posix()
+
+
+def _number(content: _Frame, key: str, place: object, default: float | None = None) -> float | None:
+    value = content.get(key, default)
+    if value is None:
+        return None
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise InputError(f"{place}: {key} is {value!r}, not a number; export it again")
+    return float(value)
+
+
+def _lens(frame: _Frame, image: Path, path: Path, place: str) -> Lens:
+    """The lens of a frame: its own values, or those of the whole file; where sizes are left out, the image's."""
+    model = str(frame.get("camera_model", "OPENCV"))
+    if model not in _PERSPECTIVE + _FISHEYE or frame.get("is_fisheye"):
+        raise InputError(f"{place}: camera_model {model} is not usable here; undistort the images to OPENCV or PINHOLE")
+    width, height, fl_x, fl_y, cx, cy = (_number(frame, key, place) for key in ("w", "h", "fl_x", "fl_y", "cx", "cy"))
+    k = [_number(frame, f"k{i}", place, 0.0) or 0.0 for i in (1, 2, 3, 4)]
+    p = [_number(frame, f"p{i}", place, 0.0) or 0.0 for i in (1, 2)]
+    if width is None or height is None:
+        size = image_size(image)
+        if size is None:
+            raise InputError(
+                f"{place}: has no w and h, and its image cannot be read; give both, or put the image there"
+            )
+        width, height = size
+    fl_x = fl_x or _focal(frame, "camera_angle_x", width, place)
+    fl_y = fl_y or _focal(frame, "camera_angle_y", height, place) or fl_x
+    fl_x = fl_x or fl_y
+    if fl_x is None or fl_y is None or min(fl_x, fl_y, width, height) <= 0:
+        raise InputError(f"{place}: has no usable fl_x, w and h, nor camera_angle_x; add them to {path.name}")
+    cx, cy = width / 2 if cx is None else cx, height / 2 if cy is None else cy
+    camera = Camera(np.array([[fl_x, 0, cx], [0, fl_y, cy], [0, 0, 1]]), round(width), round(height))
+    return lens_of(
+        camera, "fisheye" if model in _FISHEYE else "perspective", tuple(k), () if model in _FISHEYE else tuple(p)
+    )
+
+
+def _focal(frame: _Frame, key: str, side: float, place: str) -> float | None:
+    """The focal length, in pixels, of a field of view in radians."""
+    angle = _number(frame, key, place)
+    return side / 2 / math.tan(angle / 2) if angle is not None and 0 < angle < math.pi else None
+
+
+def _cam_from_world(frame: _Frame, place: str, applied_scale: float) -> Array:
+    """(4, 4) float64, of a pose with 3 or 4 rows."""
+    try:
+        pose = np.vstack([np.array(frame.get("transform_matrix"), dtype=np.float64)[:3], [0, 0, 0, 1]])
+    except (TypeError, ValueError, IndexError):
+        pose = np.zeros((4, 4))
+    if pose.shape != (4, 4) or not is_rigid(pose) or applied_scale <= 0:
+        raise InputError(f"{place}: its transform_matrix is no camera's pose (4x4, rigid); export it again")
+    pose[:3, 3] /= applied_scale
+    return np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))
+
+
+def _reader(unit: float, mask: Path | None) -> Callable[[Path], Array]:
+    def read(path: Path) -> Array:
+        import cv2
+
+        stored = read_depth(path) * (1000 if path.suffix.lower() == ".png" else 1)  # of a .png, read_depth gives metres
+        metres = np.asarray(stored * unit, dtype=np.float32)
+        if mask is None:
+            return metres
+        keep = decode(mask, cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION)
+        height, width = metres.shape
+        keep = np.asarray(cv2.resize(keep, (width, height), interpolation=cv2.INTER_NEAREST_EXACT))
+        return np.where(keep > 0, metres, 0)
+
+    return read

@@ -1,0 +1,43 @@
+"""Reads depth maps in OpenEXR files, through the optional package OpenEXR (BSD-3-Clause; wheels for every platform).
+
+OpenCV's wheels are built without OpenEXR, and tifffile, Pillow and imageio do not read it.
+"""
+
+from __future__ import annotations
+
+import importlib
+from pathlib import Path
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Array
+
+__all__ = ["read_exr"]
+
+_DEPTH = ("Z", "V", "Y", "depth", "R")  # the channels that programs put a depth into, the plainest first
+_LARGEST = 1 << 28  # pixels; a damaged header may ask for anything
+
+
+def read_exr(path: Path) -> Array:
+    """Return the depth map of a file as it is stored, (H, W) float32: its only channel, or Z, V, Y, depth or R.
+
+    Raises InputError when it cannot be read, has no such channel, or the package is not installed.
+    """
+    try:
+        exr = importlib.import_module("OpenEXR")
+    except ImportError as fault:
+        raise InputError(f"{path}: OpenEXR files need a package of their own; pip install OpenEXR") from fault
+    try:
+        with exr.File(str(path), separate_channels=True, header_only=True) as file:
+            least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
+        if not 0 < np.prod(most - least + 1) <= _LARGEST:
+            raise ValueError("its size")
+        with exr.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except Exception as fault:  # of any kind: it is a foreign decoder's
+        raise InputError(f"{path}: cannot be read, cut short or not an OpenEXR file; copy it again") from fault
+    name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
+    if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
+        raise InputError(f"{path}: has channels {', '.join(channels)}; write float depth into one channel, Z")
+    return np.asarray(channels[name], dtype=np.float32)

@@ -1,0 +1,90 @@
+"""Two photographs of one point, as any export is to describe them: a spot in each image, a disk in each depth map."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+
+from sucre_bench.multiview.geometry import project, relative_pose, unproject
+from sucre_bench.scene import Camera, View
+
+WIDTH, HEIGHT = 160, 120
+FAR = 9.0  # depth around the disk
+POINT = np.array([0.7, -0.4, 5.0])  # of the world; off every axis, so that a distance is no depth
+BOTH = ((-0.8, -0.2, -0.1), (0.05, -0.04, 0.6)), ((1.5, -0.1, 0.7), (-0.05, 0.1, -0.3))  # centre; turn about x, y, z
+
+
+def pose_of(centre: tuple[float, float, float], turn: tuple[float, float, float]) -> np.ndarray:
+    """World-from-camera (4, 4), in the axes x right, y down, z ahead."""
+    pose = np.eye(4)
+    pose[:3, :3] = cv2.Rodrigues(np.array(turn))[0]
+    pose[:3, 3] = centre
+    return pose
+
+
+def seen(pose: np.ndarray, point: np.ndarray = POINT) -> np.ndarray:
+    """A world point in the camera's frame."""
+    return pose[:3, :3].T @ (point - pose[:3, 3])
+
+
+def write_spot(path: Path, at: np.ndarray, size: tuple[int, int] = (WIDTH, HEIGHT)) -> None:
+    """Write a black image with a soft spot centred at a pixel position (centres at +0.5)."""
+    u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+    spot = 255 * np.exp(-((u - at[0]) ** 2 + (v - at[1]) ** 2) / (2 * 1.0**2))
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), np.repeat(np.rint(spot)[..., None], 3, axis=-1).astype(np.uint8))
+
+
+def disk_depth(at: np.ndarray, depth: float, size: tuple[int, int] = (WIDTH, HEIGHT)) -> np.ndarray:
+    """A depth map (H, W) float32: `depth` within 2 pixels of a position, FAR elsewhere."""
+    u, v = np.meshgrid(np.arange(size[0]) + 0.5, np.arange(size[1]) + 0.5)
+    return np.where(np.hypot(u - at[0], v - at[1]) < 2, depth, FAR).astype(np.float32)
+
+
+def centre(rgb: np.ndarray) -> np.ndarray:
+    """The spot's centre of mass, in pixels with centres at +0.5."""
+    weight = rgb[..., 1].astype(np.float64)
+    v, u = np.indices(weight.shape) + 0.5
+    return np.array([(u * weight).sum(), (v * weight).sum()]) / weight.sum()
+
+
+def camera_and_pose(view: View) -> tuple[Camera, np.ndarray]:
+    assert view.camera is not None
+    assert view.cam_from_world is not None
+    assert view.rgb.shape == (view.camera.height, view.camera.width, 3)
+    return view.camera, view.cam_from_world
+
+
+def check_both(a: View, b: View, tolerance: float = 0.1, point: np.ndarray | None = POINT) -> None:
+    """The point falls on the spot of each view; each depth there is its; and a's spot, lifted by a's depth, is b's."""
+    for one, other in ((a, b), (b, a)):
+        (camera, pose), (camera_b, pose_b) = camera_and_pose(one), camera_and_pose(other)
+        spot = centre(one.rgb)
+        depth = one.depth[int(spot[1]), int(spot[0])]
+        if point is not None:
+            at, z = project(camera, pose[:3, :3] @ point + pose[:3, 3])
+            np.testing.assert_allclose(at, spot, atol=tolerance)
+            np.testing.assert_allclose(depth, z, rtol=1e-3)
+        lifted = unproject(camera, spot[0], spot[1], np.float64(depth))
+        carried = relative_pose(pose_b, pose) @ [*lifted, 1]
+        np.testing.assert_allclose(project(camera_b, carried[:3])[0], centre(other.rgb), atol=2 * tolerance)
+
+
+def check_message(message: str, *parts: str) -> None:
+    """One line, "place: fault; remedy", that holds these parts."""
+    assert "\n" not in message
+    assert ": " in message.split("; ")[0]
+    assert "; " in message
+    for part in parts:
+        assert part in message, message
+
+
+def cut(path: Path, share: float = 0.5) -> None:
+    content = path.read_bytes()
+    path.write_bytes(content[: int(len(content) * share)])
+
+
+Change = Callable[[Path], object]

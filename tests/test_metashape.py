@@ -1,0 +1,352 @@
+"""The metashape dataset against exports and projects written here, with lenses by the formulas of the manual."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+import tifffile
+from spots import (
+    BOTH,
+    HEIGHT,
+    POINT,
+    WIDTH,
+    Change,
+    check_both,
+    check_message,
+    cut,
+    disk_depth,
+    pose_of,
+    seen,
+    write_spot,
+)
+
+from sucre_bench.datasets.metashape import Metashape
+from sucre_bench.errors import InputError
+from sucre_bench.progress import watched_by
+from sucre_bench.scene import Scene
+
+SCALE = 2.5  # metres in a unit of the chunk
+TURN = pose_of((0, 0, 0), (0.4, -1.1, 0.7))[:3, :3]
+WORLD_POINT = SCALE * TURN @ POINT  # the translation, of an earth's radius, is left away
+TRANSFORM = (
+    f"<transform><rotation>{' '.join(map(repr, TURN.ravel().tolist()))}</rotation>"
+    f"<translation>4.1e6 -3.2e6 2.9e6</translation><scale>{SCALE}</scale></transform>"
+)
+INNER = {"f": 150.0, "cx": 4.0, "cy": -2.5}
+LENSES: dict[str, dict[str, float]] = {
+    "pinhole": {},
+    "usual": {"k1": -0.5, "k2": 0.05, "k3": -0.01, "p1": 0.012, "p2": -0.004, "b1": 6.0},
+    "every term": {"k1": -0.5, "k4": 12.0, "p1": 0.02, "p2": 0.03, "p3": 3.0, "p4": 20.0, "b1": 5.0, "b2": 9.0},
+    "fisheye": {"k1": 0.02, "k2": -0.03, "k4": 0.002},
+    "fisheye with every term": {"k1": 0.02, "k3": 0.01, "p1": 0.008, "p2": -0.006, "b2": -4.0},
+}
+
+
+def photographed(point: np.ndarray, lens: str) -> np.ndarray:
+    """Where the sensor images a point of the camera's frame (manual, appendix "Camera models"): centres at +0.5."""
+    c = {**dict.fromkeys(("k1", "k2", "k3", "k4", "p1", "p2", "p3", "p4", "b1", "b2"), 0.0), **INNER, **LENSES[lens]}
+    x, y = point[:2] / point[2]
+    if "fisheye" in lens:
+        r = np.hypot(x, y)
+        x, y = x * np.arctan(r) / r, y * np.arctan(r) / r
+    r2 = x * x + y * y
+    radial = 1 + c["k1"] * r2 + c["k2"] * r2**2 + c["k3"] * r2**3 + c["k4"] * r2**4
+    more = 1 + c["p3"] * r2 + c["p4"] * r2**2
+    xd = x * radial + (c["p1"] * (r2 + 2 * x * x) + 2 * c["p2"] * x * y) * more
+    yd = y * radial + (c["p2"] * (r2 + 2 * y * y) + 2 * c["p1"] * x * y) * more
+    u = WIDTH / 2 + c["cx"] + xd * c["f"] + xd * c["b1"] + yd * c["b2"]
+    return np.array([u, HEIGHT / 2 + c["cy"] + yd * c["f"]])
+
+
+def undistorted(point: np.ndarray, lens: str) -> np.ndarray:
+    """Where the sensor would image it without distortion."""
+    x, y = point[:2] / point[2]
+    f, b1 = INNER["f"], LENSES[lens].get("b1", 0.0)
+    return np.array([(f + b1) * x + WIDTH / 2 + INNER["cx"], f * y + HEIGHT / 2 + INNER["cy"]])
+
+
+def chunk_xml(lens: str, cameras: str, transform: str = TRANSFORM, frames: str = "", sensors: str = "") -> str:
+    terms = "".join(f"<{name}>{value!r}</{name}>" for name, value in {**INNER, **LENSES[lens]}.items())
+    kind = "fisheye" if "fisheye" in lens else "frame"
+    size = f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
+    return (
+        f'<chunk label="Dive 1" enabled="true"><sensors next_id="2"><sensor id="0" label="GoPro" type="{kind}">{size}'
+        f'<calibration type="{kind}" class="initial">{size}<f>99</f></calibration>'
+        f'<calibration type="{kind}" class="adjusted">{size}{terms}</calibration></sensor>{sensors}</sensors>'
+        f'<components active_id="0"><component id="0" label="Component 1">{transform}</component></components>'
+        f"<cameras>{cameras}</cameras>{frames}</chunk>"
+    )
+
+
+def camera_xml(number: int, label: str, more: str = "", posed: bool = True) -> str:
+    pose = " ".join(map(repr, pose_of(*BOTH[number]).ravel().tolist()))
+    inside = f"<transform>{pose}</transform>" if posed else ""
+    return f'<camera id="{number}" sensor_id="0" component_id="0" label="{label}" {more}>{inside}</camera>'
+
+
+CAMERAS = camera_xml(0, "DSC_0.JPG") + camera_xml(1, "DSC_1")
+OTHERS = (
+    '<camera id="7" sensor_id="0" label="not aligned"/><camera id="8"><property name="no camera"/></camera>'
+    + camera_xml(1, "switched off", 'enabled="false"').replace('id="1"', 'id="9"')
+)
+
+
+def write_survey(root: Path, lens: str = "usual", unit: float = SCALE, cameras: str = CAMERAS + OTHERS) -> Path:
+    """Photographs of the point and Metashape's own depth maps; unit: of theirs, in the chunk's."""
+    for number in range(2):
+        point = seen(pose_of(*BOTH[number]))
+        write_spot(root / f"images/DSC_{number}.png", photographed(point, lens))
+        (root / "depths").mkdir(exist_ok=True)
+        depth = disk_depth(undistorted(point, lens) / 2, unit * point[2], (WIDTH // 2, HEIGHT // 2))
+        tifffile.imwrite(root / f"depths/DSC_{number}.tif", depth)
+    (root / "cameras.xml").write_text(f'<document version="2.0.0">{chunk_xml(lens, cameras)}</document>')
+    return root
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Metashape(root=root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_known_point_is_seen_where_it_is_in_both_views(tmp_path: Path, lens: str) -> None:
+    scene = load(write_survey(tmp_path, lens))
+    assert [view.name for view in scene] == ["DSC_0.png", "DSC_1.png"], "aligned, enabled, found without suffix"
+    assert scene.has == {"poses", "depth"}
+    check_both(*scene, point=WORLD_POINT)
+    check_both(*load(tmp_path, image_scale=0.5), point=WORLD_POINT)
+
+
+def test_depth_maps_in_units_of_the_chunk(tmp_path: Path) -> None:
+    write_survey(tmp_path, unit=1.0)
+    check_both(*load(tmp_path, depth_units="chunk"), point=WORLD_POINT)
+    assert load(tmp_path).data_id != load(tmp_path, depth_units="chunk").data_id
+
+
+@pytest.mark.parametrize("lens", ["usual", "every term", "fisheye"])
+def test_depth_maps_that_match_the_photographs(tmp_path: Path, lens: str) -> None:
+    write_survey(tmp_path, lens)
+    for number in range(2):
+        point = seen(pose_of(*BOTH[number]))
+        depth = disk_depth(photographed(point, lens), SCALE * point[2]).astype(np.float16)
+        tifffile.imwrite(tmp_path / f"depths/DSC_{number}.tif", depth)
+    check_both(*load(tmp_path, depth_camera="image"), point=WORLD_POINT)
+
+
+def test_images_that_undistort_photos_wrote(tmp_path: Path) -> None:
+    """Their principal point is in the middle, and they may be of another format; depth maps are as they were."""
+    write_survey(tmp_path)
+    shutil.rmtree(tmp_path / "images")
+    for number in range(2):
+        x, y, z = seen(pose_of(*BOTH[number]))
+        at = np.array([INNER["f"] * x / z + WIDTH / 2, INNER["f"] * y / z + HEIGHT / 2])
+        write_spot(tmp_path / f"flat/DSC_{number}.tif", at)
+    check_both(*load(tmp_path, undistorted=True, images="flat"), point=WORLD_POINT)
+
+
+def test_a_rig_puts_the_second_camera_by_its_sensor(tmp_path: Path) -> None:
+    offset = np.linalg.inv(pose_of(*BOTH[0])) @ pose_of(*BOTH[1])
+    numbers = (" ".join(map(repr, part.ravel().tolist())) for part in (offset[:3, :3], offset[:3, 3]))
+    slave = (
+        f'<sensor id="1" label="right" type="frame" master_id="0"><calibration type="frame" class="adjusted">'
+        f'<resolution width="{WIDTH}" height="{HEIGHT}"/>'
+        + "".join(f"<{name}>{value!r}</{name}>" for name, value in INNER.items())
+        + "</calibration><rotation>{}</rotation><location>{}</location></sensor>".format(*numbers)
+    )
+    second = camera_xml(1, "DSC_1", 'master_id="0"', posed=False).replace('sensor_id="0"', 'sensor_id="1"')
+    write_survey(tmp_path, "pinhole")
+    chunk = chunk_xml("pinhole", camera_xml(0, "DSC_0") + second, sensors=slave)
+    (tmp_path / "cameras.xml").write_text(f"<document>{chunk}</document>")
+    check_both(*load(tmp_path), point=WORLD_POINT)
+
+
+# -- projects ----------------------------------------------------------------------------------------------
+
+
+def archive(path: Path, content: str) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as file:
+        file.writestr("doc.xml", f'<?xml version="1.0" encoding="UTF-8"?>\n{content}')
+
+
+def write_project(root: Path, suffix: str) -> Path:
+    """Photographs of one name in the folders port and starboard, which only the project's paths tell apart."""
+    write_survey(root)
+    (root / "cameras.xml").unlink()
+    paths = ("../../../images/port/D.jpg", "C:\\dive\\images\\starboard\\D.jpg")
+    for number, side in enumerate(("port", "starboard")):
+        (root / "images" / side).mkdir()
+        (root / f"images/DSC_{number}.png").rename(root / "images" / side / "D.png")
+    photos = "".join(f'<camera camera_id="{i}"><photo path="{path}"/></camera>' for i, path in enumerate(paths))
+    frame = f"<cameras>{photos}</cameras></frame>"
+    if suffix == ".psz":
+        chunk = chunk_xml("usual", CAMERAS, frames=f'<frames><frame id="0">{frame}</frames>')
+        archive(root / "dive.psz", f'<document version="1.2.0"><chunks active_id="0">{chunk}</chunks></document>')
+        return root
+    (root / "dive.psx").write_text('<document version="1.2.0" path="{projectname}.files/project.zip"/>')
+    listed = '<chunk id="0" path="0/chunk.zip"/><chunk id="3" path="3/chunk.zip"/>'
+    archive(root / "dive.files/project.zip", f'<document><chunks active_id="3">{listed}</chunks></document>')
+    archive(root / "dive.files/0/chunk.zip", '<chunk label="Other"><sensors/><cameras/></chunk>')
+    frames = '<frames next_id="1"><frame id="0" path="0/frame.zip"/></frames>'
+    archive(root / "dive.files/3/chunk.zip", chunk_xml("usual", CAMERAS, frames=frames))
+    archive(root / "dive.files/3/0/frame.zip", f'<frame version="1.2.0">{frame}')
+    return root
+
+
+@pytest.mark.parametrize("suffix", [".psx", ".psz"])
+def test_a_project_knows_which_of_two_photographs_is_meant(tmp_path: Path, suffix: str) -> None:
+    scene = load(write_project(tmp_path, suffix))
+    assert [view.name for view in scene] == ["port/D.png", "starboard/D.png"]
+    check_both(*scene, point=WORLD_POINT)
+
+
+def test_a_chunk_is_chosen_by_its_label(tmp_path: Path) -> None:
+    write_project(tmp_path, ".psx")
+    assert len(load(tmp_path, chunk="Dive 1")) == 2
+    with pytest.raises(InputError, match="none of its 0 cameras is aligned"):
+        load(tmp_path, chunk="Other")
+    with pytest.raises(InputError, match="no chunk is called 'dive 1'; did you mean 'Dive 1'"):
+        load(tmp_path, chunk="dive 1")
+
+
+def test_groups_tell_photographs_of_one_name_apart(tmp_path: Path) -> None:
+    write_survey(tmp_path)
+    for number, side in enumerate(("port", "starboard")):
+        (tmp_path / "images" / side).mkdir()
+        (tmp_path / "depths" / side).mkdir()
+        (tmp_path / f"images/DSC_{number}.png").rename(tmp_path / "images" / side / "D.png")
+        (tmp_path / f"depths/DSC_{number}.tif").rename(tmp_path / "depths" / side / "D.tif")
+    grouped = "".join(
+        f'<group id="{i}" label="{side}">{camera_xml(i, "D")}</group>' for i, side in enumerate(("port", "starboard"))
+    )
+    (tmp_path / "cameras.xml").write_text(f"<document>{chunk_xml('usual', grouped)}</document>")
+    scene = load(tmp_path)
+    assert [view.name for view in scene] == ["port/D.png", "starboard/D.png"]
+    check_both(*scene, point=WORLD_POINT)
+
+
+def test_each_component_is_a_scene(tmp_path: Path) -> None:
+    write_survey(tmp_path)
+    text = (tmp_path / "cameras.xml").read_text()
+    text = text.replace("</components>", '<component id="1" label="Component 2"/></components>')
+    text = text.replace(
+        '<camera id="1" sensor_id="0" component_id="0"', '<camera id="1" sensor_id="0" component_id="1"'
+    )
+    (tmp_path / "cameras.xml").write_text(text)
+    said: list[str] = []
+    with watched_by(Saying(said)):
+        one, two = Metashape(root=tmp_path).scenes()
+    assert (one.name, two.name) == (f"{tmp_path.name}/Component 1", f"{tmp_path.name}/Component 2")
+    assert any("Component 2 has no scale" in text for text in said), "its lengths are not metres, which is said"
+    assert any("2 of 5 cameras" in text for text in said)
+
+
+class Saying:
+    def __init__(self, said: list[str]) -> None:
+        self.said = said.append
+
+    def started(self, what: str, total: int | None) -> int:
+        return 0
+
+    def advanced(self, line: int) -> None: ...
+    def finished(self, line: int) -> None: ...
+
+
+# -- faults ------------------------------------------------------------------------------------------------
+
+
+def text(old: str, new: str) -> Change:
+    def change(root: Path) -> None:
+        content = (root / "cameras.xml").read_text()
+        assert old in content
+        (root / "cameras.xml").write_text(content.replace(old, new))
+
+    return change
+
+
+SCENE: dict[str, tuple[Change, list[str]]] = {
+    "no document": (lambda root: (root / "cameras.xml").unlink(), ["no cameras.xml, .psx or .psz"]),
+    "two documents": (lambda root: shutil.copy(root / "cameras.xml", root / "b.xml"), ["b.xml, cameras.xml are there"]),
+    "cut": (lambda root: cut(root / "cameras.xml"), ["cameras.xml: breaks off", "Export Cameras"]),
+    "another XML": (lambda root: (root / "cameras.xml").write_text("<x/>"), ["cameras.xml: holds no chunk"]),
+    "nothing aligned": (text("<transform>", "<other>"), ["cameras.xml"]),
+    "a damaged pose": (text(" 0.0 0.0 0.0 1.0</transform>", "</transform>"), ["cameras.xml", "reshape"]),
+    "a scaled pose": (text("0.0 0.0 0.0 1.0</transform>", "0.0 0.0 0.0 2.0</transform>"), ["DSC_0.JPG", "not rigid"]),
+    "a number that is none": (text("<f>150.0</f>", "<f>wide</f>"), ["cameras.xml: is not what Metashape writes"]),
+    "no focal length": (text("<f>150.0</f>", "<f>-1</f>"), ["sensor 'GoPro'", "f = -1"]),
+    "a spherical sensor": (text('type="frame"', 'type="spherical"'), ["sensor 'GoPro' is spherical"]),
+    "a scale that is none": (text("<scale>2.5", "<scale>0"), ["a transform with rotation", "scale 0"]),
+    "no calibration": (text("calibration", "other"), ["sensor 'GoPro' has no calibration"]),
+    "no sensor": (text('sensor_id="0"', 'sensor_id="5"'), ["has no sensor 5"]),
+    "one image twice": (text('label="DSC_1"', 'label="dsc_0"'), ["two cameras have the image DSC_0.png"]),
+    "no image folder": (lambda root: shutil.rmtree(root / "images"), ["images: no such folder", "dataset.images"]),
+    "no images": (
+        lambda root: [path.unlink() for path in root.glob("images/*")],
+        ["images: no image", "'DSC_0.JPG' of cameras.xml"],
+    ),
+    "others' depth maps": (
+        lambda root: [path.rename(path.with_name(f"x{path.name}")) for path in root.glob("depths/*")],
+        ["no depth map is named after an image"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
+def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
+    change(write_survey(tmp_path))
+    with pytest.raises(InputError) as fault:
+        load(tmp_path)
+    check_message(str(fault.value), str(tmp_path), *parts)
+
+
+@pytest.mark.parametrize("name", ["project.zip", "3/chunk.zip", "3/0/frame.zip"])
+@pytest.mark.parametrize("damage", ["missing", "cut", "not an archive"])
+def test_a_damaged_project_is_refused(tmp_path: Path, name: str, damage: str) -> None:
+    path = write_project(tmp_path, ".psx") / "dive.files" / name
+    path.unlink() if damage == "missing" else cut(path) if damage == "cut" else path.write_text("hello")
+    with pytest.raises(InputError) as fault:
+        load(tmp_path)
+    check_message(str(fault.value), str(path), "Export Cameras")
+
+
+def two_in_folders(root: Path) -> None:
+    (root / "images/DSC_0.png").unlink()
+    for folder in "ab":
+        write_spot(root / f"images/{folder}/DSC_0.tif", np.ones(2))
+
+
+VIEW: dict[str, tuple[str, Change, list[str]]] = {
+    "image missing": ("rgb", lambda root: (root / "images/DSC_0.png").unlink(), ["'DSC_0.JPG' of cameras.xml"]),
+    "image twice": ("rgb", two_in_folders, ["a/DSC_0.tif and b/DSC_0.tif"]),
+    "image of another shape": (
+        "rgb",
+        lambda root: write_spot(root / "images/DSC_0.png", np.ones(2), (60, 60)),
+        ["60x60"],
+    ),
+    "depth cut": ("depth", lambda root: cut(root / "depths/DSC_0.tif"), ["depths/DSC_0.tif", "copy"]),
+    "depth of another shape": (
+        "depth",
+        lambda root: tifffile.imwrite(root / "depths/DSC_0.tif", np.ones((60, 60), np.float32)),
+        ["depths/DSC_0.tif", "60x60"],
+    ),
+    "depth twice": (
+        "depth",
+        lambda root: np.save(root / "depths/DSC_0.npy", np.ones((60, 80))),
+        ["depths/DSC_0.npy", "keep one"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
+def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
+    change(write_survey(tmp_path))
+    views = {view.name: view for view in load(tmp_path)}
+    good = views.pop("DSC_1.png")
+    assert getattr(good, plane).shape[:2] == (HEIGHT, WIDTH)
+    with pytest.raises(InputError) as fault:
+        getattr(next(iter(views.values())), plane)
+    check_message(str(fault.value), str(tmp_path), *parts)
