@@ -23,15 +23,16 @@ __all__ = ["Photograph", "is_rigid", "view_of"]
 class Photograph:
     """An image file, and what is known of it.
 
-    lens: as it photographed, at the size its program says; cam_from_world: (4, 4) float64, metres; depth: its depth
-    map, which read_depth turns into planar metres; depth_lens: the camera that the depth map is of, on the optical axis
-    of this one; None when that is the undistorted image; faults: what is already known to be wrong, by plane.
+    lens: as it photographed, at the size its program says; cam_from_world: (4, 4) float64, metres, None when unknown;
+    depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera that the depth map is of, on
+    the optical axis of this one; None when that is the undistorted image; faults: what is already known to be wrong, by
+    plane.
     """
 
     name: str
     image: Path
     lens: Lens
-    cam_from_world: Array
+    cam_from_world: Array | None
     depth: Path | None = None
     read_depth: Callable[[Path], Array] = read_depth
     depth_lens: Lens | None = None

@@ -1,0 +1,139 @@
+"""AQUALOC: a robot close to the seabed, in a harbour and at two archaeological sites, with poses; in shades of gray.
+
+    Harbor_sites_sequences/.../raw_data/harbor_images_sequence_07/frame000123.png
+                           harbor_calibration_files/harbor_camera_calib.yaml
+                           harbor_groundtruth_files/new_harbor_colmap_traj_sequence_07.txt
+    Archaeological_site_sequences/ likewise: images_sequence_7/, archaeo_camera_calib.yaml, new_archaeo_colmap_traj_...
+
+Conventions. A line of a trajectory is frame, tx ty tz, qx qy qz qw: the camera's centre in the world and the rotation
+that takes its axes there. Metres in the files new_..., which corrected the scale, and so are preferred. Calibrations
+are Kalibr's, fisheye ("equidistant"); images are undistorted on the way. Frames that were not registered have no pose.
+Source: Ferrera et al., AQUALOC: an underwater dataset for visual-inertial-pressure localization, IJRR 2019.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.images import image_size
+from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.folders import existing, folders_below
+from sucre_bench.loading.kalibr import read_kalibr
+from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.loading.single_images import image_names
+from sucre_bench.plugins import dataset
+from sucre_bench.progress import track
+from sucre_bench.scene import Array, Scene
+
+__all__ = ["Aqualoc"]
+
+_SEQUENCE = re.compile(r"(harbor_|archaeo_)?images_sequence_0*(\d+)")
+_SIZES = {"harbor": (640, 512), "archaeo": (968, 608)}
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile", "yaml", "scipy"),
+    has=("poses",),
+    cites="Ferrera, Creuze, Moras & Trouvé-Peloux 2019, IJRR (AQUALOC)",
+    licence="as its download page says",
+    source="https://www.lirmm.fr/aqualoc (17 sequences; harbour 7 has 0.36 GB, archaeological 2 has 2.2 GB)",
+)
+@dataclass(frozen=True)
+class Aqualoc:
+    """The AQUALOC sequences: one scene for each, gray views in order of frame, undistorted on the way."""
+
+    root: Path
+    """The download with its calibration and ground truth files, or a part of it that holds these and sequences."""
+    image_scale: float = 1.0
+    """Shrink images and cameras by this factor, above 0 up to 1."""
+
+    def __post_init__(self) -> None:
+        check_scale("aqualoc", self.image_scale)
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each sequence below root, "harbor_07". Reads its texts and image headers, decodes nothing.
+
+        A sequence without a trajectory has no poses. Raises InputError when there is no sequence, one is there twice,
+        or its calibration or trajectory is missing or wrong.
+        """
+        root = existing(self.root, "aqualoc")
+        texts, found = _texts(root), dict[str, Path]()
+        for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None):
+            match = _SEQUENCE.fullmatch(folder.name)
+            assert match is not None
+            site, number = "harbor" if match[1] == "harbor_" else "archaeo", int(match[2])
+            name = f"{site}_{number:02d}"
+            if name in found:
+                raise InputError(f"{folder}: sequence {name} is also {found[name]}; keep one of them")
+            found[name] = folder
+            yield self._scene(name, site, number, folder, texts)
+        if not found:
+            expected = "harbor_images_sequence_07 or images_sequence_7"
+            raise InputError(f"{root}: holds no folder of frames; expected folders named like {expected}")
+
+    def _scene(self, name: str, site: str, number: int, folder: Path, texts: dict[str, Path]) -> Scene:
+        frames = {int(digits[-1]): file for file in image_names(folder) if (digits := re.findall(r"\d+", file))}
+        if not frames:
+            raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")
+        calibration = texts.get(f"{site}_camera_calib.yaml")
+        if calibration is None:
+            expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
+            raise InputError(f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there")
+        lens = read_kalibr(calibration, image_size(folder / frames[min(frames)]) or _SIZES[site])
+        endings = [f"{site}_colmap_traj_sequence_{digits}.txt" for digits in (f"{number:02d}", str(number))]
+        trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
+        poses = _poses(trajectory) if trajectory else {}
+
+        views = []
+        for frame in track(sorted(frames), "image sizes"):
+            photograph = Photograph(frames[frame], folder / frames[frame], lens, poses.get(frame))
+            views.append(view_of(photograph, self.image_scale))
+        if poses and all(view.cam_from_world is None for view in views):
+            fault = f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
+            raise InputError(f"{trajectory}: {fault}; use the sequence's own file")
+        return Scene(name, views, frozenset({"poses"} if poses else ()), data_id=data_id_of(views))
+
+
+def _texts(root: Path) -> dict[str, Path]:
+    """Return the .txt and .yaml files below root by name in lower case; the folders of frames are not looked into."""
+    found = {}
+    for place, below, names in os.walk(root, followlinks=True):
+        below[:] = sorted(name for name in below if not _SEQUENCE.fullmatch(name))
+        found.update({name.lower(): Path(place, name) for name in names if name.lower().endswith((".txt", ".yaml"))})
+    return found
+
+
+def _poses(path: Path) -> dict[int, Array]:
+    """Return cam_from_world (4, 4) by frame."""
+    from scipy.spatial.transform import Rotation
+
+    try:
+        lines = path.read_text(encoding="utf-8").splitlines()
+    except (OSError, UnicodeDecodeError) as fault:
+        raise InputError(f"{path}: cannot be read ({fault}); copy the file again") from fault
+    poses = {}
+    for number, line in enumerate(lines, 1):
+        cells = line.replace(",", " ").split()
+        if not cells or cells[0].startswith("#") or (number == 1 and not cells[0][0].isdigit()):  # a header
+            continue
+        try:
+            frame, *values = (float(cell) for cell in cells)
+            if len(values) != 7 or not np.isfinite(values).all() or abs(np.linalg.norm(values[3:]) - 1) > 1e-2:
+                raise ValueError("not seven numbers with a unit quaternion")
+        except ValueError as fault:
+            expected = "frame tx ty tz qx qy qz qw"
+            raise InputError(f"{path}: line {number} is no pose ({fault}); expected {expected}") from fault
+        world_from_cam = np.eye(4)
+        world_from_cam[:3, :3] = Rotation.from_quat(values[3:]).as_matrix()
+        world_from_cam[:3, 3] = values[:3]
+        poses[round(frame)] = np.linalg.inv(world_from_cam)
+    if not poses:
+        raise InputError(f"{path}: holds no pose; copy the file again")
+    return poses

@@ -1,0 +1,89 @@
+"""Eiffel Tower: a hydrothermal vent at 1,700 m, filmed by robots with lamps in 2015, 2016, 2018 and 2020.
+
+    2015/images/20150412T...png     the photographs of a visit, as they were taken
+    2015/sfm/                       COLMAP model of that visit, as text; distorted cameras
+    global/sfm/                     COLMAP model of all visits in one frame
+    2015/depths/                    optional, one's own: maps of the undistorted images, see `sucre_bench.loading.depth`
+
+Conventions. Images are undistorted on the way. Lengths are metres: the models were fitted to the robots' navigation.
+A name in the global model starts with its visit's year; its image is looked for in global/images/ and in that year's.
+Source: Boittiaux et al., Eiffel Tower: a deep-sea underwater dataset for long-term visual localization, IJRR 2023.
+"""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Literal
+
+from sucre_bench.errors import InputError
+from sucre_bench.loading.colmap_model import read_model
+from sucre_bench.loading.files import check_scale
+from sucre_bench.loading.folders import existing
+from sucre_bench.loading.registered import registered_scene
+from sucre_bench.plugins import dataset
+from sucre_bench.scene import Scene
+
+__all__ = ["EiffelTower"]
+
+_YEARS = ("2015", "2016", "2018", "2020")
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile"),
+    has=("poses", "depth"),
+    cites="Boittiaux, Dune, Ferrera, Arnaubec, Marxer, Matabos, Van Audenhaege & Hugel 2023, IJRR",
+    licence="as its download page says",
+    source="https://www.seanoe.org/data/00810/92226/ (18,082 images; an archive a year, one for global/)",
+)
+@dataclass(frozen=True)
+class EiffelTower:
+    """The Eiffel Tower dives: one scene a visit, its views in order of name, undistorted on the way."""
+
+    root: Path
+    """The folder that holds 2015/ to 2020/ and global/, or one of these."""
+    year: Literal["all", "2015", "2016", "2018", "2020", "global"] = "all"
+    """Which visit; "all": each that is there, one after the other; "global": all in one scene and one frame."""
+    depths: str = "depths"
+    """Folder of depth maps of the undistorted images, beside sfm/; need not exist."""
+    image_scale: float = 1.0
+    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
+
+    def __post_init__(self) -> None:
+        check_scale("eiffel_tower", self.image_scale)
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each visit. Reads the models and the image headers, decodes nothing.
+
+        Raises InputError when a visit's folder, its model or all of its images are missing.
+        """
+        root = existing(self.root, "eiffel_tower")
+        if (root / "sfm").is_dir():  # one visit was given
+            if self.year not in ("all", root.name):
+                raise InputError(
+                    f"{root}: is one visit, not {self.year}; give the folder above it or drop dataset.year"
+                )
+            places = [root]
+        else:
+            years = _YEARS if self.year == "all" else (self.year,)
+            places = [root / year for year in years if self.year != "all" or (root / year).is_dir()]
+        if not places:
+            raise InputError(f"{root}: holds no folder {', '.join(_YEARS)}; unpack the archive of a year there")
+        for place in places:
+            depths = place / self.depths
+            if self.depths != type(self).depths and not depths.is_dir():
+                raise InputError(f"{depths}: no such folder; correct or drop dataset.depths={self.depths}")
+            model = read_model(place / "sfm", place / "images", distorted=True)
+            yield registered_scene(place.name, model, functools.partial(_image, place), depths, self.image_scale)
+
+
+def _image(place: Path, name: str) -> Path:
+    """Return where the image of a name in a model lies; where it is expected when it is nowhere."""
+    usual, year = place / "images" / name, name[:4]
+    if usual.is_file() or year not in _YEARS:
+        return usual
+    images = place.parent / year / "images"
+    others = (images / name, place.parent / name)  # a name may be a path: 2015/a.png, 2015/images/a.png
+    return next((path for path in others if path.is_file()), images / PurePosixPath(name).name)

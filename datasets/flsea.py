@@ -1,0 +1,112 @@
+"""FLSea-VI: twelve dives along canyons of the Mediterranean and reefs of the Red Sea, with depth maps, without poses.
+
+    canyons/flatiron/flatiron/imgs/16233051861828957.tiff                         8-bit, 968x608
+                              seaErra/16233051861828957_SeaErra.tiff              enhanced by a commercial program
+                              depth/16233051861828957_SeaErra_abs_depth.tif       float metres, 0 = unknown
+    canyons/calibration/*-kalibr-results-imucam.txt                               the camera
+
+Conventions. Depth is taken as planar; its pixels are those of the photograph as it was taken. Where the calibration is
+there, photographs and depth maps are undistorted on the way (depth by the nearest value) and have a camera. The
+enhanced images are nobody's truth: they can be restored in place of the photographs, but are no reference.
+Source: Randall & Treibitz, FLSea: underwater visual-inertial and stereo-vision forward-looking datasets, 2023.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sucre_bench.errors import InputError
+from sucre_bench.images import image_size
+from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.kalibr import read_kalibr
+from sucre_bench.loading.lens import Lens
+from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.loading.single_images import image_names, uncalibrated_view
+from sucre_bench.plugins import dataset
+from sucre_bench.progress import track
+from sucre_bench.scene import Scene
+
+__all__ = ["Flsea"]
+
+_SIZE = (968, 608)
+_CALIBRATIONS = ("*camchain*.yaml", "*results-imucam*.txt")
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile", "yaml"),
+    has=("depth",),
+    cites="Randall & Treibitz 2023, arXiv:2302.12772 (FLSea)",
+    licence="as its download page says",
+    source="https://www.kaggle.com/datasets/viseaonlab/flsea-vi (22,451 frames of 968x608, three files each)",
+)
+@dataclass(frozen=True)
+class Flsea:
+    """The FLSea-VI dives: one scene for each, views in order of time, with depth maps."""
+
+    root: Path
+    """The download, or a folder in it from canyons or red_sea down to one dive."""
+    images: Literal["imgs", "seaErra"] = "imgs"
+    """What to restore: "imgs", the photographs, or "seaErra", what another program made of them."""
+    undistort: bool = True
+    """Undistort images and depth maps where the calibration is there; else views are as stored and have no camera."""
+    calibration: Path | None = None
+    """Calibration by Kalibr, in place of the one in a folder calibration/ of the dive or above it, up to root."""
+    image_scale: float = 1.0
+    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
+
+    def __post_init__(self) -> None:
+        check_scale("flsea", self.image_scale)
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each dive. Reads calibration and image headers, decodes nothing.
+
+        Raises InputError when there is no dive, or its calibration or depth maps are not as expected.
+        """
+        root, found = existing(self.root, "flsea"), False
+        for folder in folders_below(root, lambda _, below: self.images in below):
+            found = True
+            yield self._scene(folder, root)
+        if not found:
+            raise InputError(f"{root}: holds no folder {self.images} of images; give the folder of canyons or red_sea")
+
+    def _scene(self, dive: Path, root: Path) -> Scene:
+        folder = dive / self.images
+        names = image_names(folder)
+        if not names:
+            raise InputError(f"{folder}: holds no image; copy the dive's .tiff files there")
+        maps = [name for name in image_names(dive / "depth") if name.lower().endswith((".tif", ".tiff"))]
+        depths = {_frame(name): dive / "depth" / name for name in maps}
+        if depths and not any(_frame(name) in depths for name in names):
+            expected = f"{_frame(names[0])}_SeaErra_abs_depth.tif"
+            raise InputError(f"{dive / 'depth'}: no depth map is named after an image; expected names like {expected}")
+        lens = self._lens(dive, root, image_size(folder / names[0]) or _SIZE) if self.undistort else None
+
+        views = []
+        for name in track(names, "image sizes"):
+            depth = depths.get(_frame(name))
+            if lens is None:
+                views.append(uncalibrated_view(name, folder / name, self.image_scale, depth=depth))
+            else:
+                photograph = Photograph(name, folder / name, lens, None, depth, depth_lens=lens)
+                views.append(view_of(photograph, self.image_scale))
+        has = frozenset({"depth"} if depths else ())
+        return Scene(scene_name(dive, root), views, has, data_id=data_id_of(views))
+
+    def _lens(self, dive: Path, root: Path, size: tuple[int, int]) -> Lens | None:
+        if self.calibration is not None:
+            return read_kalibr(Path(self.calibration).expanduser(), size)
+        places = [place for place in (dive, *dive.parents) if place == root or root in place.parents]
+        for pattern in (f"calibration/{pattern}" for pattern in _CALIBRATIONS):
+            for path in (path for place in places for path in sorted(place.glob(pattern))):
+                return read_kalibr(path, size)
+        return None
+
+
+def _frame(name: str) -> str:
+    """Return the time stamp that an image's and its depth map's names start with."""
+    return re.sub(r"(_SeaErra)?(_abs_depth)?$", "", Path(name).stem, flags=re.IGNORECASE)

@@ -1,0 +1,53 @@
+"""Any folder of images, without depth or camera; with references where there is a folder of them.
+
+root/a.png                8- or 16-bit PNG, TIFF or JPEG
+root/reference/a.png      optional: the same view without water; of the image's size or larger, of any suffix
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sucre_bench.errors import InputError
+from sucre_bench.loading.files import check_scale
+from sucre_bench.loading.folders import existing
+from sucre_bench.loading.single_images import image_folder_scene
+from sucre_bench.plugins import dataset
+from sucre_bench.scene import Encoding, Scene
+
+__all__ = ["Photos"]
+
+
+@dataset(requires=("cv2", "PIL", "tifffile"), has=("reference",), source="your own images")
+@dataclass(frozen=True)
+class Photos:
+    """The images in a folder, one scene, in order of name: for methods that need no depth."""
+
+    root: Path
+    """The folder of the images."""
+    reference: str = "reference"
+    """Folder of images without water, named like the images: in root, or a path of its own; need not exist."""
+    subfolders: bool = False
+    """Take the images in sub-folders too."""
+    image_scale: float = 1.0
+    """Shrink images and references by this factor, above 0 up to 1."""
+    encoding: Encoding = "gamma"
+    """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
+
+    def __post_init__(self) -> None:
+        check_scale("photos", self.image_scale)
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield the one scene, named like its folder. Reads the image headers, decodes nothing.
+
+        Raises InputError when there is no image, or a folder of references that are not these images'.
+        """
+        root = existing(self.root, "photos")
+        references, name = root / Path(self.reference).expanduser(), root.resolve().name
+        there = references.is_dir()
+        if not there and self.reference != type(self).reference:
+            raise InputError(f"{references}: no such folder; correct or drop dataset.reference={self.reference}")
+        options = (self.image_scale, self.encoding, self.subfolders)
+        yield image_folder_scene(name, root, references if there else None, *options)

@@ -1,0 +1,94 @@
+"""SeaThru-NeRF: four reefs, each seen from about twenty places before it, with camera poses.
+
+    Panama/images_wb/MTN_1090.png     1,400x900 or so; Images_wb/ in IUI3-RedSea
+           sparse/0/*.bin             COLMAP model, distorted cameras (colmap/sparse/0/ in copies of others)
+           depths/                    optional, one's own: of the undistorted images, see `sucre_bench.loading.depth`
+
+Conventions. The images are linear: demosaiced raw files, each channel divided by its 99.8th percentile over the scene,
+which its authors call white balance. They are undistorted on the way. The models' scale is arbitrary.
+Source: Levy et al., SeaThru-NeRF: neural radiance fields in scattering media, CVPR 2023.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
+
+from sucre_bench.errors import InputError
+from sucre_bench.loading.colmap_model import read_model
+from sucre_bench.loading.files import check_scale
+from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.named import ImageFolder
+from sucre_bench.loading.registered import registered_scene
+from sucre_bench.plugins import dataset
+from sucre_bench.scene import Encoding, Scene
+
+__all__ = ["SeathruNerf"]
+
+_HELD_OUT = 8  # every eighth image by name, from the first, tests what was learned of the others
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile"),
+    has=("poses", "depth"),
+    cites="Levy, Peleg, Pearl, Rosenbaum, Akkaynak, Treibitz & Korman 2023, CVPR (SeaThru-NeRF)",
+    licence="as its download page says",
+    source="https://sea-thru-nerf.github.io (four scenes of 18 to 29 images)",
+)
+@dataclass(frozen=True)
+class SeathruNerf:
+    """The SeaThru-NeRF reefs: one scene for each, views in order of name, undistorted on the way."""
+
+    root: Path
+    """The download, or one scene of it."""
+    images: tuple[str, ...] = ("images_wb", "images")
+    """Names of a scene's image folder, the first that is there is taken; capitals do not matter."""
+    split: Literal["all", "train", "test"] = "all"
+    """ "test": every eighth image by name, from the first; "train": the others."""
+    depths: str = "depths"
+    """Folder of depth maps of the undistorted images, in a scene's folder; need not exist."""
+    metres_per_unit: float = 1.0
+    """Length in metres of one unit of the model, which structure from motion leaves open."""
+    image_scale: float = 1.0
+    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
+    encoding: Encoding = "linear"
+    """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
+
+    def __post_init__(self) -> None:
+        check_scale("seathru_nerf", self.image_scale)
+        if not self.metres_per_unit > 0:
+            raise InputError(
+                f"seathru_nerf.metres_per_unit: {self.metres_per_unit} is not above 0; give it as measured"
+            )
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each reef. Reads the models and the image headers, decodes nothing.
+
+        Raises InputError when there is no reef, or its model or all of its images are missing.
+        """
+        root, found = existing(self.root, "seathru_nerf"), False
+        names = [name.lower() for name in self.images]
+        for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(names))):
+            found = True
+            there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
+            yield self._scene(place, next(there[name] for name in names if name in there), scene_name(place, root))
+        if not found:
+            raise InputError(f"{root}: holds no folder {' or '.join(self.images)}; give the folder of the four scenes")
+
+    def _scene(self, place: Path, images: Path, name: str) -> Scene:
+        depths = place / self.depths
+        if self.depths != type(self).depths and not depths.is_dir():
+            raise InputError(f"{depths}: no such folder; correct or drop dataset.depths={self.depths}")
+        sparse = next((path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()), None)
+        model = read_model(sparse or place / "sparse", images, distorted=True)
+        if self.split != "all":
+            model = [posed for i, posed in enumerate(model) if (i % _HELD_OUT == 0) == (self.split == "test")]
+        files = ImageFolder(images)
+
+        def image_of(name: str) -> Path:
+            same = files.find(name)  # models are often made of copies of another suffix
+            return images / (same[0] if len(same) == 1 else name)
+
+        return registered_scene(name, model, image_of, depths, self.image_scale, self.encoding, self.metres_per_unit)

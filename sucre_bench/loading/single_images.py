@@ -1,0 +1,114 @@
+"""Images without a camera: in a folder, alone or each with a reference of the same name in another folder."""
+
+from __future__ import annotations
+
+import os
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
+
+from sucre_bench.errors import InputError
+from sucre_bench.images import image_size
+from sucre_bench.loading.files import Files, data_id_of
+from sucre_bench.loading.folders import folders_below
+from sucre_bench.loading.named import SUFFIXES
+from sucre_bench.progress import track
+from sucre_bench.scene import Encoding, Plane, Scene, View
+
+__all__ = ["image_folder_scene", "image_names", "innermost", "paired_folders", "uncalibrated_view"]
+
+
+def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
+    """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out."""
+    found, but = [], but and but.resolve()
+    for place, below, names in os.walk(folder, followlinks=True):
+        below[:] = [
+            name for name in below if subfolders and not name.startswith(".") and Path(place, name).resolve() != but
+        ]
+        images = (name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith("."))
+        found += [Path(place, name).relative_to(folder).as_posix() for name in images]
+    return sorted(found)
+
+
+def uncalibrated_view(
+    name: str,
+    image: Path,
+    image_scale: float = 1.0,
+    encoding: Encoding = "gamma",
+    *,
+    depth: Path | None = None,
+    reference: Path | None = None,
+    faults: dict[Plane, str] | None = None,
+) -> View:
+    """Return the view of an image whose camera is unknown. Reads the image's header."""
+    width, height = image_size(image) or (1, 1)  # decoding will say what is wrong
+    size = (max(1, round(width * image_scale)), max(1, round(height * image_scale)))
+    return View(name, Files(image, size, depth, reference, faults=faults or {}), encoding=encoding)
+
+
+def image_folder_scene(
+    name: str,
+    folder: Path,
+    references: Path | None = None,
+    image_scale: float = 1.0,
+    encoding: Encoding = "gamma",
+    subfolders: bool = False,
+) -> Scene:
+    """Return the scene of a folder's images, each with the reference whose path below `references` is the same.
+
+    A reference may have another suffix. An image without one gets a fault. Raises InputError when there is no image, or
+    `references` holds none of theirs.
+    """
+    names = image_names(folder, subfolders, but=references)
+    if not names:
+        raise InputError(f"{folder}: holds no image ({' '.join(SUFFIXES)}); copy the images there")
+    there = _by_stem(references, subfolders) if references else {}
+    if references and not any(_stem(name) in there for name in names):
+        raise InputError(f"{references}: no file is named like an image; name them like {names[0]}")
+    views = []
+    for image in track(names, "image sizes"):
+        reference, faults = None, dict[Plane, str]()
+        if references:
+            same = there.get(_stem(image), [])
+            if image in same or len(same) == 1:
+                reference = references / (image if image in same else same[0])
+            elif same:
+                faults["reference"] = f"{references / same[0]}: {same[1]} is there as well; keep one of them"
+            else:
+                faults["reference"] = f"{references / image}: no such file; copy it there"
+        own = uncalibrated_view(image, folder / image, image_scale, encoding, reference=reference, faults=faults)
+        views.append(own)
+    return Scene(name, views, frozenset({"reference"} if references else ()), data_id=data_id_of(views))
+
+
+def _by_stem(folder: Path, subfolders: bool) -> dict[str, list[str]]:
+    found = defaultdict(list)
+    for name in image_names(folder, subfolders):
+        found[_stem(name)].append(name)
+    return found
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(name).with_suffix("").as_posix().lower()
+
+
+def paired_folders(
+    root: Path, inputs: Iterable[str], references: Iterable[str]
+) -> Iterator[tuple[Path, Path, Path | None]]:
+    """Yield each folder at or below root that holds one of the folders `inputs`: itself, that, and one of `references`.
+
+    Capitals do not matter; the first name that is there is taken. What was unpacked into a folder of its own name is
+    found there.
+    """
+    inputs, references = list(inputs), list(references)
+    for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(inputs))):
+        there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
+        images = next(there[name] for name in inputs if name in there)
+        targets = next((there[name] for name in references if name in there), None)
+        yield place, innermost(images), targets and innermost(targets)
+
+
+def innermost(folder: Path) -> Path:
+    """Return the folder below that alone holds anything, as archives unpack to raw-890/raw-890."""
+    below = [path for path in folder.iterdir() if path.is_dir() and not path.name.startswith((".", "__MACOSX"))]
+    return folder if len(below) != 1 or image_names(folder) else innermost(below[0])
