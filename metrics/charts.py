@@ -8,12 +8,13 @@ it: the chart's coverage, the share of the patches' pixels behind its value, tel
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sucre_bench.charts import Patch, PatchReading, measure
+from sucre_bench.cielab import lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins import metric
 from sucre_bench.scene import Array, Chart, Restoration, Score, View
 
@@ -94,31 +95,6 @@ def ciede2000(a: Array, b: Array) -> Array:
     import colour
 
     return np.asarray(colour.delta_E(a, b, method="CIE 2000"))
-
-
-def lab_d50(srgb: Array) -> Array:
-    """Return CIE Lab under D50 of gamma-encoded sRGB (..., 3) in [0, 1], adapted from D65 by Bradford's transform."""
-    import colour
-
-    white = _d50()
-    XYZ = colour.sRGB_to_XYZ(srgb, illuminant=white, chromatic_adaptation_transform="Bradford")
-    return np.asarray(colour.XYZ_to_Lab(XYZ, white))
-
-
-def srgb_of_lab_d50(lab: Array) -> Array:
-    """Return gamma-encoded sRGB of CIE Lab under D50 (..., 3), clipped to [0, 1]: a picture shows no more."""
-    import colour
-
-    XYZ = colour.Lab_to_XYZ(lab, _d50())
-    srgb = colour.XYZ_to_sRGB(XYZ, illuminant=_d50(), chromatic_adaptation_transform="Bradford")
-    return np.asarray(srgb).clip(0, 1)
-
-
-def _d50() -> Array:
-    import colour
-
-    observers: Mapping[str, Mapping[str, Array]] = colour.CCS_ILLUMINANTS
-    return observers["CIE 1931 2 Degree Standard Observer"]["D50"]
 
 
 def _expected_rgb(patch: Patch, variant: str) -> Array:

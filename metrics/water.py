@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins import metric
 from sucre_bench.scene import Array, Restoration, Score, View
 from sucre_bench.scene import Water as TrueWater
@@ -32,14 +33,20 @@ class Water:
 
     The true water is `restored.info["true_water"]`, a `scene.Water`, which the engine puts there after the method has
     run. A channel whose true value is 0 has no relative error: NaN, and the mean goes without it. A parameter that a
-    method does not estimate is NaN in its water, and has no score.
+    method does not estimate is NaN in its water, and has no score; nor has the water of intensities encoded otherwise.
     """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
-        """Yield a score for the image and one per channel; nothing where the method estimates no water."""
+        """Yield a score for the image and one per channel; nothing where the method estimates no water.
+
+        Raises NotApplicableError where estimate and truth explain intensities of different encoding.
+        """
         truth: TrueWater | None = restored.info.get("true_water")
         if restored.water is None or truth is None:
             return
+        if (own := restored.water.encoding) != truth.encoding:
+            fault = f"the estimate explains {own or 'the view'}, the true water {truth.encoding or 'the view'}"
+            raise NotApplicableError(f"{view.name}: {fault} intensities, which cannot be compared")
         estimate = np.asarray(getattr(restored.water, variant), dtype=np.float64)
         if np.isnan(estimate).all():
             return

@@ -14,6 +14,7 @@ from sucre_bench.options import create
 from sucre_bench.restoring import Measured, measured_restore
 from sucre_bench.scene import Restoration, Scene, View
 from sucre_bench.scores import score_rows
+from sucre_bench.source import source_hash
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,7 +34,8 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
     """Restore a view. method: a name with its options, or a method object.
 
     `info` of the result also says how it came about: method, options, display, seconds, peak_mb.
-    Raises InputError where the scene lacks what the method needs, PluginError for a result that breaks the contract.
+    Raises InputError where the scene lacks what the method needs, PluginError for a result that breaks the contract,
+    SolveError where an estimation has no answer, of that NotApplicableError where the method has nothing to say.
     """
     if isinstance(method, str):
         method = create(plugins.find("method", method), options)
@@ -51,7 +53,7 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
         "peak_mb": measured.peak_mb,
         "scene": scene.name,
         "data_id": scene.data_id,
-        "code": plugins.source_hash(plugin),
+        "code": source_hash(plugin),
     }
     restoration = measured.restoration
     return replace(restoration, info={**restoration.info, **about})

@@ -9,20 +9,35 @@ Sources. "dgk", DGK Color Tools, the charts of the Sea-thru data set (Akkaynak &
 (taken as D50: patches 13-18 then agree with the sRGB list within dE00 1) and the sRGB list in public use; the corners
 are those of the black frame. "colorchecker24", X-Rite ColorChecker Classic as made before November 2014: the maker's
 published Lab D50 and sRGB values; the corners are the outer corners of the four corner patches, which every size of
-this chart shows.
+this chart shows. "colorchecker_sg" and charts described by a CSV file: see `sucre_bench.chart_kinds`.
 """
 
 from __future__ import annotations
 
+import hashlib
 from collections.abc import Sequence
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.scene import Array, Chart
 
-__all__ = ["KINDS", "ChartKind", "Patch", "PatchReading", "chart_kind", "measure"]
+__all__ = [
+    "KINDS",
+    "ChartKind",
+    "Patch",
+    "PatchReading",
+    "Triple",
+    "chart_kind",
+    "check_corners",
+    "image_from_chart",
+    "kind_id",
+    "measure",
+]
+
+_SG = "colorchecker_sg"
 
 Triple = tuple[float, float, float]
 Box = tuple[float, float, float, float]
@@ -77,23 +92,47 @@ def measure(shown: Array, chart: Chart) -> list[PatchReading]:
     is too small to hold one, the pixel at its centre. Pixels beyond the image's edge count as pixels without colour.
     Raises InputError for an unknown kind, and for corners that are not a convex quadrilateral in reading order.
     """
+    kind, corners = chart_kind(chart.kind), np.asarray(chart.corners, dtype=np.float64)
+    check_corners(chart.name, corners)
+    homography = image_from_chart(corners)
+    return [_read(shown, patch, homography) for patch in kind.patches]
+
+
+def image_from_chart(corners: Array) -> Array:
+    """Return the homography (3, 3) float64 from a chart's unit square to pixels, of its corners (4, 2)."""
     import cv2
 
-    kind, corners = chart_kind(chart.kind), np.asarray(chart.corners, dtype=np.float64)
-    _check_corners(chart.name, corners)
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
-    image_from_chart: Array = cv2.getPerspectiveTransform(unit, corners.astype(np.float32)).astype(np.float64)
-    return [_read(shown, patch, image_from_chart) for patch in kind.patches]
+    return np.asarray(cv2.getPerspectiveTransform(unit, np.asarray(corners, dtype=np.float32)), dtype=np.float64)
 
 
 def chart_kind(name: str) -> ChartKind:
-    """Return the kind of that name. InputError with the nearest name when there is none."""
-    if name not in KINDS:
-        raise InputError(f"chart kind '{name}': unknown; {did_you_mean(name, KINDS)}")
-    return KINDS[name]
+    """Return the kind of that name, or the one that the CSV file of that path describes.
+
+    Raises InputError, with the nearest name where there is none, and for a file that describes no chart.
+    """
+    if name in KINDS:
+        return KINDS[name]
+    if name == _SG or name.lower().endswith(".csv"):
+        from sucre_bench import chart_kinds
+
+        return chart_kinds.colorchecker_sg() if name == _SG else chart_kinds.read_kind(Path(name))
+    known = did_you_mean(name, [*KINDS, _SG])
+    raise InputError(f"chart kind '{name}': unknown; {known}, or the path of a CSV file")
 
 
-def _check_corners(name: str, corners: Array) -> None:
+def kind_id(name: str) -> str:
+    """Return what tells one kind from another wherever its file lies: a CSV file's content, else the name."""
+    if not name.lower().endswith(".csv"):
+        return name
+    try:
+        return f"csv-{hashlib.blake2b(Path(name).read_bytes(), digest_size=6).hexdigest()}"
+    except OSError:
+        return "csv-unreadable"
+
+
+def check_corners(name: str, corners: Array) -> None:
+    """Raise InputError unless corners are (4, 2), finite, convex and in reading order."""
     fault = f"chart '{name}': corners are not a quadrilateral; give (4, 2) pixels from the top left on, clockwise"
     if corners.shape != (4, 2) or not np.isfinite(corners).all():
         raise InputError(fault)
@@ -104,19 +143,19 @@ def _check_corners(name: str, corners: Array) -> None:
         raise InputError(fault)
 
 
-def _read(shown: Array, patch: Patch, image_from_chart: Array) -> PatchReading:
+def _read(shown: Array, patch: Patch, homography: Array) -> PatchReading:
     """The median of the pixels in the inner half: a corner that is off by a tenth of a patch does no harm."""
     x0, y0, x1, y1 = patch.box
     x_inner = (0.75 * x0 + 0.25 * x1, 0.25 * x0 + 0.75 * x1)
     y_inner = (0.75 * y0 + 0.25 * y1, 0.25 * y0 + 0.75 * y1)
-    outline = _map(image_from_chart, np.array([(x, y) for x in x_inner for y in y_inner]))
+    outline = _map(homography, np.array([(x, y) for x in x_inner for y in y_inner]))
     (u0, v0), (u1, v1) = np.floor(outline.min(axis=0)).astype(int), np.ceil(outline.max(axis=0)).astype(int)
     u, v = (a.ravel() for a in np.meshgrid(np.arange(u0, u1), np.arange(v0, v1)))
-    x, y = _map(np.linalg.inv(image_from_chart), np.stack([u, v], axis=-1) + 0.5).T
+    x, y = _map(np.linalg.inv(homography), np.stack([u, v], axis=-1) + 0.5).T
     inside = (x >= x_inner[0]) & (x <= x_inner[1]) & (y >= y_inner[0]) & (y <= y_inner[1])
     u, v = u[inside], v[inside]
     if u.size == 0:
-        centre = np.floor(_map(image_from_chart, np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])))
+        centre = np.floor(_map(homography, np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])))
         u, v = centre.astype(int).T
     in_image = (u >= 0) & (u < shown.shape[1]) & (v >= 0) & (v < shown.shape[0])
     pixels = np.asarray(shown[v[in_image], u[in_image]], dtype=np.float64)

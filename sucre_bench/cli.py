@@ -11,7 +11,10 @@ from typing import TYPE_CHECKING, Any
 import click
 
 import sucre_bench
+from sucre_bench.charting.command import charts
+from sucre_bench.describe.command import describe
 from sucre_bench.errors import SucreBenchError
+from sucre_bench.prepare.command import prepare
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -61,6 +64,8 @@ def cli() -> None:
 
     \b
     sucre-bench run dataset=demo method=gray_world
+    sucre-bench prepare photos/ dive/
+    sucre-bench describe colmap dataset.root=dive/
     sucre-bench run -m dataset=colmap dataset.root=dive/ method=underwater,sucre out=results
     sucre-bench compare results
     sucre-bench score restored/ --reference truth/
@@ -257,3 +262,7 @@ def doctor() -> None:
     from sucre_bench import doctor
 
     sys.exit(doctor.show())
+
+
+for command in (prepare, charts, describe):
+    cli.add_command(command)

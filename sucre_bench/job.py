@@ -11,7 +11,7 @@ from sucre_bench import plugins
 from sucre_bench.colour import check_display
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, did_you_mean, one_line
-from sucre_bench.options import Option, check_options, create, options_of, typed
+from sucre_bench.options import check_options, create, options_of, typed
 from sucre_bench.plugins import Kind, Plugin
 
 if TYPE_CHECKING:
@@ -77,19 +77,25 @@ class Choice:
 
     @property
     def files(self) -> tuple[Path, ...]:
-        """What options name and results rest on: files, folders, and the source of other methods."""
-        return tuple(place for o in options_of(self.plugin.cls) if o.name in self.plugin.reads for place in self._at(o))
+        """The files and folders that options name and results rest on; one that is not there is left out."""
+        others = {method.name for method in self.methods}
+        places = (Path(value).expanduser() for value in self._read() if value not in others)
+        return tuple(place for place in places if place.exists())
 
-    def _at(self, option: Option) -> Iterator[Path]:
-        """Where the value of an option that names a file, a folder or a method leads; reserved words lead nowhere."""
-        value = self.options.get(option.name, "")
-        if not isinstance(value, (str, Path)) or value in ("", *option.choices):
-            return
-        method = plugins.discover("method").get(str(value))
-        if isinstance(method, Plugin):
-            yield plugins.source_of(method)
-        elif (place := Path(value).expanduser()).exists():
-            yield place
+    @property
+    def methods(self) -> tuple[Plugin, ...]:
+        """The other methods that options name, and results rest on."""
+        known = plugins.discover("method")
+        named = (known.get(value) for value in self._read() if isinstance(value, str))
+        return tuple(method for method in named if isinstance(method, Plugin))
+
+    def _read(self) -> Iterator[str | Path]:
+        """What is given for options that a plugin `reads`, but for words that mean something else there."""
+        for option in options_of(self.plugin.cls):
+            value = self.options.get(option.name, "")
+            given = isinstance(value, (str, Path)) and value not in ("", *option.choices)
+            if option.name in self.plugin.reads and given:
+                yield value
 
     @property
     def record(self) -> dict[str, Any]:

@@ -22,7 +22,7 @@ _SINGLE = ("method", "dataset", "experiment")
 def not_an_override(text: str, fault: Exception) -> InputError:
     """Say what cannot be read as key=value."""
     key, equals, value = text.partition("=")
-    if equals and key and value and value[0] not in "'\"[{$":
+    if equals and key and value and (value[0] not in "'\"[{$" or "}" in value[1:-1]):
         quoted = value.replace("'", r"\'")
         return InputError(f"{text}: special characters need quotes; write \"{key}='{quoted}'\", both kinds")
     return InputError(f"{text}: {_first_line(fault)}; an override reads key=value")

@@ -6,6 +6,7 @@ import ast
 import functools
 import inspect
 import itertools
+import math
 import textwrap
 from collections.abc import Mapping
 from dataclasses import MISSING, dataclass, fields
@@ -88,6 +89,8 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
         if not _fits(known[name].type, value):
             of = getattr(known[name].type, "__name__", known[name].type)
             raise InputError(f"{plugin.name}.{name}: {value!r} is not {of}; see `sucre-bench list {plugin.kind}s`")
+        if not _finite(value):
+            raise InputError(f"{plugin.name}.{name}: {value} is not a finite number; give one")
         if known[name].is_closed and value not in known[name].choices:
             hint = did_you_mean(str(value), known[name].choices)
             raise InputError(f"{plugin.name}.{name}: '{value}' is not a choice; {hint}")
@@ -104,6 +107,13 @@ def _fits(annotation: Any, value: Any) -> bool:
     if not kinds or (value is None and type(None) in get_args(annotation)) or isinstance(value, Path):
         return True
     return any(type(value) is kind or (kind is float and type(value) is int) for kind in kinds)
+
+
+def _finite(value: Any) -> bool:
+    """Whether a value is no float, or a finite one; of a list or tuple, each."""
+    if isinstance(value, (list, tuple)):
+        return all(_finite(one) for one in value)
+    return not isinstance(value, float) or math.isfinite(value)
 
 
 def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:

@@ -45,8 +45,6 @@ __all__ = [
     "missing_needs",
     "missing_packages",
     "set_aside",
-    "source_hash",
-    "source_of",
 ]
 
 Kind = Literal["method", "dataset", "metric"]
@@ -334,40 +332,3 @@ def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
     """Return what a plugin needs and a scene does not offer, in words; empty when nothing is missing."""
     absent = sorted(plugin.needs - has)
     return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
-
-
-_ENGINE = ("scene.py", "colour.py", "charts.py", "images.py", "multiview", "steps", "loading", "degrade")
-
-
-def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
-    """Return a hash of what makes a result: the plugins' files or folders, the engine's numerics, and further files.
-
-    Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it.
-    """
-    engine = Path(__file__).parent
-    source = _hash_files((*(source_of(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
-    stamps = [stamp for place in files for stamp in _stamps(place)]
-    return hashlib.blake2b(f"{source}{stamps}".encode(), digest_size=6).hexdigest() if stamps else source
-
-
-def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
-    for path in sorted(p for p in place.rglob("*") if p.is_file()) if place.is_dir() else [place]:
-        state = path.stat()
-        yield str(path), state.st_size, state.st_mtime_ns
-
-
-def source_of(plugin: Plugin) -> Path:
-    """A plugin's file, or its folder where it has one of its own."""
-    file = Path(inspect.getsourcefile(plugin.cls) or __file__)
-    shared = (Path(__file__).parent / f"{plugin.kind}s").resolve()
-    has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
-    return file.parent if has_folder else file
-
-
-@functools.cache
-def _hash_files(places: tuple[Path, ...]) -> str:
-    digest = hashlib.blake2b(digest_size=6)
-    for place in places:
-        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
-            digest.update(path.read_bytes())
-    return digest.hexdigest()

@@ -13,9 +13,9 @@ import numpy as np
 
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.errors import PluginError
-from sucre_bench.scene import Array, Pixels, Plane, Restoration, Scene, View
+from sucre_bench.scene import Array, Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
-__all__ = ["Measured", "measured_restore"]
+__all__ = ["Measured", "measured_restore", "restored"]
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,27 @@ def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
     The view's own planes are decoded before the clock starts: reading the target is not restoring it. Where a method
     says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done elsewhere, that counts.
     """
-    converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
-    if converts:
-        view = replace(view, pixels=_Encoded(view.pixels), encoding="gamma")
     _ = view.rgb, view.has_depth
     with _PeakMemory() as memory:
         started = time.perf_counter()
-        restoration = method.restore(scene, view)
+        restoration = restored(method, scene, view)
         seconds = time.perf_counter() - started
+    info = dict(restoration.info)
+    took = (float(info.get(name, own)) for name, own in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
+    if scene.water:
+        info["true_water"] = _explaining(scene.water, view.encoding)
+    return Measured(replace(restoration, info=info), *took)
+
+
+def restored(method: Any, scene: Scene, view: View) -> Restoration:
+    """Return a method's restoration, checked: the image in the view's encoding, the water saying what it explains.
+
+    A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
+    PluginError when the result is not what a method must return, and what the method raises.
+    """
+    converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
+    given = replace(view, pixels=_Encoded(view.pixels), encoding="gamma") if converts else view
+    restoration = method.restore(scene, given)
     if not isinstance(restoration, Restoration):
         raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
     image = np.asarray(restoration.image)
@@ -50,11 +63,16 @@ def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
         )
     if not np.isfinite(image).all(axis=-1).any():
         raise PluginError(f"the method gave no pixel of {view.name} a colour; its result is all NaN or infinite")
-    info = {**restoration.info, "true_water": scene.water} if scene.water else dict(restoration.info)
+    water = restoration.water and _explaining(restoration.water, given.encoding)
+    info = dict(restoration.info)
     if converts:
         image, info["converted"] = srgb_decode(image), "encoded (sRGB) for the method, its result decoded"
-    took = (float(info.get(name, own)) for name, own in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
-    return Measured(replace(restoration, image=image, info=info), *took)
+    return replace(restoration, image=image, water=water, info=info)
+
+
+def _explaining(water: Water, encoding: Encoding) -> Water:
+    """A water that says which intensities it explains: those of the view, where it did not."""
+    return water if water.encoding else replace(water, encoding=encoding)
 
 
 @dataclass(frozen=True)

@@ -34,6 +34,7 @@ from sucre_bench.results import Part, Row
 from sucre_bench.resume import Done
 from sucre_bench.scene import Array, Restoration, Scene, View, Water
 from sucre_bench.scores import keep_traceback, score_rows, without
+from sucre_bench.source import source_hash
 
 __all__ = ["Task", "failed_row", "open_scenes", "run_job", "tasks"]
 
@@ -139,7 +140,7 @@ def _base_row(job: Job) -> Row:
         options=options,
         options_id=options_id,
         seed=int(job.method.options.get("seed", job.seed)),
-        code=plugins.source_hash(job.dataset.plugin, job.method.plugin, files=job.method.files),
+        code=source_hash(job.dataset.plugin, job.method.plugin, *job.method.methods, files=job.method.files),
     )
 
 
@@ -226,8 +227,8 @@ def _water_arrays(water: Water) -> dict[str, Array]:
 def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
     """The water, what the method tells of its work, the true water where known, and how long writing took."""
     water = restoration.water
-    known = {} if water is None else _water_arrays(water)
-    told = known | restoration.info | {"write_seconds": write_seconds}
+    known = {} if water is None else {**_water_arrays(water), "encoding": water.encoding}
+    told = known | restoration.info | known | {"write_seconds": write_seconds}  # what is known of the water comes first
     text = json.dumps(told, default=_plain, skipkeys=True)
     return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
 
@@ -235,7 +236,7 @@ def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
 def _plain(value: Any) -> Any:
     """An array as lists, a water by its parameters, anything else in words: a method may tell what it likes."""
     if isinstance(value, Water):
-        return _water_arrays(value)
+        return {**_water_arrays(value), "encoding": value.encoding}
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 

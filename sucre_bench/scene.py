@@ -61,12 +61,14 @@ class Camera:
 class Water:
     """The water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
 
-    veiling_light: (3,) B, in image intensity; attenuation: (3,) beta, 1/m; backscatter: (3,) gamma, 1/m. RGB.
+    veiling_light: (3,) B, in image intensity; attenuation: (3,) beta, 1/m; backscatter: (3,) gamma, 1/m. RGB; NaN for
+    what a method does not estimate. encoding: of the intensities that it explains; None where those are the view's.
     """
 
     veiling_light: Array
     attenuation: Array
     backscatter: Array
+    encoding: Encoding | None = None
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,7 +76,7 @@ class Chart:
     """A colour chart seen in a view.
 
     name: unique in the view, the same chart has the same name in every view;
-    kind: the layout and reference colours, "dgk" or "colorchecker24";
+    kind: the layout and reference colours: "dgk", "colorchecker24", "colorchecker_sg", or the path of a CSV file;
     corners: (4, 2) float64 pixels, the chart's frame: top left, top right, bottom right, bottom left,
     as the chart is read (not as it lies in the image).
     """
@@ -172,6 +174,8 @@ class View:
 @cached(LRUCache(_KEPT_BYTES, getsizeof=lambda a: 0 if a is None else a.nbytes), lock=threading.Lock())
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
+    if values is not None and plane == "depth":  # what is no distance is unknown
+        values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
     if values is not None:
         values.setflags(write=False)  # what one method may not do to the next
     return values

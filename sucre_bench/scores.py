@@ -10,11 +10,12 @@ from dataclasses import replace
 from pathlib import Path
 
 from sucre_bench import plugins, results
-from sucre_bench.errors import ANY_FAULT, one_line
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, one_line
 from sucre_bench.job import MetricChoice
 from sucre_bench.restoring import Measured
 from sucre_bench.results import Row, fingerprint
 from sucre_bench.scene import Array, Restoration, View
+from sucre_bench.source import source_hash
 
 __all__ = ["code_of", "keep_traceback", "score_rows", "without"]
 
@@ -57,7 +58,7 @@ def _locked(array: Array) -> Array:
 def code_of(base: Row, metric: MetricChoice) -> str:
     """What a score's row says as code: the restoration's hash, then the metric's source and options."""
     options = f"-{fingerprint(metric.choice.options)[1]}" if metric.choice.options else ""
-    return f"{base.code.split('.')[0]}.{plugins.source_hash(metric.plugin)}{options}"
+    return f"{base.code.split('.')[0]}.{source_hash(metric.plugin)}{options}"
 
 
 def without(base: Row, status: results.Status, reason: str) -> Row:
@@ -74,6 +75,8 @@ def _scored(
             replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=float(s.coverage))
             for s in scores
         ]
+    except NotApplicableError as reason:
+        return [without(base, "skipped", one_line(reason))]
     except ANY_FAULT as fault:
         keep_traceback(log, f"{base.dataset} / {base.method} / {view.name} / {base.metric}:{base.variant}")
         return [without(base, "failed", one_line(fault))]

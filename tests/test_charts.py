@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import json
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from sucre_bench.charts import KINDS, ChartKind, measure
+from sucre_bench.charts import KINDS, ChartKind, chart_kind, kind_id, measure
 from sucre_bench.errors import InputError
+from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.scene import Array, Chart
 
 TILTED = np.array([[61.0, 40.0], [352.0, 22.0], [377.0, 268.0], [33.0, 241.0]])
@@ -162,3 +167,79 @@ def test_an_unknown_kind_names_the_nearest() -> None:
 def test_corners_that_are_no_quadrilateral_are_refused(corners: Array) -> None:
     with pytest.raises(InputError, match="chart 'left': corners are not a quadrilateral"):
         measure(np.ones((9, 9, 3)), Chart("left", "dgk", corners))
+
+
+# -- kinds from elsewhere ----------------------------------------------------------------------------------------
+
+
+def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray() -> None:
+    sg = chart_kind("colorchecker_sg")
+    assert [sg.patches[k].name for k in (0, 13, 126, 139)] == ["A1", "N1", "A10", "N10"]
+    lab = {patch.name: np.array(patch.lab) for patch in sg.patches}
+    rim = [p for p in sg.patches if p.name[0] in "AN" or p.name[1:] in ("1", "10")]
+    assert len(rim) == 44
+    assert not any(p.colour for p in rim)
+    classic = [np.array(patch.lab) for patch in KINDS["colorchecker24"].patches]
+    for k in range(18):  # E2 to J4 are the Classic's three rows of colours, in other dyes
+        row, column = divmod(k, 6)
+        own = lab[f"{'EFGHIJ'[column]}{row + 2}"]
+        assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(*classic[k][1:]), "of one hue"
+    readings = measure(painted(sg, TILTED, (300, 420)), Chart("c", "colorchecker_sg", TILTED))
+    np.testing.assert_allclose([r.rgb for r in readings], [p.srgb for p in sg.patches], atol=1e-6)
+
+
+OWN = """# illuminant: {illuminant}
+# frame: 120 x 80
+name,x0,y0,x1,y1,L,a,b
+white,0,0,60,40,100,0,0
+red,60,0,120,40,53.24,80.09,67.20
+blue,0,40,60,80,32.30,79.19,-107.86
+gray,60,40,120,80,53.39,0,0
+"""
+
+
+def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(OWN.format(illuminant="D65"))  # sRGB's primaries under its own white (Lindbloom)
+    kind = chart_kind(str(path))
+    assert (kind.width, kind.height, [p.name for p in kind.patches]) == (120, 80, ["white", "red", "blue", "gray"])
+    assert [p.colour for p in kind.patches] == [False, True, True, False]
+    assert kind.patches[1].box == (0.5, 0, 1, 0.5)
+    expected = [(1, 1, 1), (1, 0, 0), (0, 0, 1), (0.5, 0.5, 0.5)]
+    np.testing.assert_allclose([p.srgb for p in kind.patches], expected, atol=5e-3)
+    np.testing.assert_allclose(kind.patches[1].lab, (54.29, 80.80, 69.89), atol=0.05)  # under D50, as in ICC profiles
+    same = kind_id(str(path))
+    path.write_text(OWN.format(illuminant="D50"))
+    assert kind_id(str(path)) != same
+    assert chart_kind(str(path)).patches[1].lab == (53.24, 80.09, 67.20)
+
+
+def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_path: Path) -> None:
+    own = "name,x0,y0,x1,y1,L,a,b,R,G,B\nteal,0,0,9,9,50,-20,-20,0,51,255\n"
+    (tmp_path / "own.csv").write_text("# illuminant: D50\n# frame: 9 x 9\n" + own)
+    entry = {"images": {"a.png": {"c": {"kind": "own.csv", "corners": TILTED.tolist()}}}}
+    (tmp_path / "charts.json").write_text(json.dumps(entry))
+    (chart,) = read_charts(tmp_path / "charts.json", {"a.png": (420, 300)})["a.png"]
+    assert chart_kind(chart.kind).patches[0].srgb == (0, 0.2, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (("# illuminant: {illuminant}\n", ""), "does not say illuminant and frame"),
+        (("{illuminant}", "D51"), "illuminant 'D51': unknown; did you mean"),
+        (("60,0,120,40", "60,0,130,40"), "line 5: the patch is not inside the frame"),
+        (("32.30", "dark"), "line 6: L is 'dark', not a number"),
+        ((",L,a,b", ",X,Y,Z"), "no column 'L'"),
+    ],
+)
+def test_a_description_that_is_none_is_refused_by_line(tmp_path: Path, change: tuple[str, str], fault: str) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(OWN.replace(*change).replace("{illuminant}", "D65"))
+    with pytest.raises(InputError, match="own.csv: .*" + re.escape(fault)):
+        chart_kind(str(path))
+
+
+def test_a_description_that_is_not_there_names_the_file() -> None:
+    with pytest.raises(InputError, match=r"nowhere\.csv: the chart's description cannot be read"):
+        chart_kind("nowhere.csv")

@@ -439,7 +439,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
         ("add_water=[1,2,3]", "degrade.add_water: not a water; give nine numbers"),
         ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", "degrade.add_water: no water has these values"),
         ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", "degrade.add_water: no water has these values"),
-        ("add_water=absent.json", "absent.json: cannot be read, No such file"),
+        ("add_water=absent.json", "absent.json: no such file; give a JSON file with B, beta and gamma"),
     ],
 )
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str):
@@ -452,10 +452,10 @@ def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str)
 @pytest.mark.parametrize(
     ("content", "said"),
     [
-        ("{", "not JSON"),
-        ("[1]", "no B, beta, gamma in it"),
-        ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', "no gamma in it"),
-        ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "not a water"),
+        ("{", "does not hold B, beta and gamma"),
+        ("[1]", "no B, beta and gamma in it"),
+        ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', "no water has these values"),
+        ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "B must be three numbers"),
         ('{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}', "no water has these values"),
     ],
 )

@@ -11,7 +11,7 @@ import pytest
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.config import jobs
 from sucre_bench.options import create, options_of
-from sucre_bench.plugins import Broken, discover, find, load_file, missing_packages, source_hash
+from sucre_bench.plugins import Broken, discover, find, load_file, missing_packages
 
 METHOD = """
 from dataclasses import dataclass
@@ -225,10 +225,3 @@ def test_what_is_not_installed_comes_with_the_line_that_installs_it():
         pass
 
     assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz.part"
-
-
-def test_the_source_hash_follows_the_plugins_own_file(tmp_path: Path):
-    load_file(write(tmp_path, "One", "one.py"))
-    load_file(write(tmp_path, "Two", "two.py"))
-    assert source_hash(find("method", "one")) != source_hash(find("method", "two"))
-    assert source_hash(find("method", "gray_world")) != source_hash(find("method", "underwater"))

@@ -131,7 +131,7 @@ def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path
     told = (out / "restored" / "toy" / "tabulated" / "v0.json").read_text()
     content = json.loads(told, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
     assert (content["B"], content["beta"], content["deviation"]) == ([0.2] * 3, [None] * 3, [1.0, None])
-    assert content["true_water"] == {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3}
+    assert content["true_water"] == {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3, "encoding": "gamma"}
 
 
 def test_a_method_for_encoded_intensities_gets_them_and_its_result_is_brought_back(toys: str):

@@ -86,7 +86,7 @@ def test_the_true_water_is_taken_as_it_is() -> None:
 
 
 def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
-    with pytest.raises(InputError, match="water=truth: the true water is of intensities as stored"):
+    with pytest.raises(InputError, match="water=truth: is of gamma intensities, and linear ones are to be explained"):
         Sucre(water="truth", encoding="linear").restore(SCENE, TARGET)
 
 
@@ -120,12 +120,12 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
         (
             "linear.json",
             '{"B": [0, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1], "encoding": "linear"}',
-            "encoding=linear; give method.encoding=linear",
+            "is of linear intensities, and gamma ones are to be explained; give encoding=linear",
         ),
         ("absent.json", None, "no such file; water= takes own, shared, truth"),
         ("cut.json", '{"B": [1, 2', "does not hold B, beta and gamma"),
-        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', "does not hold B, beta and gamma"),
-        ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', "must be three finite numbers each"),
+        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', "must be three finite numbers each"),
+        ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', "B must be three numbers"),
         ("nan.json", '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "three finite numbers"),
         ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "does not hold B, beta and gamma"),
         ("list.json", "[1, 2, 3]", "does not hold B, beta and gamma"),
@@ -155,7 +155,9 @@ def test_water_comes_from_another_method_and_colours_from_all_views() -> None:
 @pytest.mark.parametrize(
     ("name", "said"),
     [
-        ("gray_world", "water_from=gray_world: it estimates no water; name one that does"),
+        ("gray_world", "water_from=gray_world: it estimates no B, beta, gamma; name one that does"),
+        ("haze_lines", "water_from=haze_lines: it estimates no beta, gamma; name one that does"),
+        ("precomputed", "water_from=precomputed: takes options .*; run it first, and give water=FOLDER"),
         ("grey_world", "no method is called 'grey_world'; did you mean 'gray_world'"),
     ],
 )

@@ -2,28 +2,25 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path, PurePosixPath
-from typing import Literal
-from zipfile import BadZipFile
 
 import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
 from sucre_bench.layout import file_name
+from sucre_bench.loading.water_file import read_water
 from sucre_bench.options import create
-from sucre_bench.scene import Array, Scene, View
+from sucre_bench.restoring import restored
+from sucre_bench.scene import Array, Encoding, Scene, View, Water
 
-__all__ = ["water_by", "water_of"]
+__all__ = ["check_source", "water_by", "water_of"]
 
 # What is still taken for water; Adam, which knows no bounds, may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
 
-_NAMES = ("B", "beta", "gamma")
 
-
-def water_of(source: str, scene: Scene, view: View, encoding: Literal["view", "linear"]) -> Array:
+def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Array:
     """Return B, beta, gamma (rows) of RGB (columns), (3, 3) float64.
 
     source: "truth"; a .json or .npz file that holds B, beta and gamma, three numbers each; or a folder with such a
@@ -35,33 +32,33 @@ def water_of(source: str, scene: Scene, view: View, encoding: Literal["view", "l
             raise InputError(
                 f"water=truth: the scene '{scene.name}' does not know its water; give a file, or water=own"
             )
-        if encoding == "linear" and view.encoding == "gamma":
-            raise InputError("water=truth: the true water is of intensities as stored; leave out encoding=linear")
-        water = scene.water
-        return np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
+        return _checked("water=truth", scene.water, view, encoding)
     path = Path(source).expanduser()
     if path.is_dir():
         path = _of_view(path, scene, view)
     try:
-        if path.suffix == ".npz":
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as values:
-                water_values = np.array([values[name] for name in _NAMES], dtype=np.float64)
-        else:
-            content = json.loads(path.read_text(encoding="utf-8"))
-            water_values = np.array([content[name] for name in _NAMES], dtype=np.float64)
-            if content.get("encoding", encoding) != encoding:
-                fault = f"is the water of intensities with encoding={content['encoding']}"
-                raise InputError(f"{path}: {fault}; give method.encoding={content['encoding']}")
+        water = read_water(path)
     except FileNotFoundError:
         raise InputError(
             f"{path}: no such file; water= takes own, shared, truth, a .json or .npz file, or a folder of them"
         ) from None
-    except (OSError, ValueError, KeyError, TypeError, IndexError, EOFError, BadZipFile) as fault:
-        raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
-    return _checked(str(path), water_values)
+    if water is None:
+        raise InputError(f"{path}: does not hold B, beta and gamma; give three numbers of each")
+    return _checked(str(path), water, view, encoding)
 
 
-def water_by(name: str, scene: Scene, view: View, encoding: Literal["view", "linear"]) -> Array:
+def check_source(name: str) -> None:
+    """Raise InputError where no method of this name can be asked for the water of any view."""
+    plugin = plugins.find("method", name)
+    if missing := plugins.missing_packages(plugin):
+        raise InputError(f"water_from={name}: is not installed; {missing}")
+    try:
+        create(plugin, {})
+    except InputError as fault:
+        raise InputError(f"water_from={name}: takes options ({fault}); run it first, and give water=FOLDER") from fault
+
+
+def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> Array:
     """Return B, beta, gamma (rows) of RGB (columns), (3, 3) float64, as another method estimates them on this view.
 
     Raises InputError where the method lacks something, estimates no such water, or that of another encoding; and what
@@ -70,23 +67,34 @@ def water_by(name: str, scene: Scene, view: View, encoding: Literal["view", "lin
     plugin = plugins.find("method", name)
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"water_from={name}: {absent}; name another method")
-    found = create(plugin, {}).restore(scene, view)
-    if found.water is None:
-        raise InputError(f"water_from={name}: it estimates no water; name one that does, such as gaussian_seathru")
-    if (own := found.info.get("encoding", "view")) != encoding:
-        raise InputError(f"water_from={name}: its water is of intensities with encoding={own}; give that encoding")
-    parameters = [found.water.veiling_light, found.water.attenuation, found.water.backscatter]
-    return _checked(f"{view.name}: water_from={name}", np.array(parameters, dtype=np.float64))
+    water = restored(create(plugin, {}), scene, view).water
+    unknown = ["B, beta, gamma"] if water is None else _unknown(water)
+    if water is None or unknown:
+        fault = f"it estimates no {', '.join(unknown)}"
+        raise InputError(f"water_from={name}: {fault}; name one that does, such as gaussian_seathru")
+    return _checked(f"water_from={name}", water, view, encoding)
 
 
-def _checked(place: str, water_values: Array) -> Array:
-    """A water that can be one. InputError naming where it is from."""
-    if water_values.shape != (3, 3) or not np.isfinite(water_values).all():
+def _unknown(water: Water) -> list[str]:
+    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+    return [name for name, values in parameters.items() if np.isnan(values).all()]
+
+
+def _checked(place: str, water: Water, view: View, encoding: Encoding) -> Array:
+    """The parameters of a water that can be one, and explains intensities of this encoding. InputError otherwise."""
+    values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
+    if values.shape != (3, 3) or not np.isfinite(values).all():
         raise InputError(f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue")
-    if np.abs(water_values[0]).max() > _MOST_B or np.abs(water_values[1:]).max() > _MOST_RATE:
+    if np.abs(values[0]).max() > _MOST_B or np.abs(values[1:]).max() > _MOST_RATE:
         limits = f"B is an intensity, at most {_MOST_B:g}, beta and gamma are rates in 1/m, at most {_MOST_RATE:g}"
         raise InputError(f"{place}: no water is like this; {limits}")
-    return water_values
+    own = water.encoding or view.encoding
+    if own != encoding:
+        remedy = f"{'give' if own == 'linear' else 'leave out'} encoding=linear"
+        if view.encoding == "linear":
+            remedy = "give one of linear intensities"
+        raise InputError(f"{place}: is of {own} intensities, and {encoding} ones are to be explained; {remedy}")
+    return values
 
 
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:

@@ -13,7 +13,7 @@ from sucre_bench.methods.sucre.diagnostics import CHANNELS
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.progress import say
-from sucre_bench.scene import Array, Restoration, View, Water
+from sucre_bench.scene import Array, Encoding, Restoration, View, Water
 
 # From this share of an image's colours on it is worth a word.
 _MANY = 0.1
@@ -30,14 +30,18 @@ def named(view: View) -> Iterator[None]:
         raise SolveError(f"{view.name}: {fault}") from fault
 
 
-def restoration(observations: Observations, solution: Solution, **about: Any) -> Restoration:
-    """Return the image (H, W, 3), in the encoding of the observations, NaN where the target has no depth.
+def restoration(
+    observations: Observations, solution: Solution, encoding: Encoding | None = None, **about: Any
+) -> Restoration:
+    """Return the image (H, W, 3), NaN where the target has no depth.
+
+    encoding: of the intensities that were fitted, where that is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel, which is not physical; condition and standard_error of the water,
     noise of each channel, limits in words; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
     """
-    trust = solution.trust
+    trust, (B, beta, gamma) = solution.trust, solution.water
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
     limits = [*trust.limits, *_doubts(negative, unknown)]
@@ -46,7 +50,7 @@ def restoration(observations: Observations, solution: Solution, **about: Any) ->
     errors = zip(("B", "beta", "gamma"), trust.standard_error.T, strict=True)
     return Restoration(
         observations.image(solution.J),
-        water=Water(*solution.water),
+        water=Water(B, beta, gamma, encoding),
         confidence=observations.image(np.sqrt((solution.deviation**2).mean(axis=0))),
         info={
             "cost": solution.cost.tolist(),

@@ -12,11 +12,12 @@ import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.methods.sucre.given import check_source, water_by, water_of
 from sucre_bench.methods.sucre.kernels import Backend, Device
 from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.prior import posterior
 from sucre_bench.progress import say
-from sucre_bench.scene import Array
+from sucre_bench.scene import Array, Encoding
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
@@ -119,6 +120,10 @@ class Sucre:
             raise InputError(f"{own}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
         if given and self.solver != "exact":
             raise InputError(f"{own}.{given[0]}: leaves nothing to solver={self.solver}; leave one out")
+        if not self.water:
+            raise InputError(f"{own}.water: is empty; use own, shared, truth, a file or a folder")
+        if self.water_from:
+            check_source(self.water_from)
         fitted = [name for name in ("robust", "lamp") if getattr(self, name)]
         if given and fitted:
             raise InputError(f"{own}.{fitted[0]}: is found with the image's own water; leave out {given[0]}")
@@ -135,7 +140,8 @@ class Sucre:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
         info: see `outcome.restoration`; seconds of each stage besides.
-        Raises SolveError when no pixel has depth, or none is seen twice; InputError for a water that cannot be read.
+        Raises NotApplicableError when no pixel has depth, SolveError when none is seen twice, InputError for a water
+        that cannot be read.
         """
         from sucre_bench.methods.sucre.outcome import named, restoration
 
@@ -152,7 +158,7 @@ class Sucre:
         if self._decodes(view):
             solution = _encoded(solution)
         stages = {"read": observations.read_s, "pair": paired - started, "solve": time.perf_counter() - paired}
-        return restoration(observations, solution, encoding=self.encoding, stage_seconds=stages)
+        return restoration(observations, solution, self._fitted(view), stage_seconds=stages)
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.store import paired
@@ -178,7 +184,6 @@ class Sucre:
 
     def _solve_plainly(self, scene: Scene, view: View, observations: Observations) -> Solution:
         from sucre_bench.methods.sucre import solvers
-        from sucre_bench.methods.sucre.given import water_by, water_of
 
         where = (self.backend, self.device)
         if self.solver == "adam":
@@ -192,10 +197,10 @@ class Sucre:
                 raise shared
             return solvers.colours_in(observations, shared.water, shared.trust, *where)
         if self.water_from:
-            water = water_by(self.water_from, scene, view, self.encoding)
+            water = water_by(self.water_from, scene, view, self._fitted(view))
             return solvers.colours_in(observations, water, None, *where)
         if self.water != "own":
-            return solvers.colours_in(observations, water_of(self.water, scene, view, self.encoding), None, *where)
+            return solvers.colours_in(observations, water_of(self.water, scene, view, self._fitted(view)), None, *where)
         return self._exact(observations)
 
     def _alone(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
@@ -241,8 +246,12 @@ class Sucre:
         rgb = view.rgb.reshape(-1, 3)
         return srgb_decode(rgb) if self._decodes(view) else rgb
 
+    def _fitted(self, view: View) -> Encoding:
+        """The encoding of the intensities that are fitted."""
+        return "linear" if self.encoding == "linear" else view.encoding
+
     def _decodes(self, view: View) -> bool:
-        return self.encoding == "linear" and view.encoding == "gamma"
+        return self._fitted(view) != view.encoding
 
 
 def _encoded(solution: Solution) -> Solution:

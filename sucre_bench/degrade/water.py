@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from pathlib import Path
 from typing import Any
 
@@ -26,8 +25,8 @@ def read_water(given: Any) -> Water:
     if isinstance(given, Water):
         parts = [given.veiling_light, given.attenuation, given.backscatter]
     elif isinstance(given, (str, Path)):
-        path = Path(given).expanduser()
-        place, parts = str(path), _read_json(path)
+        place = str(Path(given).expanduser())
+        parts = _from_file(Path(place))
     elif np.shape(given) == (9,):
         parts = [given[0:3], given[3:6], given[6:9]]
     try:
@@ -40,19 +39,21 @@ def read_water(given: Any) -> Water:
         )
     if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (numbers[0] <= 1).all()):
         raise InputError(f"{place}: no water has these values; B is in [0, 1], beta and gamma are at least 0 per metre")
-    return Water(*numbers)
+    B, beta, gamma = numbers
+    return Water(B, beta, gamma)
 
 
-def _read_json(path: Path) -> list[Any]:
+def _from_file(path: Path) -> list[Array]:
+    from sucre_bench.loading.water_file import read_water as in_file
+
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
-        reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else "not JSON"
-        raise InputError(f"{path}: cannot be read, {reason}; give a JSON file with B, beta and gamma") from fault
-    absent = [n for n in ("B", "beta", "gamma") if not isinstance(content, dict) or n not in content]
-    if absent:
-        raise InputError(f'{path}: no {", ".join(absent)} in it; write {{"B": [r, g, b], "beta": ..., "gamma": ...}}')
-    return [content["B"], content["beta"], content["gamma"]]
+        water = in_file(path)
+    except FileNotFoundError:
+        raise InputError(f"{path}: no such file; give a JSON file with B, beta and gamma") from None
+    if water is None or water.encoding:
+        fault = "no B, beta and gamma in it" if water is None else f"its water is of {water.encoding} intensities"
+        raise InputError(f'{path}: {fault}; write {{"B": [r, g, b], "beta": ..., "gamma": ...}} of stored intensities')
+    return [water.veiling_light, water.attenuation, water.backscatter]
 
 
 def under_water(image: Array, z: Array, water: Water) -> Array:

@@ -4,7 +4,8 @@
                                              "chart2": {"kind": "colorchecker24", "corners": [...]}}}}
 
 Corners are pixels of the image as stored, of the chart's frame: top left, top right, bottom right, bottom left as the
-chart is read. "kind" holds for charts that do not say theirs; without it they are "dgk".
+chart is read. "kind" holds for charts that do not say theirs; without it they are "dgk". It may be the path, from
+here, of a CSV file that describes the chart (see `sucre_bench.chart_kinds`). Anything else in the file is left alone.
 """
 
 from __future__ import annotations
@@ -17,10 +18,10 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Chart
 
-__all__ = ["read_charts"]
+__all__ = ["chart_of", "read_charts"]
 
 
 def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, tuple[Chart, ...]]:
@@ -45,19 +46,27 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     usual, found = content.get("kind", "dgk"), {}
     for name, charts in images.items():
         if charts:
-            place = f"{path}: {name}"
-            found[name] = tuple(_chart(place, chart, entry, usual, sizes[name]) for chart, entry in charts.items())
+            found[name] = tuple(
+                chart_of(path, name, chart, entry, usual, sizes[name]) for chart, entry in charts.items()
+            )
     return found
 
 
-def _chart(place: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:
-    from sucre_bench.charts import KINDS
+def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:
+    """Return the chart that an entry of the file `path` describes. InputError, naming the entry, when it is none.
 
-    place = f"{place}, {name}"
+    image, name: the image's and the chart's; kind: of charts that say none; size: (width, height), the image's.
+    """
+    from sucre_bench.charts import chart_kind
+
+    place = f"{path}: {image}, {name}"
     if isinstance(entry, dict):
         kind, entry = entry.get("kind", kind), entry.get("corners")
-    if not isinstance(kind, str) or kind not in KINDS:
-        raise InputError(f"{place}: chart kind '{kind}' is unknown; {did_you_mean(str(kind), KINDS)}")
+    kind = str(path.parent / kind) if str(kind).lower().endswith(".csv") else str(kind)
+    try:
+        chart_kind(kind)
+    except InputError as fault:
+        raise InputError(f"{place}: {fault}") from fault
     try:
         corners = np.array(entry, dtype=np.float64)
     except (TypeError, ValueError):

@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from sucre_bench.charts import kind_id
 from sucre_bench.errors import InputError
 from sucre_bench.images import read_rgb
 from sucre_bench.loading.depth import fitted, read_depth
@@ -71,7 +72,7 @@ def data_id_of(views: Sequence[View], *more: object) -> str:
     digest = hashlib.blake2b(repr(more).encode() if more else b"", digest_size=6)
     for view in track(views, "hashing"):
         assert isinstance(view.pixels, Files)
-        charts = [(chart.name, chart.kind, chart.corners.tolist()) for chart in view.charts]
+        charts = [(chart.name, kind_id(chart.kind), chart.corners.tolist()) for chart in view.charts]
         K = None if view.camera is None else view.camera.K.tolist()
         pose = None if view.cam_from_world is None else view.cam_from_world.tolist()
         lens = () if view.pixels.lens is None else (view.pixels.lens.identity,)

@@ -22,9 +22,9 @@ import numpy as np
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
-from sucre_bench.plugins import source_hash
 from sucre_bench.progress import say
 from sucre_bench.scene import Scene, View
+from sucre_bench.source import source_hash
 
 __all__ = ["paired"]
 

@@ -1,0 +1,66 @@
+"""`sucre-bench describe`: what a dataset holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+import click
+
+__all__ = ["describe"]
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="[DATASET] [OVERRIDES]...")
+@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option(
+    "--sheet", type=click.Path(path_type=Path), metavar="FILE", help="Contact sheet [default: SCENE-sheet.png]"
+)
+@click.option("--no-sheet", is_flag=True, help="Write no contact sheet.")
+@click.option("--most", default=400, show_default=True, type=click.IntRange(1), help="Views of a scene, evenly chosen.")
+@click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with plugins of your own.")
+def describe(
+    words: tuple[str, ...],
+    as_json: bool,
+    sheet: Path | None,
+    no_sheet: bool,
+    most: int,
+    plugin_files: tuple[str, ...],
+) -> None:
+    """Say what a dataset holds, show it on a contact sheet, and find what is wrong with it.
+
+    \b
+    sucre-bench describe colmap dataset.root=dive/
+    sucre-bench describe dataset=demo dataset.water=turbid every=4 --json
+
+    Words are those of `sucre-bench run`: dataset=, its options, views=, every=, first=, degrade.
+    What is wrong is listed with its remedy; the exit code is 0 unless no view could be read.
+    """
+    from sucre_bench import console, plugins
+    from sucre_bench.describe import scene
+    from sucre_bench.errors import InputError
+    from sucre_bench.results import write_atomically
+    from sucre_bench.selection import select
+
+    for file in plugin_files:
+        plugins.load_file(file)
+    for word in words:
+        if word.startswith("-"):
+            raise click.UsageError(f"no option {word}; see sucre-bench describe --help")
+    overrides = [word if "=" in word else f"dataset={word}" for word in words]
+    with console.live():
+        selections = select(overrides)
+        described = [scene.described(s.dataset.label, s.scene, s.views, most) for s in selections]
+    if as_json:
+        click.echo(scene.as_json(described))
+    for one in described:
+        if not as_json:
+            scene.show(one)
+        if not no_sheet:
+            name = f"{one.name.replace('/', '-')}-sheet.png"
+            file_name = Path(name) if sheet is None else sheet if len(described) == 1 else sheet.with_name(name)
+            write_atomically(file_name, one.sheet())
+            click.echo(f"sheet    {file_name}", err=as_json)
+    if not any(view.mean for one in described for view in one.facts):
+        raise InputError("describe: no view could be read; mend the files named above")
+    sys.stdout.flush()

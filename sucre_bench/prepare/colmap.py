@@ -1,0 +1,25 @@
+"""The one place that imports pycolmap."""
+
+from __future__ import annotations
+
+from types import ModuleType
+
+from sucre_bench.errors import InputError
+
+__all__ = ["load_pycolmap"]
+
+
+def load_pycolmap() -> ModuleType:
+    """Return pycolmap, made quiet. InputError when it is too old."""
+    # pycolmap's wheel carries a zlib, png and jpeg of its own: were it the first to load them, writing a PNG later
+    # would abort the process.
+    import zlib  # noqa: F401
+
+    import cv2  # noqa: F401
+    import pycolmap
+
+    if not hasattr(pycolmap.Database, "num_verified_image_pairs") or not hasattr(pycolmap, "FeatureExtractionOptions"):
+        fault = f"is {pycolmap.__version__}, too old to prepare photos"
+        raise InputError(f"pycolmap: {fault}; run pip install 'pycolmap>=4.0'")
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    return pycolmap

@@ -1,0 +1,118 @@
+"""How good a prepared scene is, in numbers and on a page that opens from disk."""
+
+from __future__ import annotations
+
+import base64
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.images import decode
+from sucre_bench.prepare.shots import Shot
+from sucre_bench.results import write_atomically
+from sucre_bench.scene import Array
+
+__all__ = ["Quality", "quality_of", "write_page"]
+
+_THUMBNAIL = 420  # pixels wide
+_MOST_SHOWN = 100
+_MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # worse is marked on the page
+
+
+@dataclass(frozen=True, slots=True)
+class Quality:
+    """Of one image. points: sparse points seen; reprojection_px: their mean distance from where they were found, in
+    pixels of the undistorted image; coverage: share of pixels with depth; depth_error: median relative difference of
+    the depth map from the sparse points, NaN where none has both; nearest_m, farthest_m: 1 and 99 % of depths."""
+
+    name: str
+    points: int
+    reprojection_px: float
+    coverage: float
+    depth_error: float
+    nearest_m: float
+    farthest_m: float
+
+    @property
+    def is_poor(self) -> bool:
+        """Whether one should look at it before using it."""
+        return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR
+
+
+def quality_of(shot: Shot, depth: Array, metres_per_unit: float) -> Quality:
+    """Return the figures of an image. depth: (H, W) in the model's unit, as the shot's points are."""
+    xy, z = shot.seen_points()
+    off = np.linalg.norm(xy - shot.xy, axis=1)
+    inside = (xy >= 0).all(axis=1) & (xy < (shot.camera.width, shot.camera.height)).all(axis=1)
+    column, row = xy[inside].astype(np.int64).T
+    there = depth[row, column]
+    error = np.abs(there / z[inside] - 1)[there > 0]
+    filled = depth[depth > 0]
+    near, far = np.quantile(filled, [0.01, 0.99]) * metres_per_unit if len(filled) else (np.nan, np.nan)
+    return Quality(
+        shot.name,
+        len(z),
+        float(off.mean()) if len(off) else float("nan"),
+        float((depth > 0).mean()),
+        float(np.median(error)) if len(error) else float("nan"),
+        float(near),
+        float(far),
+    )
+
+
+def thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> tuple[str, str]:
+    """Return an image and its depth map, coloured between bounds (near, far; black: none), as data URIs."""
+    import cv2
+
+    stored = decode(image, cv2.IMREAD_COLOR)
+    size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
+    small = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
+    share = np.clip((small - bounds[0]) / max(bounds[1] - bounds[0], 1e-9), 0, 1)
+    coloured = cv2.applyColorMap(np.rint(255 - 255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
+    coloured[small <= 0] = 0
+    return _uri(cv2.resize(stored, size, interpolation=cv2.INTER_AREA)), _uri(coloured)
+
+
+def _uri(image: npt.NDArray[Any]) -> str:
+    import cv2
+
+    encoded = cv2.imencode(".jpg", image, [cv2.IMWRITE_JPEG_QUALITY, 82])[1]
+    return f"data:image/jpeg;base64,{base64.b64encode(encoded.tobytes()).decode()}"
+
+
+def shown(names: Sequence[str]) -> frozenset[str]:
+    """Which images are shown on the page: all, or every so many of a long dive."""
+    return frozenset(names[:: -(-len(names) // _MOST_SHOWN)])
+
+
+def write_page(
+    path: Path,
+    title: str,
+    unit: str,
+    facts: Sequence[tuple[str, str]],
+    warnings: Sequence[str],
+    left_out: Sequence[tuple[str, str]],
+    qualities: Sequence[Quality],
+    pictures: Mapping[str, tuple[str, str]],
+) -> None:
+    """Write the page.
+
+    unit: of depths; facts: what and how much, of the whole scene; left_out: photos without a place, and why.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    pages = Environment(loader=PackageLoader("sucre_bench", "prepare"), autoescape=True, undefined=StrictUndefined)
+    page = pages.get_template("quality.html.j2").render(
+        title=title,
+        unit=unit,
+        facts=facts,
+        warnings=warnings,
+        left_out=left_out,
+        qualities=qualities,
+        pictures=pictures,
+    )
+    write_atomically(path, page.encode())

@@ -1,0 +1,158 @@
+"""From a model of arbitrary scale to metres, by one thing that is known.
+
+Photos alone cannot tell a large scene from a small one that is near. Known may be the factor itself, distances between
+cameras, a length that is seen, or how deep each photo was taken.
+"""
+
+from __future__ import annotations
+
+import csv
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.prepare.shots import Shot
+from sucre_bench.scene import Array
+
+__all__ = ["Known", "Length", "Scale", "find_scale"]
+
+_USUAL_DEPTH = 3.0  # what the median depth is set to when no scale is known
+_LARGEST_ERROR = 0.1  # of a scale from a depth track, relative: two standard errors above are no scale
+
+
+@dataclass(frozen=True, slots=True)
+class Length:
+    """Two pixels (x, y) of a photo, of the undistorted image, and how far apart in metres their points are."""
+
+    photo: str
+    ends: tuple[tuple[float, float], tuple[float, float]]
+    metres: float
+
+
+@dataclass(frozen=True, slots=True)
+class Known:
+    """What is known, one of these at most. factor: metres per unit; distances: two photos and the metres between their
+    cameras; lengths; depth_track: CSV file of image,depth with metres below the surface."""
+
+    factor: float | None = None
+    distances: tuple[tuple[str, str, float], ...] = ()
+    lengths: tuple[Length, ...] = ()
+    depth_track: Path | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class Scale:
+    """metres_per_unit: to multiply the model with; is_metric: False where it is only a convenient size; note: how it
+    was found, and how far single measurements differ."""
+
+    metres_per_unit: float
+    is_metric: bool
+    note: str
+
+
+def find_scale(
+    known: Known, shots: Sequence[Shot], output_of: Mapping[str, str], depth_of: Callable[[str], Array]
+) -> Scale:
+    """Return the scale. output_of: output names by photo; depth_of: an image's depth map (H, W), in the model's unit.
+
+    Raises InputError when more than one thing is given, a photo is unknown or not registered, or what is given does not
+    determine a scale.
+    """
+    given = [known.factor is not None, bool(known.distances), bool(known.lengths), known.depth_track is not None]
+    if sum(given) > 1:
+        raise InputError("scale: more than one of --scale, --distance, --length, --depth-track; give one of them")
+    by_name = {shot.name: shot for shot in shots}
+
+    def placed(photo: str, option: str) -> Shot:
+        output = output_of.get(photo, photo)
+        if output not in by_name:
+            fault = "was not placed" if photo in output_of else "is not a photo of these"
+            raise InputError(f"{option}: {photo} {fault}; {did_you_mean(photo, by_name) if len(by_name) < 40 else ''}")
+        return by_name[output]
+
+    if known.factor is not None:
+        return Scale(_positive(known.factor, "--scale"), True, f"given, {known.factor:g} m per unit")
+    if known.distances:
+        pairs = [(placed(a, "--distance"), placed(b, "--distance"), m) for a, b, m in known.distances]
+        return _ratio(
+            [float(np.linalg.norm(a.centre - b.centre)) for a, b, _ in pairs], [m for *_, m in pairs], "--distance"
+        )
+    if known.lengths:
+        units = [_length(placed(length.photo, "--length"), length, depth_of) for length in known.lengths]
+        return _ratio(units, [length.metres for length in known.lengths], "--length")
+    if known.depth_track is not None:
+        track = _read_track(known.depth_track)
+        own = {photo: output for photo, output in output_of.items() if photo in track and output in by_name}
+        centres = np.array([by_name[output].centre for output in own.values()]).reshape(-1, 3)
+        return _from_depths(centres, np.array([track[photo] for photo in own]), known.depth_track)
+    depths = np.concatenate([shot.seen_points()[1] for shot in shots])
+    return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"arbitrary: median depth set to {_USUAL_DEPTH:g}")
+
+
+def _positive(value: float, option: str) -> float:
+    if not (np.isfinite(value) and value > 0):
+        raise InputError(f"{option}: {value:g} m is not above 0; give metres")
+    return value
+
+
+def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scale:
+    """The factor that fits several lengths best, each with the same relative error."""
+    if min(units) <= 1e-9:
+        raise InputError(f"{option}: the two are at the same place; give two that are apart")
+    factors = np.array([_positive(m, option) for m in metres]) / np.array(units)
+    factor = float(np.exp(np.log(factors).mean()))
+    spread = f", which differ by up to {100 * (factors.max() / factors.min() - 1):.1f} %" if len(factors) > 1 else ""
+    return Scale(factor, True, f"from {len(factors)} x {option}{spread}")
+
+
+def _length(shot: Shot, length: Length, depth_of: Callable[[str], Array]) -> float:
+    """The distance of two points in the model's unit, by the depth map around their pixels."""
+    depth, ends = depth_of(shot.name), []
+    for x, y in length.ends:
+        column, row = int(x), int(y)
+        around = depth[max(0, row - 3) : row + 4, max(0, column - 3) : column + 4]
+        if not (0 <= x < shot.camera.width and 0 <= y < shot.camera.height) or not (around > 0).any():
+            raise InputError(
+                f"--length: {length.photo} has no depth at {x:g},{y:g}; choose a point with texture near it"
+            )
+        ends.append(np.linalg.inv(shot.camera.K) @ (x, y, 1) * np.median(around[around > 0]))
+    return float(np.linalg.norm(ends[0] - ends[1]))
+
+
+def _read_track(path: Path) -> dict[str, float]:
+    try:
+        with path.open(newline="", encoding="utf-8-sig") as file:
+            return {row["image"].strip(): float(row["depth"]) for row in csv.DictReader(file)}
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read, {fault.strerror}; give a CSV file of image,depth") from fault
+    except (KeyError, ValueError, TypeError, AttributeError) as fault:
+        raise InputError(f"{path}: is not a table of image,depth in metres ({fault}); write that header") from fault
+
+
+def _from_depths(centres: Array, depths: Array, path: Path) -> Scale:
+    """Fit depth = v . C + c: v is the direction of gravity, as long as a unit has metres.
+
+    The track must leave every plane: where it does not, a part of v is unknown, and so is its length.
+    """
+    if len(depths) < 6:
+        raise InputError(f"{path}: names {len(depths)} of the placed photos; give depths of six or more")
+    design = np.column_stack([centres - centres.mean(axis=0), np.ones(len(depths))])
+    solution, _, rank, _ = np.linalg.lstsq(design, depths, rcond=None)
+    rest = depths - design @ solution
+    # A gauge tells centimetres at best, however well so few numbers fit.
+    noise = max(float(rest @ rest) / (len(depths) - 4), 0.01**2)
+    factor = float(np.linalg.norm(solution[:3]))
+    error = np.inf
+    if rank == 4 and factor > 0:
+        along = solution[:3] / factor
+        error = float(np.sqrt(noise * along @ np.linalg.inv(design.T @ design)[:3, :3] @ along)) / factor
+        # What v lacks or has too much across its own direction lengthens it, always.
+        error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (2 * factor**2)
+    if 2 * error > _LARGEST_ERROR:
+        fault = "the cameras move too little up, down and sideways for their depths to tell the scale"
+        raise InputError(f"{path}: {fault} ({100 * min(error, 9.99):.0f} % standard error); know a length instead")
+    note = f"from the depths of {len(depths)} photos, {100 * error:.1f} % standard error, rest {rest.std():.3f} m"
+    return Scale(factor, True, note)

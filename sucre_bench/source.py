@@ -1,0 +1,63 @@
+"""What a result rests on, as one short hash: the source that made it, and the files that options name."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import inspect
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from sucre_bench.plugins import Plugin
+
+__all__ = ["source_hash"]
+
+_ENGINE = (
+    "scene.py",
+    "colour.py",
+    "charts.py",
+    "chart_kinds.py",
+    "cielab.py",
+    "images.py",
+    "multiview",
+    "steps",
+    "loading",
+    "degrade",
+)
+
+
+def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
+    """Return a hash of what makes a result: the plugins' files or folders, the engine's numerics, and further files.
+
+    Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it, but for
+    hidden ones and what Python compiles.
+    """
+    engine = Path(__file__).parent
+    source = _hash_files((*(_source_of(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+    stamps = [stamp for place in files for stamp in _stamps(place)]
+    return hashlib.blake2b(f"{source}{stamps}".encode(), digest_size=6).hexdigest() if stamps else source
+
+
+def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        within = path.relative_to(place)
+        if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in within.parts):
+            state = path.stat()
+            yield str(within), state.st_size, state.st_mtime_ns
+
+
+def _source_of(plugin: Plugin) -> Path:
+    """A plugin's file, or its folder where it has one of its own."""
+    file = Path(inspect.getsourcefile(plugin.cls) or __file__)
+    shared = (Path(__file__).parent / f"{plugin.kind}s").resolve()
+    has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
+    return file.parent if has_folder else file
+
+
+@functools.cache
+def _hash_files(places: tuple[Path, ...]) -> str:
+    digest = hashlib.blake2b(digest_size=6)
+    for place in places:
+        for path in sorted(place.rglob("*.py")) if place.is_dir() else [place]:
+            digest.update(path.read_bytes())
+    return digest.hexdigest()

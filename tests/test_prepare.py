@@ -1,0 +1,309 @@
+"""From photos to a scene: two slanted planes with a texture, photographed by a distorting camera, are the truth."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from made_scene import make_pose
+
+import sucre_bench as sb
+from sucre_bench.errors import InputError
+from sucre_bench.loading.depth import read_depth
+from sucre_bench.multiview.geometry import pixel_rays, project
+from sucre_bench.prepare.depthmaps import write_depth
+from sucre_bench.prepare.holes import without_small_holes
+from sucre_bench.prepare.pipeline import Options, Prepared, prepare
+from sucre_bench.prepare.relief import relief_of
+from sucre_bench.prepare.scale import Known, Length, Scale, find_scale
+from sucre_bench.prepare.shots import Shot
+from sucre_bench.scene import Array, Camera
+
+WIDTH, HEIGHT = 320, 240
+CAMERA = Camera(np.array([[290.0, 0, WIDTH / 2], [0, 290, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
+DISTORTION = np.array([-0.08, 0, 0, 0])
+PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])  # n . X = 1: they meet in a valley some 2.5 m away
+PLACES = [(0, 0, 0), (0.18, 0.05, 0.05), (0.38, -0.04, 0.1), (0.55, 0.1, 0), (0.2, 0.3, 0.2), (0.45, 0.35, -0.1)]
+# Turned: cameras that only move tell the focal length from nothing, and so no depth.
+TURNS = [
+    (0.1, -0.1, 0.0),
+    (0.0, 0.05, 0.4),
+    (-0.1, 0.0, -0.3),
+    (-0.15, -0.05, 0.1),
+    (0.05, 0.15, 0.7),
+    (-0.1, 0.1, 0.2),
+]
+POSES = [make_pose(place, *turn) for place, turn in zip(PLACES, TURNS, strict=True)]
+NAMES = [f"dive 1/photo {i}.png" for i in range(len(PLACES))]
+
+
+def true_depth(pose: Array, rays: Array) -> Array:
+    """Planar depth along rays of unit depth of a camera."""
+    world_from_cam = np.linalg.inv(pose)
+    depths = (1 - PLANES @ world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ PLANES.T)
+    return depths.min(axis=-1)
+
+
+def photograph(pose: Array) -> np.ndarray:
+    """What the distorting camera sees (H, W, 3) uint8."""
+    K = CAMERA.K.copy()
+    K[:2, 2] -= 0.5
+    u, v = np.meshgrid(np.arange(WIDTH, dtype=np.float64), np.arange(HEIGHT, dtype=np.float64))
+    straight = cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION).reshape(HEIGHT, WIDTH, 2)
+    rays = np.concatenate([straight, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
+    world_from_cam = np.linalg.inv(pose)
+    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
+    random = np.random.default_rng(3)
+    texture = sum(
+        cv2.resize(random.normal(size=(side, side)), (1024, 1024), interpolation=cv2.INTER_CUBIC)
+        for side in (64, 128, 256)
+    )
+    at = ((points[..., :2] + 2.5) * 200).astype(np.float32)
+    seen = cv2.remap(np.asarray(texture), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    gray = 110 + 35 * seen
+    return np.clip(gray[..., None] + [30, 10, -40], 0, 255).astype(np.uint8)
+
+
+def write(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), image)
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six photos of the planes, one of something else, one cut short; and masks that leave out a corner."""
+    root = tmp_path_factory.mktemp("photos")
+    for name, pose in zip(NAMES, POSES, strict=True):
+        write(root / "photos" / name, photograph(pose))
+    write(root / "photos" / "else.png", np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
+    (root / "photos" / "cut.png").write_bytes((root / "photos" / NAMES[0]).read_bytes()[:9000])
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:60, :80] = 0
+    for name in (*NAMES, "else.png", "cut.png"):
+        write(root / "masks" / f"{name}.png", mask)
+    return root
+
+
+@pytest.fixture(scope="module")
+def prepared(photos: Path) -> Prepared:
+    known = Known(distances=((NAMES[0], NAMES[3], float(np.linalg.norm(PLACES[3]))),))
+    return prepare(photos / "photos", photos / "out", Options(masks=photos / "masks"), known)
+
+
+def test_depth_of_a_known_scene_is_metric_and_right(prepared: Prepared):
+    scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
+    assert [view.name for view in scene] == NAMES
+    assert prepared.scale.is_metric
+    for view, pose in zip(scene, POSES, strict=True):
+        truth = true_depth(pose, pixel_rays(view.camera))
+        filled = view.valid
+        assert filled.mean() > 0.3
+        error = np.abs(view.depth / truth - 1)[filled]
+        assert np.median(error) < 0.01
+        assert np.quantile(error, 0.9) < 0.03
+
+
+def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: Prepared):
+    scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
+    one, other = scene[NAMES[0]], scene[NAMES[2]]
+    points = pixel_rays(one.camera) * one.depth[..., None]
+    both = other.cam_from_world @ np.linalg.inv(one.cam_from_world)
+    xy, _ = project(other.camera, points @ both[:3, :3].T + both[:3, 3])
+    xy = np.nan_to_num(xy, nan=-1).astype(np.float32) - np.float32(0.5)
+    seen = cv2.remap(other.rgb, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR, borderValue=(-1, -1, -1))
+    shared = one.valid & (seen.min(axis=-1) > 0)
+    assert shared.mean() > 0.2
+    assert np.median(np.abs(seen - one.rgb)[shared]) < 0.03  # 0.1 when the pose is off by two pixels
+
+
+def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
+    scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
+    assert not any(view.valid[:50, :70].any() for view in scene)
+    assert any("else.png" in warning and "no place" in warning for warning in prepared.warnings)
+    record = json.loads((prepared.out / "prepare.json").read_text())
+    assert set(record["left_out"]) == {"cut.png", "else.png"}
+    page = (prepared.out / "quality.html").read_text()
+    assert "cut.png" in page
+    assert page.count("<figure>") == len(NAMES)
+    assert 'src="http' not in page
+    assert "<link" not in page
+
+
+def test_a_second_run_computes_nothing_again_and_may_change_the_scale(prepared: Prepared, photos: Path):
+    made = [*prepared.out.rglob("images/*/*.png"), *(prepared.out / ".prepare").rglob("*.npy")]
+    before = {path: path.stat().st_mtime_ns for path in made}
+    assert len(before) == 2 * len(NAMES)
+    depth = read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png")
+    twice = prepare(
+        photos / "photos",
+        prepared.out,
+        Options(masks=photos / "masks"),
+        Known(factor=2 * prepared.scale.metres_per_unit),
+    )
+    assert {path: path.stat().st_mtime_ns for path in made} == before
+    assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(2 * depth, abs=0.0021)
+    scene = next(iter(sb.load_scenes("colmap", root=twice.out)))
+    centres = [np.linalg.inv(scene[name].cam_from_world)[:3, 3] for name in (NAMES[0], NAMES[3])]
+    assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(2 * np.linalg.norm(PLACES[3]), rel=1e-6)
+
+
+def test_other_options_are_refused_for_a_folder_made_before(prepared: Prepared, photos: Path):
+    with pytest.raises(InputError, match=r"was prepared with depth_size=800, not 300.*--again"):
+        prepare(photos / "photos", prepared.out, Options(masks=photos / "masks", depth_size=300))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [((), "holds no photos"), (("a.png",), "holds one photo"), (("a.png", "broken.jpg"), "holds one photo")],
+)
+def test_too_few_photos_are_an_error(tmp_path: Path, names: tuple[str, ...], message: str):
+    (tmp_path / "photos").mkdir()
+    for name in names:
+        write(tmp_path / "photos" / name, photograph(POSES[0]))
+        if name.startswith("broken"):
+            (tmp_path / "photos" / name).write_bytes(b"no image")
+    with pytest.raises(InputError, match=message):
+        prepare(tmp_path / "photos", tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+
+
+def test_photos_that_share_nothing_are_named_with_what_they_share(tmp_path: Path):
+    for seed in range(2):
+        noise = np.random.default_rng(seed).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+        write(tmp_path / "photos" / f"{seed}.png", noise)
+    with pytest.raises(InputError, match=r"no two photos could be related: .*match.*share more than half"):
+        prepare(tmp_path / "photos", tmp_path / "out")
+
+
+def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds other files already"):
+        prepare(photos / "photos", tmp_path)
+    with pytest.raises(InputError, match="holds the photos themselves"):
+        prepare(photos / "photos", photos)
+
+
+def test_a_missing_mask_is_named(photos: Path, tmp_path: Path):
+    (tmp_path / "masks").mkdir()
+    with pytest.raises(InputError, match=r"cut\.png\.png: is not there; make a mask"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+
+
+def make_shots(places: Array) -> list[Shot]:
+    """Cameras that look along z, with points on the planes z = 2 + x / 10."""
+    random = np.random.default_rng(1)
+    xy = random.uniform(-3, 3, (400, 2))
+    points = np.column_stack([xy, 2 + xy[:, 0] / 10])
+    shots = []
+    for i, place in enumerate(places):
+        pose = np.eye(4)
+        pose[:3, 3] = -place
+        shots.append(Shot(f"{i}.png", CAMERA, pose, np.arange(400), points, np.zeros((400, 2)), np.full(400, 3)))
+    return shots
+
+
+def test_a_depth_track_gives_the_scale_where_cameras_leave_every_plane(tmp_path: Path):
+    random = np.random.default_rng(0)
+    places = random.uniform(-1, 1, (12, 3))
+    down = np.array([0.6, 0.0, 0.8])
+    depths = 7 + 1.7 * places @ down  # a unit is 1.7 m
+    write_track(tmp_path / "track.csv", depths)
+    found = find_scale(Known(depth_track=tmp_path / "track.csv"), make_shots(places), same_names(12), no_depth)
+    assert found.metres_per_unit == pytest.approx(1.7, rel=1e-6)
+    flat = places * [1, 1, 0.001]  # what the depths tell of the direction they do not leave in is noise
+    write_track(tmp_path / "flat.csv", 7 + 1.7 * flat @ down)
+    with pytest.raises(InputError, match="cameras move too little"):
+        find_scale(Known(depth_track=tmp_path / "flat.csv"), make_shots(flat), same_names(12), no_depth)
+
+
+def write_track(path: Path, depths: Array) -> None:
+    path.write_text("image,depth\n" + "".join(f"{i}.png,{depth:.6f}\n" for i, depth in enumerate(depths)))
+
+
+def same_names(count: int) -> dict[str, str]:
+    return {f"{i}.png": f"{i}.png" for i in range(count)}
+
+
+def no_depth(name: str) -> Array:
+    raise AssertionError(name)
+
+
+def test_a_length_that_is_seen_gives_the_scale():
+    shots = make_shots(np.zeros((1, 3)))
+    ends = ((100.0, 100.0), (100.0 + 145.0, 100.0))  # half a unit of tangent, at a depth of 2 units: 1 unit long
+    found = find_scale(
+        Known(lengths=(Length("0.png", ends, 0.25),)),
+        shots,
+        same_names(1),
+        lambda name: np.full((HEIGHT, WIDTH), 2.0, np.float32),
+    )
+    assert found.metres_per_unit == pytest.approx(0.25)
+    assert found.is_metric
+
+
+def test_without_a_known_length_the_scale_is_called_arbitrary_and_two_are_refused():
+    shots = make_shots(np.array([[0.0, 0, 0], [1, 0, 0]]))
+    found = find_scale(Known(), shots, same_names(2), no_depth)
+    assert isinstance(found, Scale)
+    assert not found.is_metric
+    with pytest.raises(InputError, match="more than one"):
+        find_scale(Known(factor=1, distances=(("0.png", "1.png", 1.0),)), shots, same_names(2), no_depth)
+    with pytest.raises(InputError, match=r"9\.png is not a photo"):
+        find_scale(Known(distances=(("0.png", "9.png", 1.0),)), shots, same_names(2), no_depth)
+
+
+def test_the_relief_of_points_on_a_plane_is_that_plane():
+    shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
+    rays = pixel_rays(CAMERA)
+    truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)  # z = 2 + x / 10, from the camera's place
+    depth = relief_of(shots).depth(shots[0])
+    assert (depth > 0).mean() > 0.95
+    assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
+    odd = shots[0].points.copy()
+    odd[7, 2] -= 1  # one wrong point makes no spike
+    spiked = relief_of([replace(shots[0], points=odd)]).depth(shots[0])
+    assert spiked[spiked > 0] == pytest.approx(truth[spiked > 0], rel=1e-5)
+
+
+def test_holes_are_filled_where_their_rim_is_one_plane_only():
+    rays = pixel_rays(CAMERA)
+    plane = (1 / (rays @ np.array([0.1, 0.2, 0.4]))).astype(np.float32)
+    holed = plane.copy()
+    holed[100:120, 100:120] = 0
+    holed[:10, 50:60] = 0  # at the border nobody knows what goes on
+    step = np.where(np.arange(WIDTH) < 205, 1, np.float32(1.5))
+    holed[100:120, 200:210] = 0
+    filled = without_small_holes((holed * step).astype(np.float32))
+    assert filled[100:120, 100:120] == pytest.approx(plane[100:120, 100:120], rel=1e-5)
+    assert (filled[:10, 50:60] == 0).all()
+    assert (filled[100:120, 200:210] == 0).all()
+
+
+@pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])
+def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: float, suffix: str):
+    assert write_depth(tmp_path, "sub/a.png", np.full((4, 6), metres, np.float32))
+    assert read_depth(tmp_path / "sub" / f"depth_a{suffix}") == pytest.approx(metres, rel=1e-6)
+    assert not write_depth(tmp_path, "sub/a.png", np.zeros((4, 6), np.float32))
+    assert not list((tmp_path / "sub").iterdir())
+
+
+def test_the_command_imports_nothing_heavy():
+    code = "import sys, sucre_bench.prepare.command\nprint(*sorted({m.split('.')[0] for m in sys.modules}))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not {"cv2", "pycolmap", "open3d", "numba", "scipy", "torch"} & set(said.split())
+
+
+def test_equal_photos_give_an_equal_model(tmp_path: Path):
+    for i, pose in enumerate(POSES[:4]):
+        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
+    models = []
+    for out in (tmp_path / "one", tmp_path / "two"):
+        prepare(tmp_path / "photos", out, Options(surface="sparse"))
+        models.append([(out / "sparse" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin")])
+    assert models[0] == models[1]

@@ -1,0 +1,51 @@
+"""The hash of what a result rests on."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from sucre_bench.plugins import find, load_file
+from sucre_bench.source import source_hash
+
+METHOD = '''
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+
+@method()
+@dataclass(frozen=True)
+class {name}:
+    """Nothing."""
+    def restore(self, scene, view):
+        return Restoration(view.rgb)
+'''
+
+
+def test_it_follows_the_plugins_own_file(tmp_path: Path):
+    for name in ("FirstOfTwo", "SecondOfTwo"):
+        (tmp_path / f"{name}.py").write_text(METHOD.format(name=name))
+        load_file(tmp_path / f"{name}.py")
+    assert source_hash(find("method", "first_of_two")) != source_hash(find("method", "second_of_two"))
+    assert source_hash(find("method", "gray_world")) != source_hash(find("method", "underwater"))
+
+
+def test_it_follows_files_and_what_is_in_folders_wherever_they_lie(tmp_path: Path):
+    method = find("method", "underwater")
+    (tmp_path / "a").mkdir()
+    weights = tmp_path / "a" / "w.pth"
+    weights.write_bytes(b"1")
+    alone, file, folder = (source_hash(method, files=places) for places in ((), [weights], [tmp_path / "a"]))
+    assert len({alone, file, folder}) == 3
+    (tmp_path / "a").rename(tmp_path / "b")
+    assert source_hash(method, files=[tmp_path / "b"]) == folder
+    (tmp_path / "b" / "w.pth").write_bytes(b"12")
+    assert source_hash(method, files=[tmp_path / "b"]) != folder
+
+
+def test_what_python_compiles_and_hidden_files_do_not_count(tmp_path: Path):
+    """A program's first run must not make its second one restore everything again."""
+    (tmp_path / "program.py").write_text("1")
+    before = source_hash(files=[tmp_path])
+    for name in ("__pycache__", ".git"):
+        (tmp_path / name).mkdir()
+        (tmp_path / name / "x").write_text("1")
+    assert source_hash(files=[tmp_path]) == before
