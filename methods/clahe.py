@@ -5,7 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.errors import InputError
+from sucre_bench.bounds import check_ranges
 from sucre_bench.steps.lab import equalised
 
 
@@ -18,14 +18,13 @@ class Clahe:
     """
 
     clip: float = 2.0
-    """How steep the curve may become: the limit of a histogram's bin, in multiples of the mean bin."""
+    """How steep the curve may become: the limit of a histogram's bin, in multiples of the mean bin; 256 = no limit."""
 
     tiles: int = 4
     """Tiles along each side of the image."""
 
     def __post_init__(self) -> None:
-        if not (self.clip > 0 and self.tiles >= 1):
-            raise InputError(f"clahe: clip={self.clip}, tiles={self.tiles}; use clip > 0 and tiles >= 1")
+        check_ranges(self, clip="(0, 256]", tiles="[1, 256]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, equalised, in [0, 1]."""

@@ -14,12 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.errors import InputError
+from sucre_bench.bounds import check_ranges
 from sucre_bench.scene import Array
+from sucre_bench.steps.denoised import denoised
 from sucre_bench.steps.lab import equalised
+from sucre_bench.steps.luma import luma
 from sucre_bench.steps.pyramid import blended, most_levels
 from sucre_bench.steps.saliency import binomial, saliency
-from sucre_bench.steps.white_balance import gray_world, red_from_green
+from sucre_bench.steps.white_balance import gray_world, mid_gray_gain, red_from_green
 
 _EXPOSED = 0.25  # sigma of the exposedness weight (2012)
 _REGULARISER = 0.1  # delta: every input contributes a little everywhere (2018)
@@ -40,7 +42,7 @@ class Fusion2012:
     """Differences of colour, in [0, 1], that count as noise and are smoothed before equalisation; 0 = none are."""
 
     clip: float = 2.0
-    """How steep equalisation may be: the limit of a histogram's bin, in multiples of the mean bin."""
+    """How steep equalisation may be: the limit of a histogram's bin, in multiples of the mean bin; 256 = no limit."""
 
     tiles: int = 4
     """Tiles of the equalisation along each side of the image."""
@@ -49,13 +51,13 @@ class Fusion2012:
     """Levels of the pyramid; an image too small for them has fewer."""
 
     def __post_init__(self) -> None:
-        if not (min(self.illuminant, self.noise) >= 0 and self.clip > 0 and min(self.tiles, self.levels) >= 1):
-            raise InputError(f"fusion_2012: {self}; use 0 or more, and for clip, tiles and levels more than 0")
+        check_ranges(self, illuminant="[0, 10]", noise="[0, 1]", clip="(0, 256]", tiles="[1, 256]", levels="[1, 32]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
         balanced = _balanced(view.rgb, self.illuminant)
-        equal = equalised(_smoothed(balanced, self.noise), self.clip, self.tiles)
+        # A bilateral filter is a still image's share of the publication's temporal one.
+        equal = equalised(denoised(balanced, self.noise), self.clip, self.tiles)
         return Restoration(_fused(balanced, equal, _weight_2012, 0, self.levels))
 
 
@@ -88,9 +90,7 @@ class Fusion2018:
     """Levels of the pyramid; none = as many as the image has room for."""
 
     def __post_init__(self) -> None:
-        deep_enough = self.levels is None or self.levels >= 1
-        if not (min(self.red, self.blue) >= 0 and min(self.gamma, self.blur_px) > 0 and deep_enough):
-            raise InputError(f"fusion_2018: {self}; use 0 or more, and for gamma, blur_px and levels more than 0")
+        check_ranges(self, red="[0, 10]", blue="[0, 10]", gamma="(0, 10]", blur_px="(0, 200]", levels="[1, 32]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
@@ -108,17 +108,7 @@ def _balanced(rgb: Array, illuminant: float) -> Array:
 
     So the stronger channels stay a little ahead: gray world would redden water in which hardly any red is left.
     """
-    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
-    there = mean > 1e-6
-    gain = np.where(there, 0.5 / np.where(there, mean, 1) + illuminant, 1).astype(np.float32)
-    return np.minimum(rgb * gain, 1)
-
-
-def _smoothed(rgb: Array, noise: float) -> Array:
-    """Bilateral filter (Tomasi & Manduchi 1998): the still image's share of the publication's temporal filter."""
-    import cv2
-
-    return np.asarray(cv2.bilateralFilter(rgb, 5, noise, 3)) if noise else rgb
+    return np.minimum(rgb * mid_gray_gain(rgb, illuminant), 1)
 
 
 def _sharpened(rgb: Array, blur_px: float) -> Array:
@@ -141,7 +131,7 @@ def _fused(first: Array, second: Array, weight: Callable[[Array], Array], regula
 
 def _weight_2012(rgb: Array) -> Array:
     """(H, W): Laplacian contrast, local contrast, saliency and exposedness, summed."""
-    light = _luminance(rgb)
+    light = luma(rgb)
     contrast = (light - binomial(light)) ** 2
     exposed = np.exp(-((light - 0.5) ** 2) / (2 * _EXPOSED**2))
     return _laplacian(light) + contrast + saliency(rgb) + exposed
@@ -149,15 +139,9 @@ def _weight_2012(rgb: Array) -> Array:
 
 def _weight_2018(rgb: Array) -> Array:
     """(H, W): Laplacian contrast, saliency and saturation, summed."""
-    light = _luminance(rgb)
+    light = luma(rgb)
     saturation = np.sqrt(((rgb - light[..., None]) ** 2).mean(axis=-1))
     return _laplacian(light) + saliency(rgb) + saturation
-
-
-def _luminance(rgb: Array) -> Array:
-    import cv2
-
-    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
 
 
 def _laplacian(light: Array) -> Array:

@@ -11,10 +11,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
 from sucre_bench.scene import Array
 from sucre_bench.steps.dark_channel import window_max
 from sucre_bench.steps.guided_filter import guided_filter
+from sucre_bench.steps.luma import luma
 from sucre_bench.steps.veiling_light import highest, nearest_depth, reduced, restoration
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
@@ -55,11 +57,8 @@ class Ibla:
     is enlarged and refined at full size."""
 
     def __post_init__(self) -> None:
-        for name in ("window", "scales", "work_px"):
-            if getattr(self, name) < 1:
-                raise InputError(f"ibla.{name}: {getattr(self, name)} is too small; give 1 or more")
-        if not 0 < self.least <= 1:
-            raise InputError(f"ibla.least: {self.least}; give a transmission in (0, 1]")
+        check_ranges(self, window="[1, 1001]", scales="[1, 8]", radius="[1, 1000]", eps="[1e-6, 1]")
+        check_ranges(self, deepest="(0, 1000]", red="(0, 10]", least="[1e-6, 1]", work_px="[1, 100000]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored; it may leave [0, 1]."""
@@ -67,7 +66,7 @@ class Ibla:
 
         rgb = view.rgb
         small = reduced(rgb, self.work_px)
-        sharpness = _sharpness(_gray(small), self.scales, self.window)
+        sharpness = _sharpness(luma(small), self.scales, self.window)
         A = _veiling_light(small, guided_filter(small, sharpness, self.radius, self.eps))
         depth = _depth(small, sharpness, A, self.window)
         if depth.shape != rgb.shape[:2]:
@@ -110,12 +109,6 @@ def _filled(plane: Array) -> Array:
     return np.asarray(reconstruction(seed, plane, method="erosion"), dtype=np.float32)
 
 
-def _gray(rgb: Array) -> Array:
-    import cv2
-
-    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))
-
-
 # -- veiling light ----------------------------------------------------------------------------
 
 
@@ -124,7 +117,7 @@ def _veiling_light(rgb: Array, sharpness: Array) -> Array:
 
     The mean colours of the .1 % most blurred pixels, of the block of least variance and of the block most blurred.
     """
-    gray = _gray(rgb)
+    gray = luma(rgb)
     blocks = _least_block(gray, np.var), _least_block(sharpness, np.mean)
     candidates = np.stack(
         [rgb[highest(-sharpness, 0.001)].mean(axis=0, dtype=np.float64)]

@@ -11,8 +11,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
 from sucre_bench.colour import stretch
-from sucre_bench.errors import InputError
 from sucre_bench.steps.white_balance import gray_world, red_from_green
 
 
@@ -28,11 +28,7 @@ class RedCompensation:
     """Of each channel's pixels, how many percent become 0, and as many 1."""
 
     def __post_init__(self) -> None:
-        if not (self.strength >= 0 and 0 <= self.percent < 50):
-            raise InputError(
-                f"red_compensation: strength={self.strength}, percent={self.percent}; "
-                "use strength >= 0 and 0 <= percent < 50"
-            )
+        check_ranges(self, strength="[0, 10]", percent="[0, 50)")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, corrected, in [0, 1]."""

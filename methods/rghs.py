@@ -14,9 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.errors import InputError
+from sucre_bench.bounds import check_ranges
 from sucre_bench.scene import Array
+from sucre_bench.steps.denoised import denoised
 from sucre_bench.steps.lab import from_lab, to_lab
+from sucre_bench.steps.white_balance import mid_gray_gain
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
 _RESIDUAL = (0.83, 0.95, 0.97)  # of red, green and blue light, what a metre of water leaves
@@ -43,22 +45,14 @@ class Rghs:
     """Differences of colour, in [0, 1], that the bilateral filter takes for noise; 0 = no filter."""
 
     def __post_init__(self) -> None:
-        if not (self.distance_m >= 0 and 0 <= self.tail < 50 and self.noise >= 0):
-            raise InputError(
-                f"rghs: distance_m={self.distance_m}, tail={self.tail}, noise={self.noise}; "
-                "use 0 or more, tail below 50"
-            )
+        check_ranges(self, distance_m="[0, 100]", tail="[0, 50)", noise="[0, 1]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, in [0, 1]."""
-        import cv2
-
         rgb = _equalised(view.rgb)
         for channel in range(3):
             rgb[..., channel] = self._stretched(rgb[..., channel], channel)
-        if self.noise:
-            rgb = np.asarray(cv2.bilateralFilter(rgb, 5, self.noise, 3))
-        return Restoration(_coloured(rgb))
+        return Restoration(_coloured(denoised(rgb, self.noise)))
 
     def _stretched(self, plane: Array, channel: int) -> Array:
         """The plane (H, W) moved from [I_min, I_max] to [O_min, O_max], cut at 0 and 1."""
@@ -72,9 +66,9 @@ class Rghs:
 
 def _equalised(rgb: Array) -> Array:
     """A copy, green and blue scaled to a mean of 0.5; not cut, so that none piles up at 1."""
-    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
-    gain = np.where(mean > 1e-6, 0.5 / np.where(mean > 1e-6, mean, 1), 1)
-    return rgb * np.array([1, gain[1], gain[2]], np.float32)
+    gain = mid_gray_gain(rgb)
+    gain[0] = 1
+    return rgb * gain
 
 
 def _range(plane: Array, tail: float) -> tuple[float, float, float]:

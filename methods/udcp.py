@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
 from sucre_bench.scene import Array
 from sucre_bench.steps.dark_channel import dark_channel
 from sucre_bench.steps.guided_filter import guided_filter
@@ -43,10 +44,10 @@ class Udcp:
     """Greatest transmission: a veil that near parts keep, too."""
 
     def __post_init__(self) -> None:
-        if self.window < 1 or self.window % 2 == 0:
-            raise InputError(f"udcp.window: {self.window}; give an odd number of pixels, 1 or more")
-        if not 0 < self.least <= self.greatest <= 1:
-            raise InputError(f"udcp: least={self.least}, greatest={self.greatest}; use 0 < least <= greatest <= 1")
+        check_ranges(self, window="[1, 1001]", radius="[1, 1000]", eps="[1e-6, 1]")
+        check_ranges(self, least="[1e-6, 1]", greatest=f"[{self.least}, 1]")
+        if self.window % 2 == 0:
+            raise InputError(f"udcp.window: {self.window} is even; give an odd number of pixels")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored; it may leave [0, 1]."""

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
 from sucre_bench.scene import Array
 from sucre_bench.steps.guided_filter import guided_filter
 from sucre_bench.steps.veiling_light import brightest, highest, nearest_depth, restoration
@@ -48,10 +49,10 @@ class Ulap:
     """Greatest transmission."""
 
     def __post_init__(self) -> None:
-        if len(self.remaining) != 3 or not all(0 < r <= 1 for r in self.remaining):
-            raise InputError(f"ulap.remaining: {self.remaining}; give three shares in (0, 1], for R, G and B")
-        if not 0 < self.least <= self.greatest <= 1:
-            raise InputError(f"ulap: least={self.least}, greatest={self.greatest}; use 0 < least <= greatest <= 1")
+        check_ranges(self, remaining="[1e-3, 1]", deepest="(0, 1000]", share="(0, 1]")
+        check_ranges(self, radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]", greatest=f"[{self.least}, 1]")
+        if len(self.remaining) != 3:
+            raise InputError(f"ulap.remaining: {self.remaining} are not three; give those of red, green and blue")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored; it may leave [0, 1]."""

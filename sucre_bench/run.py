@@ -213,7 +213,7 @@ def _as_npz(restoration: Restoration) -> bytes:
     buffer, water = io.BytesIO(), restoration.water
     arrays: dict[str, Any] = {"image": restoration.image.astype(np.float32)}
     if water is not None:
-        arrays |= _water_arrays(water)
+        arrays |= {**_water_arrays(water), "encoding": np.array(water.encoding)}
     if restoration.confidence is not None:
         arrays["confidence"] = restoration.confidence.astype(np.float32)
     np.savez_compressed(buffer, **arrays)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from made_haze import NOISE, UNWANTED, hazy, restored, tiles
 
-from sucre_bench import InputError
+from sucre_bench import Arrays, Restoration, Scene, View
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.methods.haze_lines import HazeLines
 from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
@@ -21,6 +21,8 @@ from sucre_bench.methods.haze_lines.lines import (
     transmission,
 )
 from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
+from sucre_bench.restoring import restored as engine_restored
+from sucre_bench.scene import Encoding
 
 A = np.array([0.08, 0.30, 0.42])
 TYPE = {water.name: water for water in WATER_TYPES}
@@ -183,7 +185,17 @@ def test_the_picture_is_balanced_over_what_is_not_water() -> None:
     assert np.isfinite(restored(HazeLines(), NOISE).image).all()
 
 
-@pytest.mark.parametrize("options", [{"textureless": 0.0}, {"least": 0.0}, {"lines": 0}, {"work_px": 0}])
-def test_options_that_make_no_sense_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="haze_lines"):
-        HazeLines(**options)
+@pytest.mark.parametrize("linear", [True, False])
+def test_the_veiling_light_is_told_as_a_gamma_encoded_colour_and_named_so(linear: bool) -> None:
+    """Whatever the view's encoding: the engine hands over encoded pixels, and `linear` is no one else's business."""
+    image = made("3C")[0].clip(0, 1)
+    of: dict[Encoding, Restoration] = {}
+    for encoding in ("gamma", "linear"):
+        pixels = (srgb_encode(image) if encoding == "gamma" else image).astype(np.float32)
+        view = View("photo.png", Arrays(pixels), encoding=encoding)
+        of[encoding] = engine_restored(HazeLines(linear=linear), Scene("photo", [view], frozenset()), view)
+        water = of[encoding].water
+        assert water is not None
+        assert water.encoding == "gamma"
+        np.testing.assert_allclose(water.veiling_light, srgb_encode(A), atol=1e-3)
+    np.testing.assert_allclose(srgb_decode(of["gamma"].image), of["linear"].image, atol=2e-3)

@@ -7,7 +7,6 @@ import numpy as np
 import pytest
 from made_haze import UNWANTED, hazy, restored, transmission_of
 
-from sucre_bench import InputError
 from sucre_bench.methods.ibla import (
     Ibla,
     _attenuation_ratio,
@@ -145,9 +144,3 @@ def test_estimating_on_a_reduced_image_changes_little() -> None:
 @pytest.mark.parametrize("kind", UNWANTED)
 def test_an_unwanted_image_gets_finite_colours(kind: str) -> None:
     assert np.isfinite(restored(Ibla(), UNWANTED[kind]).image).all()
-
-
-@pytest.mark.parametrize("options", [{"window": 0}, {"scales": 0}, {"work_px": 0}, {"least": 0.0}])
-def test_options_that_make_no_sense_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="ibla"):
-        Ibla(**options)

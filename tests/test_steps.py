@@ -6,9 +6,11 @@ import numpy as np
 import pytest
 
 from sucre_bench.steps.dark_channel import dark_channel, window_max
+from sucre_bench.steps.denoised import denoised
 from sucre_bench.steps.guided_filter import box_mean, guided_filter
 from sucre_bench.steps.lab import equalised, from_lab, to_lab
-from sucre_bench.steps.white_balance import gray_world, red_from_green
+from sucre_bench.steps.luma import luma
+from sucre_bench.steps.white_balance import gray_world, mid_gray_gain, red_from_green
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((20, 23, 3)).astype(np.float32)
@@ -101,3 +103,39 @@ def test_gray_world_makes_the_means_equal_and_leaves_a_dead_channel():
     balanced = gray_world(IMAGE * np.float32([0.2, 0.5, 0.4]))
     np.testing.assert_allclose(balanced.mean(axis=(0, 1)), balanced.mean(), rtol=1e-4)
     assert not gray_world(IMAGE * np.float32([0, 1, 1]))[..., 0].any()
+
+
+@pytest.mark.parametrize("ahead", [0.0, 0.2])
+def test_the_mid_gray_gain_brings_means_to_a_half_and_leaves_a_black_channel(ahead: float):
+    image = IMAGE * np.float32([0, 0.3, 1.5])
+    gain = mid_gray_gain(image, ahead)
+    assert gain.dtype == np.float32
+    means = (image.astype(np.float64) * gain).mean(axis=(0, 1))
+    np.testing.assert_allclose(
+        means, [0, *(0.5 + ahead * image[..., 1:].astype(np.float64).mean(axis=(0, 1)))], rtol=1e-5
+    )
+    assert gain[0] == 1
+
+
+def test_luma_is_of_red_green_and_blue_in_this_order_and_gray_keeps_its_value():
+    np.testing.assert_allclose(luma(IMAGE), IMAGE.astype(np.float64) @ [0.299, 0.587, 0.114], atol=1e-6)
+    np.testing.assert_allclose(luma(np.full((2, 3, 3), 0.3, np.float32)), 0.3, atol=1e-6)
+
+
+def test_noise_below_its_limit_is_taken_out_and_an_edge_above_it_kept():
+    """The weights of a bilateral filter, in float64: nearness within 5 pixels times likeness by |dR| + |dG| + |dB|."""
+    noisy = (np.where(np.arange(23) < 11, 0.2, 0.8)[None, :, None] + RNG.normal(0, 0.02, IMAGE.shape)).astype(
+        np.float32
+    )
+    found = denoised(noisy, 0.1)
+    y, x, reach = 9, 9, 2
+    around = [
+        (dy, dx) for dy in range(-reach, reach + 1) for dx in range(-reach, reach + 1) if np.hypot(dy, dx) <= reach
+    ]
+    colours = np.array([noisy[y + dy, x + dx] for dy, dx in around], np.float64)
+    near = np.exp([-(dy**2 + dx**2) / (2 * 3**2) for dy, dx in around])
+    weight = near * np.exp(-(np.abs(colours - noisy[y, x]).sum(axis=1) ** 2) / (2 * 0.1**2))
+    np.testing.assert_allclose(found[y, x], weight @ colours / weight.sum(), atol=1e-3)
+    assert found[:, :10].std() < 0.6 * noisy[:, :10].std()
+    assert found[:, 12].mean() - found[:, 10].mean() > 0.55
+    assert denoised(noisy, 0) is noisy

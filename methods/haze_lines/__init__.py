@@ -10,7 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
 from sucre_bench.colour import gray_world_gain, srgb_decode, srgb_encode
 from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
 from sucre_bench.methods.haze_lines.lines import channel_transmission, transmission
@@ -54,13 +55,8 @@ class HazeLines:
     """The veiling light and the water's type are chosen on the image with its longer side reduced to these pixels."""
 
     def __post_init__(self) -> None:
-        if not 0 < self.textureless <= 1:
-            raise InputError(f"haze_lines.textureless: {self.textureless}; give a share in (0, 1]")
-        if not 0 < self.least <= 1:
-            raise InputError(f"haze_lines.least: {self.least}; give a transmission in (0, 1]")
-        for name in ("lines", "work_px"):
-            if getattr(self, name) < 1:
-                raise InputError(f"haze_lines.{name}: {getattr(self, name)} is too small; give 1 or more")
+        check_ranges(self, lines="[1, 100000]", radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]")
+        check_ranges(self, contrast="[0, 1]", textureless="(0, 1]", work_px="[1, 100000]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored; it may leave [0, 1]."""

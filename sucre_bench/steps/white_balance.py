@@ -1,4 +1,4 @@
-"""Balancing the channels: red lifted from green, and gray world."""
+"""Balancing the channels: red lifted from green, gray world, and means brought to mid gray."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ import numpy as np
 from sucre_bench.colour import gray_world_gain
 from sucre_bench.scene import Array
 
-__all__ = ["gray_world", "red_from_green"]
+__all__ = ["gray_world", "mid_gray_gain", "red_from_green"]
 
 
 def red_from_green(rgb: Array, strength: float = 1.0) -> Array:
@@ -25,3 +25,10 @@ def gray_world(rgb: Array) -> Array:
     """Return the image, channels scaled to equal means (Buchsbaum 1980), cut at 1; a black channel stays black."""
     gain = gray_world_gain(rgb.reshape(-1, 3)).astype(np.float32)
     return np.minimum(rgb * gain, 1)
+
+
+def mid_gray_gain(rgb: Array, ahead: float = 0.0) -> Array:
+    """Return the (3,) float32 factors that bring each channel's mean to 0.5 + ahead * mean; 1 for a black channel."""
+    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
+    there = mean > 1e-6
+    return np.where(there, 0.5 / np.where(there, mean, 1) + ahead, 1).astype(np.float32)
