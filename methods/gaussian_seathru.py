@@ -15,7 +15,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array
-from sucre_bench.steps.through_water import distances, without_water
+from sucre_bench.steps.through_water import TwoTerm, channels, distances, is_flat, trusted, without_water
 
 __all__ = ["GaussianSeathru", "Parameters", "negative_log_likelihood"]
 
@@ -25,42 +25,35 @@ Kind = Literal["constant", "two_term"]
 # does in some channel of the made waters, by up to 1.5 in the likelihood.
 _STARTS = ((0.25, 0.1, 0.1), (0.25, 0.5, 0.5), (0.1, 0.2, 0.3))
 _LEAST, _GREATEST_LIGHT, _GREATEST_RATE = 1e-6, 1.0, 5.0
-_FLAT = 0.02
+# Of two terms, some simplex takes 5,500 on the made waters.
+_MOST_EVALUATIONS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
 class Parameters:
-    """One channel's water: light B; gamma, 1/m; beta(z) = t exp(-p z) + c exp(-w z), 1/m, constant if p = c = 0."""
+    """One channel's water: light B; gamma, 1/m; beta(z), 1/m."""
 
     B: float
     gamma: float
-    t: float
-    p: float = 0.0
-    c: float = 0.0
-    w: float = 0.0
+    beta: TwoTerm
 
     def veil(self, z: Array) -> Array:
         """Return B (1 - exp(-gamma z)) at distances z (P,) in metres."""
         return np.asarray(self.B * -np.expm1(-self.gamma * z))
-
-    def optical_depth(self, z: Array) -> Array:
-        """Return beta(z) z at distances z (P,) in metres."""
-        if not (self.p or self.c):
-            return np.asarray(self.t * z)
-        return np.asarray((self.t * np.exp(-self.p * z) + self.c * np.exp(-self.w * z)) * z)
 
 
 def negative_log_likelihood(water: Parameters, intensity: Array, z: Array) -> float:
     """Return mean ln(s sqrt(2 pi)) + mean(((I - m) / s)^2) / 2 for I (P,), z (P,), mu and sigma those of J.
 
     (I - m) / s is (J - mu) / sigma, so that the second term is a half, and the first ln(sigma sqrt(2 pi)) less the mean
-    of beta(z) z. -inf where all J are equal.
+    of beta(z) z. inf where all J are equal: nothing is normally distributed.
     """
-    tau = water.optical_depth(z)
-    sigma = float(((intensity - water.veil(z)) * np.exp(tau)).std())
+    tau = water.beta.optical_depth(z)
+    most = float(tau.max())  # taken out, so that no exponential is too great
+    sigma = float(((intensity - water.veil(z)) * np.exp(tau - most)).std())
     if sigma == 0:
-        return -np.inf
-    return float(np.log(sigma * np.sqrt(2 * np.pi)) - tau.mean() + 0.5)
+        return np.inf
+    return float(np.log(sigma * np.sqrt(2 * np.pi)) + most - tau.mean() + 0.5)
 
 
 @method(
@@ -79,10 +72,11 @@ class GaussianSeathru:
     """
 
     attenuation: Kind = "constant"
-    """Of light with distance: "constant", as in SUCRe, or "two_term", beta(z) = t exp(-p z) + c exp(-w z)."""
+    """Of light with distance: "constant", as in SUCRe, or "two_term", beta(z) = a exp(-b z) + c exp(-d z)."""
 
     sample: int = 20000
-    """How many pixels the likelihood is taken over, drawn at random; all of them where there are fewer."""
+    """How many pixels the likelihood is taken over, drawn at random from all but the farthest hundredth; all of those
+    where there are fewer."""
 
     seed: int = 0
     """Seed of the drawing; equal seeds give equal results."""
@@ -90,60 +84,83 @@ class GaussianSeathru:
     def __post_init__(self) -> None:
         if self.sample < 2:
             raise InputError(f"gaussian_seathru.sample: {self.sample} pixels have no spread; give 2 or more")
+        if self.seed < 0:
+            raise InputError(f"gaussian_seathru.seed: {self.seed} is negative; give 0 or more")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError without any depth."""
         z, along = distances(view)
         intensity, far = self._drawn(view.rgb, z)
-        water = [_fitted(intensity[:, c], far, self.attenuation) for c in range(3)]
-        J = without_water(
-            view.rgb, z, lambda through, c: water[c].veil(through), lambda through, c: water[c].optical_depth(through)
-        )
-        seen = np.isfinite(J).all(axis=-1)
+        fits = [_fitted(intensity[:, c], far, self.attenuation) for c in range(3)]
+        water = [fit.water for fit in fits]
+
+        def veil(through: Array, c: int) -> Array:
+            return water[c].veil(through)
+
+        def optical_depth(through: Array, c: int) -> Array:
+            return water[c].beta.optical_depth(through)
+
+        J = without_water(view.rgb, z, veil, optical_depth)
+        drawn = without_water(intensity[None], far[None], veil, optical_depth)[0]
         info: dict[str, Any] = {
             "along": along,
-            "cost": [negative_log_likelihood(water[c], intensity[:, c], far) for c in range(3)],
-            "mu": J[seen].mean(axis=0, dtype=np.float64).tolist(),
-            "sigma": J[seen].std(axis=0, dtype=np.float64).tolist(),
-            "beta": [[w.t, w.p, w.c, w.w] for w in water],
-            "negative_share": (J[seen] < 0).mean(axis=0).tolist(),
-            "undetermined": _undetermined(far, water),
+            "cost": [fit.cost for fit in fits],
+            "mu": drawn.mean(axis=0, dtype=np.float64).tolist(),
+            "sigma": drawn.std(axis=0, dtype=np.float64).tolist(),
+            "beta_terms": [[w.beta.a, w.beta.b, w.beta.c, w.beta.d] for w in water],
+            "negative_share": (drawn < 0).mean(axis=0).tolist(),
+            "undetermined": _undetermined(far, fits),
         }
-        constant = [float(far @ w.optical_depth(far) / (far @ far)) for w in water]
-        reported = Water(np.array([w.B for w in water]), np.array(constant), np.array([w.gamma for w in water]))
-        return Restoration(J, reported, info=info)
+        constant = [float(far @ w.beta.optical_depth(far) / (far @ far)) for w in water]
+        B, gamma = np.array([w.B for w in water]), np.array([w.gamma for w in water])
+        return Restoration(J, Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
 
     def _drawn(self, rgb: Array, z: Array) -> tuple[Array, Array]:
-        """Intensities (P, 3) and distances (P,), float64, of pixels with depth."""
-        seen = np.flatnonzero(z > 0)
+        """Intensities (P, 3) and distances (P,), float64, of pixels with depth, without outlying ones."""
+        seen = np.flatnonzero(trusted(z))
         if seen.size > self.sample:
             seen = seen[np.random.default_rng(self.seed).integers(seen.size, size=self.sample)]
         return rgb.reshape(-1, 3)[seen].astype(np.float64), z.ravel()[seen].astype(np.float64)
 
 
-def _fitted(intensity: Array, z: Array, kind: Kind) -> Parameters:
+@dataclass(frozen=True, slots=True)
+class _Fit:
+    """A channel's water, how unlikely it is, and whether the simplex came to rest."""
+
+    water: Parameters
+    cost: float
+    converged: bool
+
+
+def _fitted(intensity: Array, z: Array, kind: Kind) -> _Fit:
     """Return the likeliest water of a channel: the best of what Nelder and Mead's simplex reaches from all starts."""
     from scipy.optimize import minimize
 
     if np.ptp(intensity) == 0:  # no spread to be likely: the image as it is
-        return Parameters(_LEAST, _LEAST, _LEAST)
+        return _Fit(Parameters(_LEAST, _LEAST, TwoTerm(_LEAST)), np.inf, True)
 
-    def cost(x: Array) -> float:
-        return negative_log_likelihood(Parameters(*x), intensity, z)
+    def water(x: Array) -> Parameters:
+        B, gamma, *beta = (float(value) for value in x)
+        return Parameters(B, gamma, TwoTerm(*beta))
 
     found = []
     for B, gamma, beta in _STARTS:
         start = [B, gamma, beta] if kind == "constant" else [B, gamma, beta, 0.1, beta, 0.1]
-        bounds = [(_LEAST, _GREATEST_LIGHT), *[(_LEAST, _GREATEST_RATE)] * (len(start) - 1)]
-        options = {"maxfev": 2000, "xatol": 1e-4, "fatol": 1e-7}
-        found.append(minimize(cost, start, method="Nelder-Mead", bounds=bounds, options=options))
-    return Parameters(*(float(x) for x in min(found, key=lambda fit: fit.fun).x))
+        fit = minimize(
+            lambda x: negative_log_likelihood(water(x), intensity, z),
+            start,
+            method="Nelder-Mead",
+            bounds=[(_LEAST, _GREATEST_LIGHT), *[(_LEAST, _GREATEST_RATE)] * (len(start) - 1)],
+            options={"maxfev": _MOST_EVALUATIONS, "xatol": 1e-4, "fatol": 1e-7},
+        )
+        found.append(_Fit(water(fit.x), float(fit.fun), bool(fit.success)))
+    return min(found, key=lambda fit: fit.cost)
 
 
-def _undetermined(z: Array, water: list[Parameters]) -> str:
+def _undetermined(z: Array, fits: list[_Fit]) -> str:
     """Say what the view cannot tell; "" where it can."""
-    if z.max() - z.min() < _FLAT * z.max():
+    if is_flat(z):
         return "all pixels are about equally far: no water is likelier than another"
-    names = zip(("red", "green", "blue"), water, strict=True)
-    doubtful = [name for name, w in names if not (0.01 < w.B < 0.99 and 0.01 < w.gamma < 0.99 * _GREATEST_RATE)]
-    return f"veil of {', '.join(doubtful)}" if doubtful else ""
+    within = [0.01 < fit.water.B < 0.99 and 0.01 < fit.water.gamma < 0.99 * _GREATEST_RATE for fit in fits]
+    doubts = (("veil", ~np.array(within)), ("simplex, unfinished,", np.array([not fit.converged for fit in fits])))
+    return "; ".join(f"{what} of {channels(where)}" for what, where in doubts if where.any())

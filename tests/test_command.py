@@ -305,8 +305,53 @@ def test_children_that_outlive_their_program_are_ended_and_do_not_keep_us(tmp_pa
     )
     started = time.monotonic()
     result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
-    assert time.monotonic() - started < 10
+    assert time.monotonic() - started < 3  # which only those are given that have not ended
     assert ends_soon(int(result.info["said"]))
+
+
+CLEANING_UP = """
+import pathlib, signal, sys, time
+def clean(*_):
+    time.sleep(0.5)
+    pathlib.Path(sys.argv[1]).write_text("clean")
+    sys.exit()
+signal.signal(signal.SIGTERM, clean)
+pathlib.Path(sys.argv[2]).touch()
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("way", ["the program ends well", "the program is too late", "its parent is a shell"])
+def test_children_have_time_to_clean_up_though_their_program_has_none(tmp_path: Path, way: str):
+    """As the client of a container has to: the program itself ends at once when told to, or has ended before."""
+    (tmp_path / "child.py").write_text(CLEANING_UP)
+    child = [sys.executable, "-S", str(tmp_path / "child.py"), str(tmp_path / "clean"), str(tmp_path / "ready")]
+    wait = f"while not os.path.exists({child[-1]!r}): time.sleep(0.01)\n"
+    start = f"import os, subprocess, time\nsubprocess.Popen({child!r})\n{wait}"
+    run = {
+        "the program ends well": [sys.executable, "-S", "-c", start],
+        "the program is too late": [sys.executable, "-S", "-c", f"{start}time.sleep(60)"],
+        "its parent is a shell": ["sh", "-c", f"{shlex.join(child)}; true"],
+    }[way]
+    started = time.monotonic()
+    ended = run_program(run, timeout=1.0)
+    assert (tmp_path / "clean").read_text() == "clean"
+    assert bool(ended.fault) == (way != "the program ends well")
+    assert time.monotonic() - started < 1 + 3 + 1
+
+
+def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path: Path):
+    child = (
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(60)"
+    )
+    source = (
+        "import subprocess, sys\n"
+        f"child = subprocess.Popen([sys.executable, '-S', '-c', {child!r}], stdout=subprocess.PIPE)\n"
+        "child.stdout.readline(); print(child.pid)\n"
+    )
+    ended = run_program([sys.executable, "-S", "-c", source])
+    assert ended.seconds < 2  # its own, without what it left behind
+    assert ends_soon(int(ended.said))
 
 
 def test_a_daemon_that_holds_the_pipes_open_does_not_keep_us(tmp_path: Path):
@@ -365,6 +410,7 @@ def test_ctrl_c_ends_the_program_too(tmp_path: Path):
         ({"run": "cp 'a {output}"}, "command.run: No closing quotation"),
         ({"run": "cp {imput} {output}"}, "no placeholder '{imput}'; did you mean 'input'"),
         ({"run": "cp {} {output}"}, "no placeholder"),
+        ({"run": "cp {input:02d} {output}"}, "'{input:02d}': no format or conversion is allowed; write {input}"),
         ({"run": "cp { {output}"}, "for braces"),
         ({"run": "cp {input} there"}, "without {output}"),
         ({"run": "cp {name} {output}", "per": "scene"}, "{name} is of one view; use it with per=view"),

@@ -6,14 +6,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_scene import WATER, make_camera, make_pose, make_view
+from made_scene import WATER
+from made_seabed import alone
 from scipy.stats import norm
 
 import sucre_bench as sb
-from sucre_bench import Arrays, InputError, Scene, View
-from sucre_bench.errors import NotApplicableError
+from sucre_bench import Arrays, InputError, View
+from sucre_bench.methods import gaussian_seathru
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
 from sucre_bench.plugins import Plugin, discover
+from sucre_bench.steps.through_water import TwoTerm, trusted
 
 
 def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:
@@ -26,10 +28,6 @@ def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool
     return View("a.png", Arrays(np.rint(intensity * 255) / 255 if rounded else intensity, z, J))
 
 
-def alone(view: View) -> Scene:
-    return Scene("alone", [view], frozenset({"depth"}))
-
-
 def test_it_is_found_with_what_it_needs():
     plugin = discover("method")["gaussian_seathru"]
     assert isinstance(plugin, Plugin)
@@ -37,28 +35,54 @@ def test_it_is_found_with_what_it_needs():
 
 
 @pytest.mark.parametrize(
-    "water", [Parameters(0.3, 0.2, 0.4), Parameters(0.1, 1.0, 0.05), Parameters(0.3, 0.2, 0.5, 0.6, 0.2, 0.05)]
+    ("B", "gamma", "beta"),
+    [(0.3, 0.2, TwoTerm(0.4)), (0.1, 1.0, TwoTerm(0.05)), (0.3, 0.2, TwoTerm(0.5, 0.6, 0.2, 0.05))],
 )
-def test_the_likelihood_is_that_of_a_normal_distribution(water: Parameters):
+def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float, beta: TwoTerm):
     rng = np.random.default_rng(1)
     z, intensity = rng.uniform(1, 9, 500), rng.random(500)
-    beta = water.t * np.exp(-water.p * z) + water.c * np.exp(-water.w * z)
-    veil = water.B * (1 - np.exp(-water.gamma * z))
-    J = (intensity - veil) * np.exp(beta * z)
-    mean, deviation = J.mean() * np.exp(-beta * z) + veil, J.std() * np.exp(-beta * z)
-    expected = -norm.logpdf(intensity, mean, deviation).mean()
-    assert negative_log_likelihood(water, intensity, z) == pytest.approx(expected, rel=1e-10)
+    fading = np.exp(-(beta.a * np.exp(-beta.b * z) + beta.c * np.exp(-beta.d * z)) * z)
+    veil = B * (1 - np.exp(-gamma * z))
+    J = (intensity - veil) / fading
+    expected = -norm.logpdf(intensity, J.mean() * fading + veil, J.std() * fading).mean()
+    assert negative_log_likelihood(Parameters(B, gamma, beta), intensity, z) == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_likelihood_has_a_value_where_exponentials_have_none():
+    """exp(5 * 300) is beyond float64: the expected value is reckoned in logarithms, pixel by pixel."""
+    z = np.array([1.0, 2.0, 3.0, 300.0])
+    intensity = np.array([0.2, 0.4, 0.3, 0.9])
+    # What is multiplied by exp(1500) outweighs the others: sigma^2 = x^2 (1 / n - 1 / n^2), x = (0.9 - B) exp(1500).
+    log_sigma = np.log(0.9 - 0.25) + 1500 + 0.5 * np.log(1 / 4 - 1 / 16)
+    expected = log_sigma + 0.5 * np.log(2 * np.pi) - 5 * z.mean() + 0.5
+    assert negative_log_likelihood(Parameters(0.25, 5.0, TwoTerm(5.0)), intensity, z) == pytest.approx(expected)
+
+
+def test_colours_without_any_spread_are_not_the_likeliest():
+    assert negative_log_likelihood(Parameters(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)) == np.inf
+
+
+def test_a_simplex_that_does_not_come_to_rest_is_named(monkeypatch: pytest.MonkeyPatch):
+    view = drawn_view(1, 40, 30)
+    assert "unfinished" not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+    monkeypatch.setattr(gaussian_seathru, "_MOST_EVALUATIONS", 30)
+    told = sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+    assert "simplex, unfinished, of red, green, blue" in told
 
 
 def test_the_likelihood_is_least_at_the_water_the_data_were_drawn_in():
     view = drawn_view(2, rounded=False)
     z, red = view.depth.ravel().astype(np.float64), view.rgb[..., 0].ravel().astype(np.float64)
     true = (WATER.veiling_light[0], WATER.backscatter[0], WATER.attenuation[0])
-    least = negative_log_likelihood(Parameters(*true), red, z)
+
+    def in_order(B: float, gamma: float, beta: float) -> Parameters:
+        return Parameters(B, gamma, TwoTerm(beta))
+
+    least = negative_log_likelihood(in_order(*true), red, z)
     for i in range(3):
         for factor in (0.7, 1.4):
             other = [value * (factor if i == k else 1) for k, value in enumerate(true)]
-            assert negative_log_likelihood(Parameters(*other), red, z) > least
+            assert negative_log_likelihood(in_order(*other), red, z) > least
 
 
 def test_the_water_of_drawn_data_is_recovered():
@@ -95,11 +119,12 @@ def test_two_terms_contain_the_constant():
 def test_the_best_of_all_starts_is_taken():
     """In red one of the starts ends 1.5 above the others: the result must be no less likely than the truth."""
     view = drawn_view(4)
-    z = view.depth.ravel().astype(np.float64)
+    fitted = trusted(view.depth)
+    z = view.depth[fitted].astype(np.float64)
     result = sb.restore("gaussian_seathru", alone(view), view)
     for c in range(3):
-        own = view.rgb[..., c].ravel().astype(np.float64)
-        true = Parameters(WATER.veiling_light[c], WATER.backscatter[c], WATER.attenuation[c])
+        own = view.rgb[..., c][fitted].astype(np.float64)
+        true = Parameters(WATER.veiling_light[c], WATER.backscatter[c], TwoTerm(WATER.attenuation[c]))
         assert result.info["cost"][c] <= negative_log_likelihood(true, own, z) + 1e-6
 
 
@@ -115,32 +140,11 @@ def test_restoring_inverts_the_model_it_reports():
 def test_the_sample_is_drawn_with_the_seed_alone():
     view = drawn_view(6)
     first, again, other = (
-        sb.restore("gaussian_seathru", alone(view), view, sample=2000, seed=seed).image for seed in (0, 0, 1)
+        sb.restore("gaussian_seathru", alone(view), view, sample=5000, seed=seed).image for seed in (0, 0, 1)
     )
     np.testing.assert_array_equal(first, again)
     assert np.abs(first - other).max() > 0
     assert np.abs(first - other).mean() < 0.1
-
-
-def test_pixels_without_depth_have_no_colour_and_no_influence():
-    view = drawn_view(7)
-    depth, rgb = view.depth.copy(), view.rgb.copy()
-    depth[40:90, 30:60] = 0
-    results = []
-    for colour in (0.0, 1.0):
-        rgb[40:90, 30:60] = colour
-        holes = replace(view, pixels=Arrays(rgb, depth))
-        results.append(sb.restore("gaussian_seathru", alone(holes), holes).image)
-    np.testing.assert_array_equal(results[0], results[1])
-    np.testing.assert_array_equal(np.isnan(results[0]).all(axis=-1), depth == 0)
-
-
-def test_euclidean_distance_is_used_where_the_camera_is_known():
-    view = make_view("a.png", make_camera(60, 44, 30), make_pose((0, 0, 0)), WATER)
-    far = replace(view, pixels=Arrays(view.rgb, view.distance), camera=None)
-    expected, found = (sb.restore("gaussian_seathru", alone(v), v) for v in (far, view))
-    assert (expected.info["along"], found.info["along"]) == ("depth", "distance")
-    np.testing.assert_array_equal(found.image, expected.image)
 
 
 def test_a_constant_channel_is_left_as_it_is():
@@ -161,20 +165,7 @@ def test_one_pixel_with_depth_has_no_spread_and_is_left_as_it_is():
     assert result.valid.sum() == 1
 
 
-def test_a_single_distance_is_said_to_tell_nothing():
-    view = View("wall.png", Arrays(np.random.default_rng(0).random((20, 30, 3)), np.full((20, 30), 3.0)))
-    result = sb.restore("gaussian_seathru", alone(view), view)
-    assert "equally far" in result.info["undetermined"]
-    assert np.isfinite(result.image).all()
-    assert np.abs(result.image).max() < 5
-
-
-def test_a_view_without_any_depth_is_not_applicable():
-    view = View("empty.png", Arrays(np.full((8, 8, 3), 0.5), np.zeros((8, 8))))
-    with pytest.raises(NotApplicableError, match=r"empty\.png"):
-        sb.restore("gaussian_seathru", alone(view), view)
-
-
-def test_a_sample_without_spread_is_refused():
-    with pytest.raises(InputError, match="sample"):
-        GaussianSeathru(sample=1)
+@pytest.mark.parametrize("wrong", [{"sample": 1}, {"seed": -1}])
+def test_options_that_mean_nothing_are_refused(wrong: dict[str, int]):
+    with pytest.raises(InputError, match=f"gaussian_seathru.{next(iter(wrong))}: "):
+        GaussianSeathru(**wrong)  # type: ignore[arg-type]

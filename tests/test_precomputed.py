@@ -13,8 +13,8 @@ from PIL import Image
 
 from sucre_bench import Arrays, InputError, NotApplicableError, Restoration, Scene, View, restore, score
 from sucre_bench.colour import srgb_decode, srgb_encode
-from sucre_bench.methods.doors import Precomputed
-from sucre_bench.methods.doors.pattern import SUFFIXES, find_image
+from sucre_bench.methods.doors import Precomputed, pattern
+from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder
 
 LEVELS = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3  # no two channels alike, so that a swap shows
 RGB = LEVELS.astype(np.float32) / 255
@@ -28,6 +28,10 @@ def scene_of(*names: str, size: tuple[int, int] = (6, 4), encoding: str = "gamma
 def restored(folder: Path, **options: object) -> Restoration:
     scene = scene_of("a.png")
     return restore("precomputed", scene, scene.views[0], folder=folder, **options)
+
+
+def find_image(folder: Path, name: str, names: list[str], pattern: str = "{stem}") -> Path:
+    return ImageFolder(folder, pattern).find(name, names)
 
 
 def touch(folder: Path, *names: str) -> None:
@@ -94,6 +98,33 @@ def test_a_view_without_an_image_is_skipped_and_told_the_nearest_name(tmp_path: 
         find_image(tmp_path / "GOPR0013.png", "a.png", ["a.png"])
 
 
+def test_a_folder_is_listed_once_for_all_views(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Listed for each view, the work for a dive of thousands grows with its square."""
+    names = [f"{side}/{k}.png" for side in ("left", "right") for k in range(20)]
+    touch(
+        tmp_path, *(f"as views/{name}" for name in names), *(f"flat/{name.replace('/', '/x/')}" for name in names[:20])
+    )
+    calls: list[object] = []
+    for owner, listing in ((Path, "iterdir"), (pattern.os, "walk")):
+        true = getattr(owner, listing)
+        monkeypatch.setattr(owner, listing, lambda path, true=true: calls.append(path) or true(path))
+    beside, below = ImageFolder(tmp_path / "as views"), ImageFolder(tmp_path / "flat")
+    assert [beside.find(name, names).relative_to(tmp_path / "as views").as_posix() for name in names] == names
+    assert len(calls) == 2
+    for name in names[:20]:
+        assert below.find(name, names[:20]) == tmp_path / "flat" / name.replace("/", "/x/")
+    assert calls[2:].count(tmp_path / "flat") == 1
+    assert len(calls) == 4
+
+
+def test_a_folder_that_has_changed_is_seen_by_the_next_restoration(tmp_path: Path):
+    write(tmp_path / "b.png", LEVELS)
+    with pytest.raises(NotApplicableError):
+        restored(tmp_path)
+    write(tmp_path / "a.png", LEVELS)
+    np.testing.assert_allclose(restored(tmp_path).image, RGB, atol=1e-6)
+
+
 def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
     touch(tmp_path, "elsewhere/a.png", "folder/b.png")
     (tmp_path / "folder" / "a.png").symlink_to(tmp_path / "elsewhere" / "a.png")
@@ -109,7 +140,9 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
         ("{step}", "no placeholder '{step}'; did you mean 'stem'"),
         ("restored", "is the same for every view"),
         ("{stem", "write {{ and }} for braces"),
-        ("{stem!r}", "no placeholder"),
+        ("{stem!r}", r"precomputed.pattern: '{stem!r}': no format or conversion is allowed; write {stem}$"),
+        ("{stem:>9}", r"precomputed.pattern: '{stem:>9}': no format or conversion is allowed; write {stem}$"),
+        ("{stem!s:>9}", "'{stem!s:>9}': no format"),
         ("{stem.__class__}", "no placeholder"),
     ],
 )
@@ -286,11 +319,41 @@ def test_a_water_beside_the_image_enters_and_what_it_does_not_say_is_nan(tmp_pat
     assert restored(tmp_path).water is None
 
 
+@pytest.mark.parametrize(
+    ("view", "files", "told", "expected"),
+    [
+        ("gamma", "view", None, "gamma"),
+        ("linear", "view", None, "linear"),
+        ("linear", "gamma", None, "gamma"),
+        ("gamma", "view", "linear", "linear"),
+        ("linear", "gamma", "linear", "linear"),
+    ],
+)
+def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
+    tmp_path: Path, view: str, files: str, told: str | None, expected: str
+):
+    write(tmp_path / "a.png", LEVELS)
+    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5]} | ({"encoding": told} if told else {})))
+    scene = scene_of("a.png", encoding=view)
+    water = Precomputed(tmp_path, encoding=files).restore(scene, scene.views[0]).water  # type: ignore[arg-type]
+    assert water is not None
+    assert water.encoding == expected
+    np.testing.assert_array_equal(water.veiling_light, [0.1, 0.4, 0.5])
+
+
+@pytest.mark.parametrize("told", ["raw", ["gamma"], 2])
+def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
+    write(tmp_path / "a.png", LEVELS)
+    (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "encoding": told}))
+    with pytest.raises(InputError, match=r"a.json: encoding .* is unknown; use gamma, linear or view"):
+        restored(tmp_path)
+
+
 @pytest.mark.parametrize("text", ['{"B": [1, 2]}', '{"B": "blue"}', '{"B": [1, 2'])
 def test_a_water_that_is_none_is_named(tmp_path: Path, text: str):
     write(tmp_path / "a.png", LEVELS)
     (tmp_path / "a.json").write_text(text)
-    with pytest.raises(InputError, match=r"a.json: does not hold a water"):
+    with pytest.raises(InputError, match=r"a.json: (does not hold B, beta and gamma|B must be three numbers)"):
         restored(tmp_path)
 
 

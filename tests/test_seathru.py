@@ -8,15 +8,15 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from made_scene import WATER, make_camera, make_pose, make_view
+from made_seabed import CLEAR, alone, in_water, random_seabed
 
 import sucre_bench as sb
-from sucre_bench import Arrays, InputError, Scene, View, Water
+from sucre_bench import Arrays, InputError, View
 from sucre_bench.colour import srgb_decode, srgb_encode
-from sucre_bench.errors import NotApplicableError
 from sucre_bench.methods.seathru import Seathru
 from sucre_bench.methods.seathru.attenuation import (
-    Attenuation,
+    amplified,
+    at_bound,
     constant_attenuation,
     fit_attenuation,
     illuminant_by_distance,
@@ -24,28 +24,9 @@ from sucre_bench.methods.seathru.attenuation import (
 from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
 from sucre_bench.methods.seathru.illuminant import local_average
 from sucre_bench.plugins import Plugin, discover
+from sucre_bench.steps.through_water import TwoTerm
 
 CHARTS = Path(__file__).resolve().parents[2] / "shared" / "data" / "seathru_d5_charts"
-CLEAR = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13]))
-
-
-def random_seabed(seed: int = 0, water: Water = CLEAR, near: float = 2.0, far: float = 8.0) -> View:
-    """Distances rise over the image; every fortieth pixel or so is black; 8 bits. Its reference is J."""
-    rng = np.random.default_rng(seed)
-    z = np.tile(np.linspace(near, far, 160, dtype=np.float32)[:, None], (1, 120))
-    J = rng.uniform(0.1, 0.9, (160, 120, 3))
-    J[rng.random(z.shape) < 0.025] = 0.002
-    return in_water(J, z, water)
-
-
-def in_water(J: np.ndarray, z: np.ndarray, water: Water) -> View:
-    veil = water.veiling_light * (1 - np.exp(-water.backscatter * z[..., None]))
-    intensity = J * np.exp(-water.attenuation * z[..., None]) + veil
-    return View("a.png", Arrays(np.rint(intensity.clip(0, 1) * 255) / 255, z, J))
-
-
-def alone(view: View) -> Scene:
-    return Scene("alone", [view], frozenset({"depth"}))
 
 
 def psnr(image: np.ndarray, truth: np.ndarray) -> float:
@@ -163,7 +144,7 @@ def test_the_local_average_is_local():
 
 def test_two_terms_are_recovered():
     z = np.linspace(1, 10, 100)
-    true = Attenuation(0.6, 0.7, 0.2, 0.03)
+    true = TwoTerm(0.6, 0.7, 0.2, 0.03)
     found = fit_attenuation(z, np.exp(-true(z) * z), "two_term")
     np.testing.assert_allclose(found(z), true(z), rtol=0.01)
 
@@ -171,7 +152,7 @@ def test_two_terms_are_recovered():
 def test_two_terms_bear_outliers():
     rng = np.random.default_rng(5)
     z = np.linspace(1, 10, 100)
-    true = Attenuation(0.6, 0.7, 0.2, 0.03)
+    true = TwoTerm(0.6, 0.7, 0.2, 0.03)
     E = np.exp(-true(z) * z + rng.normal(0, 0.02, 100))
     E[::20] *= 0.3
     np.testing.assert_allclose(fit_attenuation(z, E, "two_term")(z), true(z), rtol=0.1)
@@ -186,14 +167,14 @@ def test_a_constant_attenuation_is_recovered():
 def test_light_never_grows_with_distance_even_where_the_terms_say_so():
     """Seen from above, distances hardly differ, and 1 / z describes a constant just as well."""
     z = np.linspace(1.8, 2.2, 50)
-    decaying = Attenuation(40.0, 2.5)
-    assert np.diff(decaying(z) * z).max() < 0
-    assert np.diff(decaying.optical_depth(z, 100)).min() >= 0
+    decaying = TwoTerm(40.0, 2.5)
+    assert np.diff(decaying.optical_depth(z)).max() < 0
+    assert np.diff(amplified(decaying, z, 100)).min() >= 0
 
 
 def test_amplification_is_limited():
     z = np.linspace(1, 20, 50)
-    assert np.exp(Attenuation(1.0, 0.0).optical_depth(z, 25)).max() == pytest.approx(25)
+    assert np.exp(amplified(TwoTerm(1.0), z, 25)).max() == pytest.approx(25)
 
 
 def test_the_illuminant_of_a_distance_is_a_median():
@@ -275,43 +256,6 @@ def test_a_red_channel_that_is_all_but_dead_gives_no_red_cast():
     assert "red" in result.info["undetermined"]
 
 
-def test_pixels_without_depth_have_no_colour_and_no_influence():
-    view = random_seabed(5)
-    depth, rgb = view.depth.copy(), view.rgb.copy()
-    depth[40:90, 30:60] = 0
-    results = []
-    for colour in (0.0, 1.0):
-        rgb[40:90, 30:60] = colour
-        holes = replace(view, pixels=Arrays(rgb, depth))
-        results.append(sb.restore("seathru", alone(holes), holes).image)
-    np.testing.assert_array_equal(results[0], results[1])
-    np.testing.assert_array_equal(np.isnan(results[0]).all(axis=-1), depth == 0)
-
-
-def test_euclidean_distance_is_used_where_the_camera_is_known():
-    view = make_view("a.png", make_camera(60, 44, 30), make_pose((0, 0, 0)), WATER)
-    assert view.cam_from_world is not None
-    far = replace(view, pixels=Arrays(view.rgb, view.distance), camera=None)
-    expected, found = (sb.restore("seathru", alone(v), v) for v in (far, view))
-    assert (expected.info["along"], found.info["along"]) == ("depth", "distance")
-    np.testing.assert_array_equal(found.image, expected.image)
-
-
-def test_a_view_without_any_depth_is_not_applicable():
-    view = View("empty.png", Arrays(np.full((8, 8, 3), 0.5), np.zeros((8, 8))))
-    with pytest.raises(NotApplicableError, match=r"empty\.png"):
-        sb.restore("seathru", alone(view), view)
-
-
-def test_a_single_distance_is_said_to_tell_nothing():
-    rgb = np.random.default_rng(0).random((20, 30, 3))
-    view = View("wall.png", Arrays(rgb, np.full((20, 30), 3.0)))
-    result = sb.restore("seathru", alone(view), view)
-    assert "equally far" in result.info["undetermined"]
-    assert np.isfinite(result.image).all()
-    assert np.abs(result.image).max() < 3
-
-
 def test_one_pixel_with_depth_is_enough():
     depth = np.zeros((40, 40))
     depth[7, 9] = 2.0
@@ -328,7 +272,44 @@ def test_estimating_on_fewer_pixels_hardly_changes_the_result():
     np.testing.assert_allclose(two[::2, ::2], one, atol=2e-2)
 
 
-@pytest.mark.parametrize("wrong", [{"f": 0.0}, {"p": 0.0}, {"share": 2.0}, {"bins": 0}, {"amplification": 0.5}])
+def test_a_factor_at_its_bound_is_told_apart_from_one_that_fits():
+    assert at_bound(TwoTerm(0.3, 0.1, 99.99999999999417, 3.0))
+    assert at_bound(TwoTerm(5.0))
+    assert not at_bound(TwoTerm(5.0, 0.1, 90.0, 3.0))
+    assert not at_bound(TwoTerm(0.4))
+
+
+def test_an_attenuation_at_its_bound_is_named():
+    """Through a hand's breadth of ink, all that is seen fades by exp(-7 z)."""
+    z = np.tile(np.linspace(0.3, 0.6, 160, dtype=np.float32)[:, None], (1, 120))
+    J = np.random.default_rng(0).uniform(0.3, 0.9, (160, 120, 3))
+    J[::8, ::5] = 0
+    view = View("a.png", Arrays(J * np.exp(-7 * z[..., None]), z))
+    result = sb.restore("seathru", alone(view), view, attenuation="constant")
+    assert "beta(z), at its bound, of red, green, blue" in result.info["undetermined"]
+
+
+def test_a_water_that_does_not_fade_is_named():
+    z = np.tile(np.linspace(2, 8, 160, dtype=np.float32)[:, None], (1, 120))
+    J = np.random.default_rng(7).uniform(0.7, 1, (160, 120, 3))
+    J[::8, ::5] = 0
+    view = View("a.png", Arrays(J, z))
+    result = sb.restore("seathru", alone(view), view, attenuation="constant")
+    assert "attenuation of red, green, blue" in result.info["undetermined"]
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        {"f": 0.0},
+        {"f": float("inf")},
+        {"p": float("nan")},
+        {"p": 0.0},
+        {"share": 2.0},
+        {"bins": 0},
+        {"amplification": 0.5},
+    ],
+)
 def test_options_that_mean_nothing_are_refused(wrong: dict[str, float]):
     with pytest.raises(InputError, match=next(iter(wrong))):
         Seathru(**wrong)  # type: ignore[arg-type]

@@ -19,7 +19,7 @@ from typing import Any, Literal
 
 from sucre_bench import InputError, NotApplicableError, Restoration, Scene, SucreBenchError, View, method
 from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
-from sucre_bench.methods.doors.pattern import SUFFIXES, check_pattern, find_image
+from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder, check_pattern
 from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
 from sucre_bench.methods.doors.process import Ended, run_program
 from sucre_bench.methods.doors.template import placeholders
@@ -38,7 +38,7 @@ class Command:
 
     It gets no shell, no input and this process's environment and working folder. Where it fails, the view fails with
     the exit code and the last line that it wrote. Beside its image a.png it may leave the water in a.json: B, and beta
-    and gamma if known, three numbers each.
+    and gamma if known, three numbers each, and the encoding of the intensities that it explains, if not the image's.
     """
 
     run: str
@@ -69,7 +69,7 @@ class Command:
 
     holes: Holes = "alpha"
     """Which pixels have no colour: alpha, those wholly transparent; black, those that are exactly black, too; none,
-    neither. NaN never is one."""
+    neither. NaN and infinity are holes in any case."""
 
     resize: bool = False
     """Bring an output of another size to the view's, by area or linearly; otherwise it is an error."""
@@ -117,7 +117,7 @@ class Command:
             paths["output"] = paths["output"].with_suffix(self.output_suffix)
             height, width = view.rgb.shape[:2]
             ended = self._run({**paths, "name": view.name, "width": width, "height": height})
-            return self._read(_Work(Path(place), {view.name: "view.png"}, {}, ended), view)
+            return self._read(_Work(Path(place), self.pattern, {view.name: "view.png"}, {}, ended), view)
 
     @property
     def _words(self) -> list[str]:
@@ -156,9 +156,9 @@ class Command:
         if ended.fault and self.per == "view":
             raise InputError(f"{who}: {about}; mend the program or its options") from printed
         try:
-            path = find_image(work.place / "output", work.names[view.name], [*work.names.values()], self.pattern)
+            path = work.images.find(work.names[view.name], [*work.names.values()])
             image, done = Reading(self.encoding, self.holes, self.resize).image(path, view)
-            water = water_beside(path)
+            water = water_beside(path, self.encoding, view)
         except NotApplicableError:
             fault = f"{about or 'ended well'}, but wrote no image"
             raise InputError(f"{who}: {fault}; the program is to write to {{output}}") from printed
@@ -175,15 +175,20 @@ class _Printed(Exception):  # noqa: N818, it is no error: it is kept with the tr
 
 @dataclass(frozen=True, eq=False)
 class _Work:
-    """What a program left: place/output holds its images.
+    """What a program left: place/output holds its images, called as the pattern says.
 
     names: what each view that it was given is called there, by the view's name; refused: why others were not given.
     """
 
     place: Path
+    pattern: str
     names: Mapping[str, str]
     refused: Mapping[str, Exception]
     ended: Ended
+
+    @functools.cached_property
+    def images(self) -> ImageFolder:
+        return ImageFolder(self.place / "output", self.pattern)
 
 
 @functools.lru_cache(maxsize=2)  # every view of the scene asks for it
@@ -217,8 +222,8 @@ def _hand_all(scene: Scene, command: Command, place: Path) -> _Work:
         except Exception as fault:  # of this view; the others go on
             refused[view.name] = fault
     if not given:
-        return _Work(place, given, refused, Ended("", 0, nan, ""))
+        return _Work(place, command.pattern, given, refused, Ended("", 0, nan, ""))
     ended = command._run({plane: place / plane for plane in _PER_SCENE})
     for plane in command._planes:
         shutil.rmtree(place / plane, ignore_errors=True)
-    return _Work(place, given, refused, ended)
+    return _Work(place, command.pattern, given, refused, ended)

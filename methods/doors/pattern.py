@@ -9,14 +9,18 @@ One that ends in {name} or in a suffix, "{stem}_out.tif", is a whole file name.
 from __future__ import annotations
 
 import difflib
+import functools
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.methods.doors.template import placeholders
 
-__all__ = ["SUFFIXES", "check_pattern", "find_image", "inside"]
+__all__ = ["SUFFIXES", "ImageFolder", "check_pattern", "inside"]
+
+_ByName = dict[str, list[PurePosixPath]]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".npy", ".npz")
 
@@ -36,33 +40,81 @@ def inside(name: str) -> PurePosixPath:
     return path
 
 
-def find_image(folder: Path, name: str, names: Sequence[str], pattern: str = "{stem}") -> Path:
-    """Return the image of the view of that name. names: of all the scene's views.
+@dataclass(frozen=True)
+class ImageFolder:
+    """The images in a folder, found by pattern. It lists each folder once: what is put there afterwards is not seen."""
 
-    Raises InputError where two files may be the view's, or a file another view's as well, or it lies elsewhere;
-    NotApplicableError, saying what was looked for, where there is none.
-    """
-    whole = pattern.endswith("{name}") or pattern.lower().endswith(SUFFIXES)
-    own = _place(inside(name), pattern)
-    others = {other: _place(PurePosixPath(other), pattern) for other in names if other != name}
-    found = [own.parent / file for file in _listed(folder / own.parent) if _bare(file, whole) == own.name]
-    rivals = [other for other, place in others.items() if place == own]
-    if not found and "/" not in pattern:
-        belonging = set(others.values())  # a file in another view's place is not this one's
-        found = [path for path in _below(folder) if _bare(path.name, whole) == own.name]
-        found = [path for path in found if path.with_name(own.name) not in belonging]
-        rivals = [other for other, place in others.items() if place.name == own.name]
-    if not found:
-        raise NotApplicableError(f"{name}: {_looked_for(folder, own, whole, '/' in pattern)}")
-    if len(found) > 1:
-        fault = f"{found[1]} in {folder} is there as well"
-        raise InputError(f"{folder / found[0]}: {fault}; keep one, or tell them apart with pattern='{{stem}}.png'")
-    if rivals:
-        fault = f"may belong to {name} or {rivals[0]}"
-        raise InputError(f"{folder / found[0]}: {fault}; use sub-folders as the views do, or pattern='{{name}}'")
-    if not (folder / found[0]).resolve().is_relative_to(folder.resolve()):
-        raise InputError(f"{folder / found[0]}: leads out of the folder; copy the file into it")
-    return folder / found[0]
+    folder: Path
+    pattern: str = "{stem}"
+    _listed: dict[PurePosixPath, _ByName] = field(default_factory=dict, init=False, repr=False, compare=False)
+
+    def find(self, name: str, names: Sequence[str]) -> Path:
+        """Return the image of the view of that name. names: of all the scene's views.
+
+        Raises InputError where two files may be the view's, or a file another view's as well, or it lies elsewhere;
+        NotApplicableError, saying what was looked for, where there is none.
+        """
+        own = _place(inside(name), self.pattern)
+        views = _views(tuple(names), self.pattern)
+        found, rivals = self._beside(own.parent).get(own.name, []), views.at.get(own, ())
+        if not found and "/" not in self.pattern:
+            # A file in another view's place is not this one's.
+            found = [path for path in self._below.get(own.name, []) if path.with_name(own.name) not in views.at]
+            rivals = views.called.get(own.name, ())
+        rival = next((other for other in rivals if other != name), None)
+        if not found:
+            raise NotApplicableError(f"{name}: {self._looked_for(own)}")
+        path = self.folder / found[0]
+        if len(found) > 1:
+            fault = f"{found[1]} in {self.folder} is there as well"
+            raise InputError(f"{path}: {fault}; keep one, or tell them apart with pattern='{{stem}}.png'")
+        if rival:
+            fault = f"may belong to {name} or {rival}"
+            raise InputError(f"{path}: {fault}; use sub-folders as the views do, or pattern='{{name}}'")
+        if not path.resolve().is_relative_to(self.folder.resolve()):
+            raise InputError(f"{path}: leads out of the folder; copy the file into it")
+        return path
+
+    @property
+    def _whole(self) -> bool:
+        """Whether the pattern is of a whole file name, with its suffix."""
+        return self.pattern.endswith("{name}") or self.pattern.lower().endswith(SUFFIXES)
+
+    def _beside(self, parent: PurePosixPath) -> _ByName:
+        """The images of one folder."""
+        if parent not in self._listed:
+            try:
+                there = sorted(parent / path.name for path in (self.folder / parent).iterdir())
+            except (FileNotFoundError, NotADirectoryError):
+                there = []
+            self._listed[parent] = self._by_name(there)
+        return self._listed[parent]
+
+    @functools.cached_property
+    def _below(self) -> _ByName:
+        """The images at any depth."""
+        walk = ((Path(place).relative_to(self.folder).as_posix(), files) for place, _, files in os.walk(self.folder))
+        return self._by_name(PurePosixPath(place, file) for place, files in walk for file in sorted(files))
+
+    def _by_name(self, paths: Iterable[PurePosixPath]) -> _ByName:
+        """Images, by what a pattern says of their name."""
+        sorted_in: _ByName = {}
+        for path in paths:
+            if path.name.lower().endswith(SUFFIXES):
+                sorted_in.setdefault(path.name if self._whole else path.stem, []).append(path)
+        return sorted_in
+
+    def _looked_for(self, own: PurePosixPath) -> str:
+        """Why nothing was found: what was looked for, and what comes near."""
+        there = [str(path if self._whole else path.with_suffix("")) for paths in self._below.values() for path in paths]
+        if not there:
+            return f"there are no images in {self.folder}"
+        exact = "/" in self.pattern or own.parent == PurePosixPath()
+        tried = [str(own)] if exact else [str(own), own.name]
+        near = difflib.get_close_matches(tried[0], there, n=1, cutoff=0) or there[:1]
+        kinds = "" if self._whole else f" (any of {', '.join(SUFFIXES)})"
+        named = f"named {' or '.join(tried)}{kinds}"
+        return f"no image in {self.folder} is {named}; the nearest of {len(there)} is {near[0]}"
 
 
 def _place(name: PurePosixPath, pattern: str) -> PurePosixPath:
@@ -71,34 +123,20 @@ def _place(name: PurePosixPath, pattern: str) -> PurePosixPath:
     return filled if "/" in pattern else name.parent / filled
 
 
-def _bare(file: str, whole: bool) -> str:
-    """A file's name, without suffix unless it is to be compared as a whole."""
-    return file if whole else PurePosixPath(file).stem
+@dataclass(frozen=True)
+class _Views:
+    """The names of the views whose image belongs at a place, and of those whose image is called like that."""
+
+    at: Mapping[PurePosixPath, Sequence[str]]
+    called: Mapping[str, Sequence[str]]
 
 
-def _listed(folder: Path) -> list[str]:
-    """The names of the images in a folder, sorted; none where there is no such folder."""
-    try:
-        return sorted(path.name for path in folder.iterdir() if path.name.lower().endswith(SUFFIXES))
-    except (FileNotFoundError, NotADirectoryError):
-        return []
-
-
-def _below(folder: Path) -> Iterator[PurePosixPath]:
-    for place, _, files in os.walk(folder):
-        yield from (
-            PurePosixPath((Path(place) / file).relative_to(folder).as_posix())
-            for file in sorted(files)
-            if file.lower().endswith(SUFFIXES)
-        )
-
-
-def _looked_for(folder: Path, own: PurePosixPath, whole: bool, exact: bool) -> str:
-    """Why nothing was found: what was looked for, and what comes near."""
-    there = [str(path if whole else path.with_suffix("")) for path in _below(folder)]
-    if not there:
-        return f"there are no images in {folder}"
-    tried = [str(own)] if exact or own.parent == PurePosixPath() else [str(own), own.name]
-    near = difflib.get_close_matches(tried[0], there, n=1, cutoff=0) or there[:1]
-    kinds = "" if whole else f" (any of {', '.join(SUFFIXES)})"
-    return f"no image in {folder} is named {' or '.join(tried)}{kinds}; the nearest of {len(there)} is {near[0]}"
+@functools.lru_cache(maxsize=8)  # all views of a scene ask for the same
+def _views(names: tuple[str, ...], pattern: str) -> _Views:
+    at: dict[PurePosixPath, list[str]] = {}
+    called: dict[str, list[str]] = {}
+    for name in names:
+        place = _place(PurePosixPath(name), pattern)
+        at.setdefault(place, []).append(name)
+        called.setdefault(place.name, []).append(name)
+    return _Views(at, called)

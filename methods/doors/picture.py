@@ -7,8 +7,7 @@ one called "image".
 
 from __future__ import annotations
 
-import json
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 from zipfile import BadZipFile
@@ -18,6 +17,7 @@ import numpy as np
 from sucre_bench.colour import converted
 from sucre_bench.errors import InputError
 from sucre_bench.images import decode, same_shape
+from sucre_bench.loading.water_file import read_water
 from sucre_bench.scene import Array, Encoding, Mask, View, Water
 
 __all__ = ["FileEncoding", "Holes", "Reading", "encoding_of", "water_beside"]
@@ -76,25 +76,15 @@ def encoding_of(encoding: FileEncoding, view: View) -> Encoding:
     return view.encoding if encoding == "view" else encoding
 
 
-def water_beside(path: Path) -> Water | None:
+def water_beside(path: Path, files: FileEncoding, view: View) -> Water | None:
     """Return the water that ``a.json`` beside ``a.png`` holds as B and, if known, beta and gamma; None without.
 
-    Raises InputError where the file holds something else under these names, or is not JSON.
+    It explains intensities of the "encoding" that it names, as the files are encoded where it names none.
+    Raises what `read_water` raises.
     """
     beside = path.with_suffix(".json")
-    if not beside.is_file():
-        return None
-    try:
-        told = json.loads(beside.read_text(encoding="utf-8"))
-        if not isinstance(told, dict) or "B" not in told:
-            return None
-        unknown = [np.nan] * 3
-        water = [np.array(told.get(name, unknown), dtype=np.float64) for name in ("B", "beta", "gamma")]
-    except (OSError, ValueError, TypeError) as fault:
-        raise InputError(f"{beside}: does not hold a water ({fault}); give three numbers of B, beta, gamma") from fault
-    if any(values.shape != (3,) for values in water):
-        raise InputError(f"{beside}: does not hold a water; give three numbers each of B, beta, gamma")
-    return Water(*water)
+    water = read_water(beside) if beside.is_file() else None
+    return water and replace(water, encoding=water.encoding or encoding_of(files, view))
 
 
 def _colours(path: Path) -> tuple[Array, Mask]:

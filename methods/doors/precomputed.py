@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.methods.doors.pattern import check_pattern, find_image
+from sucre_bench.methods.doors.pattern import ImageFolder, check_pattern
 from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
 
 __all__ = ["Precomputed"]
@@ -19,7 +20,8 @@ class Precomputed:
     """Images restored elsewhere, one a view, found in a folder by the view's name.
 
     A view that has none is skipped. What restoring took is not known. A file a.json beside a.png may hold the water:
-    B, and beta and gamma if known, three numbers each.
+    B, and beta and gamma if known, three numbers each, and the encoding of the intensities that it explains, if not the
+    images' own.
     """
 
     folder: Path
@@ -34,7 +36,7 @@ class Precomputed:
 
     holes: Holes = "alpha"
     """Which pixels have no colour: alpha, those wholly transparent; black, those that are exactly black, too; none,
-    neither. NaN never is one."""
+    neither. NaN and infinity are holes in any case."""
 
     resize: bool = False
     """Bring images of another size to the view's, by area or linearly; otherwise they are an error."""
@@ -50,8 +52,12 @@ class Precomputed:
         info: "file", and "resized_from" (width, height) where it was.
         Raises NotApplicableError where there is none, InputError where it is not clear which one, or it cannot be read.
         """
-        path = find_image(self.folder, view.name, [v.name for v in scene.views], self.pattern)
+        path = self._images.find(view.name, [v.name for v in scene.views])
         image, done = Reading(self.encoding, self.holes, self.resize).image(path, view)
         file = path.relative_to(self.folder).as_posix()
         info = {"file": file, **done, "seconds": nan, "peak_mb": nan, "device": "unknown"}
-        return Restoration(image, water_beside(path), info=info)
+        return Restoration(image, water_beside(path, self.encoding, view), info=info)
+
+    @functools.cached_property
+    def _images(self) -> ImageFolder:
+        return ImageFolder(self.folder, self.pattern)

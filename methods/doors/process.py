@@ -12,7 +12,7 @@ import selectors
 import signal
 import subprocess
 import time
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import IO
@@ -48,8 +48,8 @@ class Ended:
 def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended:
     """Run a program to its end, or for `timeout` seconds. InputError when it cannot be started.
 
-    What it started and left running in its process group is killed, whatever happens, as is the program itself when
-    this is interrupted.
+    What is left running of its process group, the program itself or what it started, is told to end, and killed after
+    three seconds, whatever happens: in time, too late or interrupted.
     """
     started = time.perf_counter()
     with _start(arguments) as process:
@@ -58,7 +58,7 @@ def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended
             in_time = watch.until(None if timeout is None else started + timeout)
             seconds = time.perf_counter() - started
         finally:  # before it is waited for: until then, its number cannot be another group's
-            _end(process)
+            _end(process.pid, watch.read)
         watch.read()
         code = process.wait()
     fault = _fault(code) if in_time else f"was stopped after {timeout:g} s"
@@ -85,15 +85,35 @@ def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         raise InputError(f"{program}: cannot be started, {reason}; name what runs it first, such as python3") from fault
 
 
-def _end(process: subprocess.Popen[bytes]) -> None:
-    """End a process group, asking first: a docker client then stops its container, which no kill would."""
-    if not _has_ended(process):
-        os.killpg(process.pid, signal.SIGTERM)
-    deadline = time.perf_counter() + _GRACE_S
-    while not _has_ended(process) and time.perf_counter() < deadline:
-        time.sleep(_TICK_S)
+def _end(group: int, meanwhile: Callable[[], None]) -> None:
+    """End a process group, asking first: a docker client then stops its container, which no kill would.
+
+    All of it is waited for: the client may be the child of a script or of conda, which end at once.
+    """
+    try:
+        _signal(group, signal.SIGTERM)
+        deadline = time.perf_counter() + _GRACE_S
+        while _is_alive(group) and time.perf_counter() < deadline:
+            meanwhile()
+            time.sleep(_TICK_S)
+    finally:  # also when interrupted once more
+        _signal(group, signal.SIGKILL)
+
+
+def _signal(group: int, number: signal.Signals) -> None:
     with suppress(ProcessLookupError, PermissionError):
-        os.killpg(process.pid, signal.SIGKILL)
+        os.killpg(group, number)
+
+
+def _is_alive(group: int) -> bool:
+    """Whether any process of the group runs; those that have ended and are not waited for do not."""
+    import psutil
+
+    for pid in psutil.pids():
+        with suppress(psutil.Error, ProcessLookupError, PermissionError):
+            if os.getpgid(pid) == group and psutil.Process(pid).status() != psutil.STATUS_ZOMBIE:
+                return True
+    return False
 
 
 def _has_ended(process: subprocess.Popen[bytes]) -> bool:
@@ -145,7 +165,7 @@ class _Watch:
         return True
 
     def read(self) -> None:
-        """Take what is left in the pipes, once: a daemon that holds one open cannot keep us."""
+        """Take what is in the pipes, once: a daemon that holds one open cannot keep us."""
         for stream in self._tails:
             self._read(stream)
 

@@ -20,7 +20,10 @@ def placeholders(template: str, known: Collection[str], option: str) -> frozense
     except ValueError as fault:
         raise InputError(f"{option}: '{template}': {fault}; write {{{{ and }}}} for braces") from fault
     for _, name, form, conversion in fields:
-        if name not in known or form or conversion:
+        if name in known and (form or conversion):
+            written = f"{{{name}{f'!{conversion}' if conversion else ''}{f':{form}' if form else ''}}}"
+            raise InputError(f"{option}: '{written}': no format or conversion is allowed; write {{{name}}}")
+        if name not in known:
             hint = did_you_mean(str(name), known)
             raise InputError(f"{option}: no placeholder '{{{name}}}'; {hint}; write {{{{ and }}}} for braces")
     return frozenset(str(name) for _, name, _, _ in fields)

@@ -6,14 +6,14 @@ With E the illuminant, -ln E = beta(z) z. beta is either constant or beta(z) = a
 from __future__ import annotations
 
 import itertools
-from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
 
 from sucre_bench.scene import Array
+from sucre_bench.steps.through_water import TwoTerm
 
-__all__ = ["Attenuation", "constant_attenuation", "fit_attenuation", "illuminant_by_distance"]
+__all__ = ["Kind", "amplified", "at_bound", "constant_attenuation", "fit_attenuation", "illuminant_by_distance"]
 
 Kind = Literal["two_term", "constant"]
 
@@ -21,34 +21,28 @@ _STEPS = 100  # of distance, a median each
 _GREATEST_FACTOR = 100.0  # of a and c, 1/m
 _GREATEST_RATE = 100.0  # of b and d, 1/m
 _GREATEST_CONSTANT = 5.0  # 1/m, as of the backscatter
+_AT_BOUND = 1e-3  # of a bound: fits end this near to it, not on it
 _RATES = (0.0, 0.05, 0.2, 0.8, 3.0)
 _REFINED = 3
 _OUTLIER = 0.1  # in -ln E: beyond 10 % residuals count linearly only
 
 
-@dataclass(frozen=True, eq=False)
-class Attenuation:
-    """One channel's beta(z) = a exp(-b z) + c exp(-d z), all in 1/m."""
+def amplified(beta: TwoTerm, z: Array, amplification: float) -> Array:
+    """Return (P,) how much fades up to distances z (P,) metres, and is to be undone: J = D exp(optical depth).
 
-    a: float
-    b: float
-    c: float = 0.0
-    d: float = 0.0
+    It is beta(z) z, made to rise with distance: more water never lets more light through, but two fitted terms
+    may say so where few pixels are, or where a seabed seen from above fades only a little. It ends at
+    ln(amplification).
+    """
+    at = np.geomspace(z.min(), z.max(), 1024)
+    depth = np.maximum.accumulate(beta.optical_depth(at)).clip(max=np.log(amplification))
+    return np.interp(z, at, depth).astype(np.float32)
 
-    def __call__(self, z: Array) -> Array:
-        """Return beta (...), 1/m, at distances z (...) in metres."""
-        return np.asarray(self.a * np.exp(-self.b * z) + self.c * np.exp(-self.d * z))
 
-    def optical_depth(self, z: Array, amplification: float) -> Array:
-        """Return (P,) how much fades up to distances z (P,) metres: J = D exp(optical depth).
-
-        It is beta(z) z, made to rise with distance: more water never lets more light through, but two fitted terms
-        may say so where few pixels are, or where a seabed seen from above fades only a little. It ends at
-        ln(amplification).
-        """
-        at = np.linspace(z.min(), z.max(), 1024)
-        depth = np.maximum.accumulate(self(at) * at).clip(max=np.log(amplification))
-        return np.interp(z, at, depth).astype(np.float32)
+def at_bound(beta: TwoTerm) -> bool:
+    """Return whether a fitted factor is the greatest there may be: the light does not say how great it is."""
+    greatest = _GREATEST_FACTOR if beta.b or beta.c else _GREATEST_CONSTANT
+    return max(beta.a, beta.c) >= (1 - _AT_BOUND) * greatest
 
 
 def illuminant_by_distance(illuminant: Array, z: Array) -> tuple[Array, Array]:
@@ -72,7 +66,7 @@ def constant_attenuation(z: Array, E: Array) -> float:
     return float(np.clip(-(z @ np.log(E)) / (z @ z), 0, _GREATEST_CONSTANT)) if z.size else 0.0
 
 
-def fit_attenuation(z: Array, E: Array, kind: Kind) -> Attenuation:
+def fit_attenuation(z: Array, E: Array, kind: Kind) -> TwoTerm:
     """Fit beta(z) to the illuminant E (K,) > 0 at distances z (K,) in metres.
 
     What is made small, by robust least squares, is beta(z) z + ln E.
@@ -82,10 +76,10 @@ def fit_attenuation(z: Array, E: Array, kind: Kind) -> Attenuation:
     from scipy.optimize import least_squares, nnls
 
     if kind == "constant" or not z.size:
-        return Attenuation(constant_attenuation(z, E), 0.0)
+        return TwoTerm(constant_attenuation(z, E))
 
     def residuals(x: Array) -> Array:
-        return Attenuation(*x)(z) * z + np.log(E)
+        return TwoTerm(*x).optical_depth(z) + np.log(E)
 
     starts = []
     for b, d in itertools.combinations(_RATES, 2):
@@ -96,4 +90,4 @@ def fit_attenuation(z: Array, E: Array, kind: Kind) -> Attenuation:
         least_squares(residuals, start, bounds=bounds, loss="soft_l1", f_scale=_OUTLIER)
         for _, start in sorted(starts)[:_REFINED]
     ]
-    return Attenuation(*(float(x) for x in min(fits, key=lambda fit: fit.cost).x))
+    return TwoTerm(*(float(x) for x in min(fits, key=lambda fit: fit.cost).x))

@@ -16,23 +16,21 @@ from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.colour import converted, gray_world_gain
 from sucre_bench.errors import InputError
 from sucre_bench.methods.seathru.attenuation import (
-    Attenuation,
     Kind,
+    amplified,
+    at_bound,
     constant_attenuation,
     fit_attenuation,
     illuminant_by_distance,
 )
 from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
 from sucre_bench.methods.seathru.illuminant import local_average
-from sucre_bench.scene import Array, Encoding, Mask
-from sucre_bench.steps.through_water import distances, without_water
+from sucre_bench.scene import Array, Encoding
+from sucre_bench.steps.through_water import TwoTerm, channels, distances, is_flat, trusted, without_water
 
 __all__ = ["Seathru"]
 
-_CHANNELS = ("red", "green", "blue")
 _GREY_LEVEL = 1 / 255
-# Below this share of the distance, a range of distances says nothing about how light changes with it.
-_FLAT = 0.02
 
 
 @method(
@@ -85,8 +83,10 @@ class Seathru:
         for name, least in (("bins", 1), ("most", 1), ("amplification", 1), ("size", 16)):
             if not getattr(self, name) >= least:
                 raise InputError(f"seathru.{name}: {getattr(self, name)} is too small; give {least} or more")
-        if not self.f > 0:
-            raise InputError(f"seathru.f: {self.f} is not positive; give the illuminant over the average, such as 2")
+        if not 0 < self.f < np.inf:
+            raise InputError(
+                f"seathru.f: {self.f} is not positive and finite; give the illuminant over the average, such as 2"
+            )
         for name in ("p", "eps", "share"):
             if not 0 < getattr(self, name) <= 1:
                 raise InputError(f"seathru.{name}: {getattr(self, name)} is not a share; give more than 0, at most 1")
@@ -98,35 +98,35 @@ class Seathru:
         taken = self._taken(z)
         level = float(converted(np.array(_GREY_LEVEL), "gamma", light))
         few, few_z = converted(view.rgb[taken], view.encoding, light), z[taken]
-        seen = few_z > 0
-        intensity, far = few[seen], few_z[seen]  # (P, 3), (P,)
+        fitted = trusted(few_z)
+        intensity, far = few[fitted], few_z[fitted]  # (P, 3), (P,)
 
         dark = dark_pixels(intensity, far, self.bins, self.share, self.most)
         backscatter = fit_backscatter(intensity[dark], far[dark])
         # Where the veil is brighter than the pixel, noise or the fit is to blame: no light is left to average, and the
         # pixel stays a little below 0 in the result.
         direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(min=0)
-        illuminant = self.f * local_average(direct, few_z, self.p, self.eps)
+        illuminant = self.f * local_average(direct, np.where(fitted, few_z, 0), self.p, self.eps)
         beta, constant = self._attenuation(illuminant, far, level)
 
         def optical_depth(through: Array, c: int) -> Array:
-            return beta[c].optical_depth(through, self.amplification)
+            return amplified(beta[c], through, self.amplification)
 
-        J = without_water(few, few_z, backscatter.veil, optical_depth)
-        gain = self._gain(J[seen], level)
+        J = without_water(few, few_z, backscatter.veil, optical_depth)[few_z > 0]
+        gain = self._gain(J, level)
         image = without_water(converted(view.rgb, view.encoding, light), z, backscatter.veil, optical_depth)
         image *= gain
-        water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate)
+        water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light)
         info: dict[str, Any] = {
             "along": along,
             "dark_pixels": len(dark),
             "residual": backscatter.residual.tolist(),
             "residual_rate": backscatter.residual_rate.tolist(),
-            "beta": [[b.a, b.b, b.c, b.d] for b in beta],
+            "beta_terms": [[b.a, b.b, b.c, b.d] for b in beta],
             "gain": gain.tolist(),
-            "negative_share": (J[seen] < 0).mean(axis=0).tolist(),
-            "limited_share": [self._limited(b, far) for b in beta],
-            "undetermined": _undetermined(far, water),
+            "negative_share": (J < 0).mean(axis=0).tolist(),
+            "limited_share": [self._limited(b, few_z[few_z > 0]) for b in beta],
+            "undetermined": _undetermined(far, water, beta),
         }
         return Restoration(converted(image, light, view.encoding).astype(np.float32, copy=False), water, info=info)
 
@@ -136,20 +136,20 @@ class Seathru:
         taken = (slice(None, None, n), slice(None, None, n))
         return taken if (z[taken] > 0).any() else (slice(None), slice(None))
 
-    def _attenuation(self, illuminant: Array, z: Array, level: float) -> tuple[list[Attenuation], list[float]]:
+    def _attenuation(self, illuminant: Array, z: Array, level: float) -> tuple[list[TwoTerm], list[float]]:
         """Each channel's beta(z), and the constant nearest to it, from the distances where there is light to see.
 
         level: of intensity, below which the average of a step is black to 8 bits, and has no logarithm.
         """
         at, E = illuminant_by_distance(illuminant, z)
         lit = level * self.f < E
-        channels = [(at[lit[:, c]], E[lit[:, c], c]) for c in range(3)]
-        fitted = [fit_attenuation(*of, self.attenuation) for of in channels]
-        return fitted, [constant_attenuation(*of) for of in channels]
+        seen = [(at[lit[:, c]], E[lit[:, c], c]) for c in range(3)]
+        beta = [fit_attenuation(*of, self.attenuation) for of in seen]
+        return beta, [constant_attenuation(*of) for of in seen]
 
-    def _limited(self, beta: Attenuation, z: Array) -> float:
+    def _limited(self, beta: TwoTerm, z: Array) -> float:
         """The share of pixels (P,) that are not multiplied by more, though beta says so."""
-        return float((beta.optical_depth(z, np.inf) > np.log(self.amplification)).mean())
+        return float((amplified(beta, z, np.inf) > np.log(self.amplification)).mean())
 
     def _gain(self, J: Array, level: float) -> Array:
         """The (3,) white balance; of J (P, 3) as it would be shown, so that amplified noise beyond does not count.
@@ -163,13 +163,13 @@ class Seathru:
         return gain
 
 
-def _undetermined(z: Array, water: Water) -> str:
+def _undetermined(z: Array, water: Water, beta: list[TwoTerm]) -> str:
     """Say what the view cannot tell; "" where it can."""
-    if z.max() - z.min() < _FLAT * z.max():
+    if is_flat(z):
         return "all pixels are about equally far: veil and attenuation are one choice of many"
-    doubts = (("attenuation", water.attenuation <= 0), ("veiling light", water.veiling_light >= 1 - _GREY_LEVEL))
-    return "; ".join(f"{what} of {_named(where)}" for what, where in doubts if where.any())
-
-
-def _named(where: Mask) -> str:
-    return ", ".join(name for name, is_so in zip(_CHANNELS, where, strict=True) if is_so)
+    doubts = (
+        ("attenuation", water.attenuation <= 0),
+        ("beta(z), at its bound,", np.array([at_bound(b) for b in beta])),
+        ("veiling light", water.veiling_light >= 1 - _GREY_LEVEL),
+    )
+    return "; ".join(f"{what} of {channels(where)}" for what, where in doubts if where.any())
