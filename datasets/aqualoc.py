@@ -63,7 +63,7 @@ class Aqualoc:
         A sequence without a trajectory has no poses. Raises InputError when there is no sequence, one is there twice,
         or its calibration or trajectory is missing or wrong.
         """
-        root = existing(self.root, "aqualoc")
+        root = existing(self.root)
         texts, found = _texts(root), dict[str, Path]()
         for folder in folders_below(root, lambda place, _: _SEQUENCE.fullmatch(place.name) is not None):
             match = _SEQUENCE.fullmatch(folder.name)

@@ -1,10 +1,14 @@
 """Any COLMAP reconstruction with depth maps, in the layout SUCRe reads.
 
-root/images/<name>          8- or 16-bit PNG, TIFF or JPEG, undistorted; sub-folders and many cameras are fine
+root/images/<name>          8- or 16-bit PNG, TIFF or JPEG; sub-folders and many cameras are fine
 root/sparse/ or sparse/0/   cameras and images, .bin or .txt, PINHOLE or SIMPLE_PINHOLE
 root/depths/                optional: depth_<stem>.png and other forms, see `sucre_bench.loading.depth`
 root/reference/<name>       optional: the image without water
 root/charts.json            optional: colour charts, see `sucre_bench.loading.charts_file`
+
+With undistort=true cameras may be SIMPLE_RADIAL, RADIAL, OPENCV, FULL_OPENCV, OPENCV_FISHEYE, SIMPLE_RADIAL_FISHEYE or
+RADIAL_FISHEYE as well. Images, references and the corners of charts are then those of the distorted image, as it is
+stored, and are undistorted on the way; depth maps are of the undistorted image, see `sucre_bench.loading.lens`.
 """
 
 from __future__ import annotations
@@ -13,15 +17,18 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
+
 from sucre_bench.errors import InputError
 from sucre_bench.images import image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
-from sucre_bench.loading.colmap_model import read_model
+from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth import find_depths
 from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera, scaled_chart
+from sucre_bench.loading.folders import existing
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
-from sucre_bench.scene import Encoding, Plane, Scene, View
+from sucre_bench.scene import Chart, Encoding, Plane, Scene, View
 
 __all__ = ["Colmap"]
 
@@ -34,7 +41,7 @@ class Colmap:
     root: Path
     """The folder that holds images/, sparse/ and, if there are any, depths/, reference/ and charts.json."""
     images: str = "images"
-    """Folder of the undistorted images, in root."""
+    """Folder of the images, in root; undistorted ones, unless `undistort` is given."""
     depths: str = "depths"
     """Folder of the depth maps, in root; need not exist."""
     sparse: str = "sparse"
@@ -46,7 +53,8 @@ class Colmap:
     image_scale: float = 1.0
     """Shrink images, depth maps, cameras and chart corners by this factor, above 0 up to 1."""
     undistort: bool = False
-    """Undistort images on the way where the model's cameras are distorted; depth maps are of undistorted images."""
+    """Undistort images, references and chart corners on the way where the model's cameras are distorted; depth maps are
+    of undistorted images."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
 
@@ -59,7 +67,11 @@ class Colmap:
         Raises InputError for what concerns all views: no model, a distorted camera, no image at all, a wrong
         charts.json. What is wrong with the files of one view is raised when they are loaded.
         """
-        root = self._root()
+        root = existing(self.root, f"{self.images}/")
+        for option in ("depths", "reference", "charts"):  # they need not exist, unless they were asked for
+            given = getattr(self, option)
+            if given != getattr(type(self), option) and not (root / given).exists():
+                raise InputError(f"{root / given}: is not there; correct or drop dataset.{option}={given}")
         images = root / self.images
         posed = read_model(root / self.sparse, images, distorted=self.undistort)
         names = [image.name for image in posed]
@@ -87,22 +99,24 @@ class Colmap:
             camera = scaled_camera(image.camera, size, self.image_scale)
             target = (camera.width, camera.height)
             files = Files(images / name, target, depths.get(name), references.get(name), lens=image.lens, faults=faults)
-            seen = tuple(scaled_chart(chart, size, target) for chart in charts.get(name, ()))
+            seen = tuple(_chart(chart, image, size, target, root / self.charts) for chart in charts.get(name, ()))
             views.append(View(name, files, camera, image.cam_from_world, seen, self.encoding))
 
         optional = {"depth": depths or ambiguous, "reference": references, "charts": charts}
         has = frozenset({"poses", *(what for what, there in optional.items() if there)})
         yield Scene(root.resolve().name, views, has, data_id=data_id_of(views))
 
-    def _root(self) -> Path:
-        root = Path(self.root).expanduser()
-        if not root.is_dir():
-            raise InputError(f"{root}: no such folder; give the one that holds {self.images}/ as dataset.root=DIR")
-        for option in ("depths", "reference", "charts"):  # they need not exist, unless they were asked for
-            given = getattr(self, option)
-            if given != getattr(type(self), option) and not (root / given).exists():
-                raise InputError(f"{root / given}: is not there; correct or drop dataset.{option}={given}")
-        return root
+
+def _chart(chart: Chart, image: Posed, size: tuple[int, int], target: tuple[int, int], path: Path) -> Chart:
+    """Bring a chart from the stored image, of `size` (width, height), to the view, of size `target`; path: its file."""
+    if image.lens is None:
+        return scaled_chart(chart, size, target)
+    own = image.camera.width, image.camera.height
+    corners = image.lens.straightened(scaled_chart(chart, size, own).corners)
+    if not np.isfinite(corners).all():
+        fault = "a corner lies where the lens cannot be undone"
+        raise InputError(f"{path}: {image.name}, {chart.name}: {fault}; leave this chart out")
+    return scaled_chart(Chart(chart.name, chart.kind, corners), own, target)
 
 
 def _missing(images: Path, names: Sequence[str]) -> dict[str, str]:

@@ -59,7 +59,7 @@ class EiffelTower:
 
         Raises InputError when a visit's folder, its model or all of its images are missing.
         """
-        root = existing(self.root, "eiffel_tower")
+        root = existing(self.root)
         if (root / "sfm").is_dir():  # one visit was given
             if self.year not in ("all", root.name):
                 raise InputError(

@@ -67,7 +67,7 @@ class Flsea:
 
         Raises InputError when there is no dive, or its calibration or depth maps are not as expected.
         """
-        root, found = existing(self.root, "flsea"), False
+        root, found = existing(self.root), False
         for folder in folders_below(root, lambda _, below: self.images in below):
             found = True
             yield self._scene(folder, root)

@@ -45,7 +45,7 @@ class Lsui:
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each part. Reads the image headers only. InputError when a folder is missing."""
-        root, found = existing(self.root, "lsui"), False
+        root, found = existing(self.root), False
         for place, images, references in paired_folders(root, ("input",), ("gt", "reference")):
             found = True
             if references is None:

@@ -26,6 +26,7 @@ from sucre_bench.images import decode, image_size
 from sucre_bench.loading.brown import lens_of
 from sucre_bench.loading.depth import read_depth
 from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.folders import existing
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
@@ -73,9 +74,7 @@ class Nerfstudio:
         Raises InputError for what concerns all views: no or a damaged file, a path that leaves the folder, a camera or
         pose that is none, no image at all. What is wrong with the files of one view is raised when they are loaded.
         """
-        root = Path(self.root).expanduser()
-        if not root.is_dir():
-            raise InputError(f"{root}: no such folder; give the one that holds transforms.json as dataset.root=DIR")
+        root = existing(self.root, "transforms.json")
         photographs: dict[str, Photograph] = {}
         units, masks = set(), []
         for path in self._files(root):

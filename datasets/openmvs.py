@@ -18,6 +18,7 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.loading.dmap import Header, read_dmap_depth, read_header
 from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.folders import existing
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.named import ImageFolder
 from sucre_bench.loading.photograph import Photograph, view_of
@@ -62,9 +63,7 @@ class Openmvs:
         Raises InputError for what concerns all views: no depth map, one without a readable header, two of one image, no
         image at all. Other faults are raised when the view's pixels are loaded.
         """
-        root = Path(self.root).expanduser()
-        if not root.is_dir():
-            raise InputError(f"{root}: no such folder; give the one that holds the .dmap files as dataset.root=DIR")
+        root = existing(self.root, "the .dmap files")
         paths = sorted(path for path in root.glob(self.dmaps) if path.is_file())
         if not paths:
             raise InputError(f"{root / self.dmaps}: no depth map; run DensifyPointCloud there or set dataset.dmaps=...")

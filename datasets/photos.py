@@ -44,7 +44,7 @@ class Photos:
 
         Raises InputError when there is no image, or a folder of references that are not these images'.
         """
-        root = existing(self.root, "photos")
+        root = existing(self.root)
         references, name = root / Path(self.reference).expanduser(), root.resolve().name
         there = references.is_dir()
         if not there and self.reference != type(self).reference:

@@ -68,7 +68,7 @@ class SeathruNerf:
 
         Raises InputError when there is no reef, or its model or all of its images are missing.
         """
-        root, found = existing(self.root, "seathru_nerf"), False
+        root, found = existing(self.root), False
         names = [name.lower() for name in self.images]
         for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(names))):
             found = True

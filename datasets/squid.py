@@ -74,7 +74,7 @@ class Squid:
 
         Raises InputError when there is no set, or its calibration is missing or cannot be read.
         """
-        root, found = existing(self.root, "squid"), False
+        root, found = existing(self.root), False
         calibration = functools.cache(_calibration)
         for folder in folders_below(root, lambda place, _: place.name.lower().startswith("image_set")):
             found = True

@@ -41,7 +41,7 @@ class U45:
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene. Reads the image headers, decodes nothing. InputError when there is no image."""
-        root = existing(self.root, "u45")
+        root = existing(self.root)
         named = folders_below(root, lambda place, _: place.name.lower() == "u45" and bool(image_names(place)))
         folder = next(named, root)  # the download holds results of other methods beside it
         if not image_names(folder):

@@ -53,7 +53,7 @@ class Uieb:
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the subset's scene. Reads the image headers only. InputError when a folder is missing."""
-        root, paired = existing(self.root, "uieb"), self.subset == "paired"
+        root, paired = existing(self.root), self.subset == "paired"
         names = _RAW if paired else _CHALLENGING
         found = next(paired_folders(root, names, _REFERENCES), None)
         if found is None:

@@ -69,7 +69,7 @@ class Varos:
 
         Raises InputError when there is no such folder, or its camera or poses are missing or wrong.
         """
-        root, found = existing(self.root, "varos"), False
+        root, found = existing(self.root), False
         for folder in folders_below(root, lambda _, below: "A" in below):
             found = True
             yield self._scene(folder, root)

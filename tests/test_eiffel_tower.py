@@ -89,5 +89,5 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         check_message(str(fault.value), words)
     with pytest.raises(InputError, match=r"eiffel_tower\.image_scale"):
         EiffelTower(tmp_path, image_scale=0)
-    with pytest.raises(InputError, match=r"eiffel_tower\.root=DIR"):
+    with pytest.raises(InputError, match=r"dataset\.root=DIR"):
         load(tmp_path / "nowhere")

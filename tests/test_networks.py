@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import pickle
+import sys
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,7 @@ from torch.nn import functional
 from sucre_bench import Arrays, InputError, Scene, View, restore
 from sucre_bench.methods.networks import architectures, funie_gan, on_torch, water_net
 from sucre_bench.methods.networks.sizes import limited, resized, tiled
-from sucre_bench.methods.networks.water_net import white_balanced
+from sucre_bench.methods.networks.water_net import WaterNet, white_balanced
 from sucre_bench.methods.networks.weights import read_state
 from sucre_bench.steps.lab import equalised
 
@@ -289,6 +290,12 @@ def test_resizing_is_the_bicubic_that_does_not_alias(size: tuple[int, int]):
     np.testing.assert_allclose(resized(NOISE, *size), picture(expected), atol=2e-3)
 
 
+def test_an_image_of_the_right_size_needs_no_library_to_resize_it(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setitem(sys.modules, "PIL", None)
+    assert resized(NOISE, 20, 24) is NOISE
+    assert {"PIL", "torch"} <= set(WaterNet.__plugin__.requires)
+
+
 @pytest.mark.parametrize("shape", [(1, 1), (4, 6), (64, 64), (65, 200), (97, 131)])
 @pytest.mark.parametrize("multiple", [1, 8])
 def test_tiles_of_an_unchanged_image_add_up_to_the_image(shape: tuple[int, int], multiple: int):
@@ -453,6 +460,8 @@ def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(kin
         ("funie_gan", {"size": 0}),
         ("water_net", {"longest_side": 0}),
         ("water_net", {"clahe_clip": 0.0}),
+        ("water_net", {"clahe_clip": float("nan")}),
+        ("water_net", {"clahe_clip": float("inf")}),
         ("tacl", {"longest_side": -1}),
     ],
 )

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from pathlib import Path
 from typing import Any
 
@@ -13,6 +14,7 @@ from onnx.helper import make_node
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
 from sucre_bench.methods.networks.on_onnx import opened
 from sucre_bench.methods.networks.sizes import resized
+from sucre_bench.source import source_hash
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.random((20, 24, 3), dtype=np.float32)
@@ -285,6 +287,32 @@ def test_a_model_is_opened_once_and_again_when_its_file_changes(tmp_path: Path):
     assert opened(path, "auto", "auto", "") is first
     onnx_file(path, [make_node("Neg", ["x"], ["y"])])
     np.testing.assert_allclose(restored(NOISE, model=path), -NOISE, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ones.bin", "w" * 200 + ".data"])
+def test_a_model_is_opened_again_when_the_weights_beside_it_change(name: str, tmp_path: Path):
+    (tmp_path / name).write_bytes(np.ones(3, np.float32).tobytes())
+    path = with_weights_in(name, tmp_path / "m.onnx")
+    first = opened(path, "auto", "auto", "")
+    assert opened(path, "auto", "auto", "") is first
+    (tmp_path / "new").write_bytes(np.full(3, 0.5, np.float32).tobytes())
+    os.utime(tmp_path / "new", ns=(0, 10**18))  # however soon after the first
+    (tmp_path / "new").replace(tmp_path / name)
+    np.testing.assert_array_equal(restored(NOISE, model=path), NOISE / 2)
+
+
+def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_path: Path):
+    (tmp_path / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
+    with pytest.raises(InputError, match=r"is a folder, of .onnx files it holds none; give the file in method.model"):
+        restored(NOISE, model=tmp_path)
+    path = with_weights_in("ones.bin", tmp_path / "m.onnx")
+    np.testing.assert_array_equal(restored(NOISE, model=tmp_path), NOISE)
+    before = source_hash(files=[tmp_path])
+    os.utime(tmp_path / "ones.bin", ns=(0, 10**18))
+    assert source_hash(files=[tmp_path]) != before
+    path.with_name("n.onnx").write_bytes(path.read_bytes())
+    with pytest.raises(InputError, match=r"it holds m.onnx, n.onnx; give the file in method.model"):
+        restored(NOISE, model=tmp_path)
 
 
 def test_a_gpu_that_is_not_there_is_an_error(tmp_path: Path):

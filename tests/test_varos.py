@@ -165,7 +165,7 @@ def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> N
 def test_a_folder_without_the_layout_says_what_is_expected(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="holds no folder A"):
         list(Varos(tmp_path).scenes())
-    with pytest.raises(InputError, match=r"nowhere: no such folder; .* varos\.root"):
+    with pytest.raises(InputError, match=r"nowhere: no such folder; .* dataset\.root=DIR"):
         list(Varos(tmp_path / "nowhere").scenes())
     cam = write_dive(tmp_path / "cam0")
     (cam / POSE_FILE).write_text(f"{HEADER}\n700000000,{POSES[7]}\n800000000,0,0,-1,5, 0,1,0,0, 2,0,0,10\n")

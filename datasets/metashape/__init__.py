@@ -21,6 +21,7 @@ from sucre_bench.datasets.metashape.document import find_document, read_chunk
 from sucre_bench.errors import InputError
 from sucre_bench.loading.depth import find_depths, read_depth
 from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.folders import existing
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.named import ImageFolder
 from sucre_bench.loading.photograph import Photograph, view_of
@@ -70,9 +71,7 @@ class Metashape:
         Raises InputError for what concerns all views: no document, a damaged one, a lens that cannot be used, no image
         at all. What is wrong with the files of one view is raised when they are loaded.
         """
-        root = Path(self.root).expanduser()
-        if not root.is_dir():
-            raise InputError(f"{root}: no such folder; give the one that holds cameras.xml as dataset.root=DIR")
+        root = existing(self.root, "cameras.xml")
         for option in ("images", "depths"):
             given = getattr(self, option)
             if given != getattr(type(self), option) and not (root / given).is_dir():

@@ -77,7 +77,7 @@ class Seathru:
 
         Raises InputError when there is no set, or its depth maps, charts or model are not as expected.
         """
-        root = existing(self.root, "seathru")
+        root = existing(self.root)
         found: dict[Path, list[Path]] = {}
         ranks = {name.lower(): rank for rank, name in enumerate(self.images)}
         for folder in folders_below(root, lambda place, _: place.name.lower() in ranks):

@@ -6,9 +6,11 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.methods.networks.on_torch import Device, loaded
-from sucre_bench.methods.networks.sizes import resized, tiled
+from sucre_bench.methods.networks.on_torch import loaded
+from sucre_bench.methods.networks.sizes import tiled
 from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.methods.networks.working import Device, restored_at
+from sucre_bench.scene import Array
 
 __all__ = ["FunieGan"]
 
@@ -51,10 +53,9 @@ class FunieGan:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored. info: device, worked_at (height and width)."""
         network = loaded("FunieGenerator", self.weights, self.device)
-        height, width = view.rgb.shape[:2]
-        at = (self.size, self.size) if self.size else (height, width)
-        rgb = resized(view.rgb, *at)
-        restored = tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, _TILE, _OVERLAP, _MULTIPLE)
-        return Restoration(
-            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
-        )
+        at = (self.size, self.size) if self.size else (view.rgb.shape[0], view.rgb.shape[1])
+
+        def run(rgb: Array) -> Array:
+            return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, _TILE, _OVERLAP, _MULTIPLE)
+
+        return restored_at(view, at, network.device, run)

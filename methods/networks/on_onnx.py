@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import functools
+import mmap
+import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -10,12 +12,13 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.methods.networks.working import Device
 from sucre_bench.scene import Array
 from sucre_bench.threads import usable_cores
 
-__all__ = ["Device", "Layout", "OnnxNetwork", "opened"]
+__all__ = ["Layout", "OnnxNetwork", "model_file", "opened"]
 
-Device = Literal["auto", "cpu", "cuda"]
 Layout = Literal["auto", "nchw", "nhwc"]
 
 _TYPES = {
@@ -71,18 +74,58 @@ class OnnxNetwork:
         return restored.astype(np.float32)
 
 
+def model_file(path: Path) -> Path:
+    """Return the model that a path names: a file, or the one in a folder. InputError when there is none, or several."""
+    if not path.is_dir():
+        check_file(path, "model")
+        return path
+    found = sorted(path.glob("*.onnx"))
+    if len(found) != 1:
+        names = ", ".join(file.name for file in found) or "none"
+        raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in method.model")
+    return found[0]
+
+
 def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwork:
-    """Open a model, kept for the next view while the file does not change.
+    """Open a model, kept for the next view while its files do not change.
 
     Raises InputError, naming the file, for one that is no model or does not take one picture of three channels, and
     for a device that is not there.
     """
+    own = _stamp(path)
+    return _opened(path, (own, *map(_stamp, _beside(path, own))), device, layout, output)
+
+
+# When a file was changed, and its size in bytes; zeros where it is not there.
+_Stamp = tuple[int, int]
+
+
+def _stamp(path: Path) -> _Stamp:
+    if not path.is_file():
+        return 0, 0
     state = path.stat()
-    return _opened(path, state.st_mtime_ns, state.st_size, device, layout, output)
+    return state.st_mtime_ns, state.st_size
 
 
 @functools.lru_cache(maxsize=2)
-def _opened(path: Path, changed: int, size: int, device: Device, layout: Layout, output: str) -> OnnxNetwork:
+def _beside(path: Path, stamp: _Stamp) -> tuple[Path, ...]:
+    """The files that a model takes its weights from: onnxruntime reads them, and does not say which they are.
+
+    Each is named in an entry of a tensor's external_data, as protobuf writes it: key = "location", value = name.
+    """
+    if not stamp[1]:
+        return ()
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        names = set()
+        for entry in re.finditer(rb"\x0a\x08location\x12(?:[\x00-\x7f]|[\x80-\xff][\x00-\x7f])", content):
+            low, *high = entry[0][11:]
+            length = low % 128 + 128 * sum(high)
+            names.add(content[entry.end() : entry.end() + length].decode(errors="replace"))
+    return tuple(path.parent / name for name in sorted(names) if "\0" not in name)
+
+
+@functools.lru_cache(maxsize=2)
+def _opened(path: Path, stamps: tuple[_Stamp, ...], device: Device, layout: Layout, output: str) -> OnnxNetwork:
     session = _session(path, device)
     if len(session.get_inputs()) != 1:
         names = ", ".join(f"'{i.name}'" for i in session.get_inputs())

@@ -12,15 +12,15 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.methods.networks.weights import fill
+from sucre_bench.methods.networks.working import Device
 from sucre_bench.scene import Array
 
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Architecture", "Device", "TorchNetwork", "loaded"]
+__all__ = ["Architecture", "TorchNetwork", "loaded"]
 
 Architecture = Literal["WaterNet", "FunieGenerator", "TaclGenerator"]
-Device = Literal["auto", "cpu", "cuda"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,9 +13,10 @@ from typing import Literal
 import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.methods.networks.on_onnx import Device, Layout, OnnxNetwork, opened
+from sucre_bench.bounds import check_ranges
+from sucre_bench.methods.networks.on_onnx import Layout, OnnxNetwork, model_file, opened
 from sucre_bench.methods.networks.sizes import resized, tiled
-from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.methods.networks.working import Device, restored_at
 from sucre_bench.scene import Array
 
 __all__ = ["Onnx"]
@@ -39,7 +40,8 @@ class Onnx:
     """A network of your own, or anybody's, exported as ONNX: one picture in, one picture out."""
 
     model: Path
-    """The .onnx file. Further files of weights lie beside it."""
+    """The .onnx file, or the folder that holds it: give the folder where weights lie in files of their own beside it,
+    so that views are restored again when any of them changes."""
 
     order: Literal["rgb", "bgr"] = "rgb"
     """Order of the channels, in and out."""
@@ -73,12 +75,9 @@ class Onnx:
     """Where to compute: auto takes a GPU when onnxruntime can."""
 
     def __post_init__(self) -> None:
-        check_file(self.model, "model")
-        for name in ("size", "multiple", "tile"):
-            value = getattr(self, name)
-            if value is not None and value < 1:
-                raise InputError(f"onnx.{name}: {value} must be positive")
-        if self.overlap < 0 or (self.tile is not None and self.tile < 2 * self.overlap):
+        model_file(self.model)
+        check_ranges(self, size="[1, inf)", multiple="[1, inf)", tile="[1, inf)", overlap="[0, inf)")
+        if self.tile is not None and self.tile < 2 * self.overlap:
             raise InputError(f"onnx.overlap: {self.overlap} must be between 0 and half of tile={self.tile}")
 
     def warm_up(self) -> None:
@@ -93,14 +92,14 @@ class Onnx:
             at, tile, multiple = network.fixed, None, 1
         else:
             at, tile, multiple = (self.size or height, self.size or width), self.tile, self.multiple
-        rgb = resized(view.rgb, *at)
-        restored = tiled([rgb], lambda x: self._run(network, x), tile, self.overlap, multiple)
-        return Restoration(
-            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
-        )
+
+        def run(rgb: Array) -> Array:
+            return tiled([rgb], lambda x: self._run(network, x), tile, self.overlap, multiple)
+
+        return restored_at(view, at, network.device, run)
 
     def _network(self) -> OnnxNetwork:
-        network = opened(self.model, self.device, self.layout, self.output)
+        network = opened(model_file(self.model), self.device, self.layout, self.output)
         if network.dtype == "uint8" and self.range != "bytes":
             raise InputError(f"{self.model}: takes whole numbers, not range={self.range}; give method.range=bytes")
         if network.fixed and self.size and network.fixed != (self.size, self.size):

@@ -23,10 +23,10 @@ def resized(image: Array, height: int, width: int) -> Array:
 
     The bicubic filter of Pillow, in which most published networks were given their images. It may overshoot.
     """
-    from PIL import Image
-
     if image.shape[:2] == (height, width):
         return image
+    from PIL import Image
+
     planes = (Image.fromarray(np.ascontiguousarray(image[..., c], dtype=np.float32)) for c in range(image.shape[2]))
     return np.stack([np.asarray(p.resize((width, height), Image.Resampling.BICUBIC)) for p in planes], axis=-1)
 

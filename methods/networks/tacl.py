@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.methods.networks.on_torch import Device, loaded
-from sucre_bench.methods.networks.sizes import limited, resized, tiled
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
+from sucre_bench.methods.networks.on_torch import loaded
+from sucre_bench.methods.networks.sizes import limited, tiled
 from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.methods.networks.working import Device, restored_at
+from sucre_bench.scene import Array
 
 __all__ = ["Tacl"]
 
@@ -39,8 +42,7 @@ class Tacl:
 
     def __post_init__(self) -> None:
         check_file(self.weights, "weights")
-        if self.longest_side is not None and self.longest_side < 1:
-            raise InputError(f"tacl.longest_side: {self.longest_side} must be positive")
+        check_ranges(self, longest_side="[1, inf)")
 
     def warm_up(self) -> None:
         """Load the weights. Raises InputError when the file does not hold them."""
@@ -49,10 +51,9 @@ class Tacl:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored. info: device, worked_at (height and width)."""
         network = loaded("TaclGenerator", self.weights, self.device)
+
+        def run(rgb: Array) -> Array:
+            return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, tile=None, multiple=4, least=8)
+
         height, width = view.rgb.shape[:2]
-        at = limited(height, width, self.longest_side)
-        rgb = resized(view.rgb, *at)
-        restored = tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, tile=None, multiple=4, least=8)
-        return Restoration(
-            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
-        )
+        return restored_at(view, limited(height, width, self.longest_side), network.device, run)

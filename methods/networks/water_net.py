@@ -7,10 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.methods.networks.on_torch import Device, loaded
-from sucre_bench.methods.networks.sizes import limited, resized, tiled
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.bounds import check_ranges
+from sucre_bench.methods.networks.on_torch import loaded
+from sucre_bench.methods.networks.sizes import limited, tiled
 from sucre_bench.methods.networks.weights import check_file
+from sucre_bench.methods.networks.working import Device, restored_at
 from sucre_bench.scene import Array
 from sucre_bench.steps.lab import equalised
 
@@ -21,7 +23,7 @@ _TILE, _OVERLAP = 512, 64
 
 
 @method(
-    requires=("torch", "cv2"),
+    requires=("torch", "cv2", "PIL"),
     encoding="gamma",
     reads=("weights",),
     cites="Li, Guo, Ren, Cong, Hou, Kwong & Tao 2020, IEEE TIP",
@@ -50,10 +52,7 @@ class WaterNet:
 
     def __post_init__(self) -> None:
         check_file(self.weights, "weights")
-        if not self.clahe_clip > 0:
-            raise InputError(f"water_net.clahe_clip: {self.clahe_clip} must be positive")
-        if self.longest_side is not None and self.longest_side < 1:
-            raise InputError(f"water_net.longest_side: {self.longest_side} must be positive")
+        check_ranges(self, clahe_clip="(0, inf)", longest_side="[1, inf)")
 
     def warm_up(self) -> None:
         """Load the weights. Raises InputError when the file does not hold them."""
@@ -62,14 +61,14 @@ class WaterNet:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image, restored; it may exceed 1. info: device, worked_at (height and width)."""
         network = loaded("WaterNet", self.weights, self.device)
+
+        def run(rgb: Array) -> Array:
+            rgb = rgb.clip(0, 1)
+            inputs = (rgb, white_balanced(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
+            return tiled(inputs, network, _TILE, _OVERLAP)
+
         height, width = view.rgb.shape[:2]
-        at = limited(height, width, self.longest_side)
-        rgb = resized(view.rgb, *at).clip(0, 1)
-        inputs = (rgb, white_balanced(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
-        restored = tiled(inputs, network, _TILE, _OVERLAP)
-        return Restoration(
-            resized(restored, height, width), info={"device": network.device, "worked_at": f"{at[0]}x{at[1]}"}
-        )
+        return restored_at(view, limited(height, width, self.longest_side), network.device, run)
 
 
 def white_balanced(rgb: Array) -> Array:

@@ -63,25 +63,29 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
     images: the image folder, which the advice on distorted cameras names; distorted: admit cameras with a lens. Raises
-    InputError when there is no model, or it cannot be read, is empty, has a distorted camera that is not admitted or of
-    an unknown model, or an image name that is double or leaves the folder.
+    InputError when there is no model, or it cannot be read, is empty, has a distorted camera that is not admitted, of
+    an unknown model, or that cannot be undistorted, or an image name that is double or leaves the folder.
     """
     cameras_file, images_file = _find(sparse)
     binary = cameras_file.suffix == ".bin"
+    paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
+    given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
+    undistort = f"colmap image_undistorter {given} --output_type COLMAP"
     cameras: dict[int, tuple[Camera, Lens | None]] = {}
     for number, model, width, height, parameters in _rows(cameras_file, _binary_cameras if binary else _text_cameras):
         place = f"{cameras_file}: camera {number}"
         if model not in (_PARAMETERS if distorted else _PINHOLE):
-            paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
-            given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
-            undistort = f"colmap image_undistorter {given} --output_type COLMAP"
             usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
             raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
         inner = 3 if model in _ONE_FOCAL else 4
-        camera = Camera(_intrinsics(parameters[:inner], width, height, place), width, height)
-        fisheye = "FISHEYE" in model
-        lens = Lens(camera, "fisheye" if fisheye else "perspective", parameters[inner:])
-        cameras[number] = (camera, None) if model in _PINHOLE else (lens.pinhole, lens)
+        camera = Camera(_intrinsics(parameters, inner, width, height, place), width, height)
+        lens = Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", parameters[inner:])
+        if model in _PINHOLE:
+            cameras[number] = (camera, None)
+        elif lens.fault:
+            raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; undistort: {undistort}")
+        else:
+            cameras[number] = (lens.pinhole, lens)
 
     posed: dict[str, Posed] = {}
     for pose, number, name in _rows(images_file, _binary_images if binary else _text_images):
@@ -110,8 +114,9 @@ def _find(sparse: Path) -> tuple[Path, Path]:
     raise InputError(f"{sparse}: {fault}; put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
 
 
-def _intrinsics(parameters: tuple[float, ...], width: int, height: int, place: str) -> Array:
-    focal_x, focal_y, x, y = parameters if len(parameters) == 4 else (parameters[0], *parameters)
+def _intrinsics(parameters: tuple[float, ...], inner: int, width: int, height: int, place: str) -> Array:
+    """K of a camera whose first `inner` parameters are its focal length, or both, and its principal point."""
+    focal_x, focal_y, x, y = parameters[:4] if inner == 4 else (parameters[0], *parameters[:3])
     fine = width > 0 and height > 0 and focal_x > 0 and focal_y > 0 and all(map(math.isfinite, parameters))
     if not fine:
         raise InputError(f"{place} is {width}x{height} with parameters {parameters}, which no camera has; {_REMEDY}")

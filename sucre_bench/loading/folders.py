@@ -11,11 +11,12 @@ from sucre_bench.errors import InputError
 __all__ = ["existing", "folders_below", "scene_name"]
 
 
-def existing(root: Path, dataset: str) -> Path:
-    """Return `root` with ~ expanded. InputError, naming the dataset's option, when it is not a folder."""
+def existing(root: Path, holds: str = "the data") -> Path:
+    """Return `root` with ~ expanded. InputError, saying what it is to hold, when it is not a folder."""
     root = Path(root).expanduser()
     if not root.is_dir():
-        raise InputError(f"{root}: no such folder; give the one that holds the data as {dataset}.root=DIR")
+        fault = "is a file, not a folder" if root.exists() else "no such folder"
+        raise InputError(f"{root}: {fault}; give the one that holds {holds} as dataset.root=DIR")
     return root
 
 

@@ -14,9 +14,17 @@ from typing import Literal
 
 import numpy as np
 
+from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Camera
 
 __all__ = ["Lens"]
+
+# By how much a pinhole's focal length may differ from the photograph's: a quarter is a fisheye of 160 degrees, and
+# shows the middle of the photograph at a quarter of its resolution.
+_STRETCH = 4.0
+_NEAR_PX = 0.5
+# Pixels to bring over at a time: their places stay in the processor's cache, and take no memory to speak of.
+_AT_A_TIME = 200_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,55 +44,150 @@ class Lens:
         """All that tells this lens from another, for hashes."""
         return (self.camera.K.tolist(), self.camera.width, self.camera.height, self.model, self.coefficients)
 
-    @functools.cached_property
+    @property
     def pinhole(self) -> Camera:
-        """The camera of the undistorted image, of the same size."""
+        """The camera of the undistorted image, of the same size. InputError where there is a `fault`."""
+        if isinstance(self._pinhole, str):
+            raise InputError(f"a lens of distortion {self.coefficients}: {self.fault}; undistort the images before")
+        return self._pinhole
+
+    @property
+    def fault(self) -> str:
+        """Why there is no pinhole image of this lens; empty where there is one."""
+        return self._pinhole if isinstance(self._pinhole, str) else ""
+
+    @functools.cached_property
+    def _pinhole(self) -> Camera | str:
         K, width, height = self.camera.K, self.camera.width, self.camera.height
-        x, y = np.linspace(0, width, 33), np.linspace(0, height, 33)
-        edge = np.concatenate(
-            [np.stack([x, np.full(33, v)], -1) for v in (0.0, height)]
-            + [np.stack([np.full(33, u), y], -1) for u in (0.0, width)]
-        )
-        rays = self._rays(edge)  # (132, 2), at unit depth
-        left, right, top, bottom = -K[0, 2], width - K[0, 2], -K[1, 2], height - K[1, 2]
-        sides = np.split(rays, 4)  # top, bottom, left, right
-        focal_y = max(top / sides[0][:, 1].max(), bottom / sides[1][:, 1].min())
-        focal_x = max(left / sides[2][:, 0].max(), right / sides[3][:, 0].min())
+        u, v = (a.ravel() for a in np.meshgrid(np.linspace(0, width, 33), np.linspace(0, height, 33)))
+        sides = np.stack([u == 0, u == width, v == 0, v == height])
+        edge = sides.any(axis=0)
+        x, y = np.full((2, u.size), np.nan)
+        x[edge], y[edge] = self.rays(np.stack([u[edge], v[edge]], -1)).T
+        away = np.where(sides, [-x, x, -y, y], np.nan)  # NaN where there is no ray: in corners, often
+        # Of each side of the photograph how near to the axis it comes: the pinhole may not look beyond.
+        nearest = np.fmin.reduce(away, axis=1, initial=np.inf)
+        with np.errstate(all="ignore"):
+            focals = np.array([K[0, 2], width - K[0, 2], K[1, 2], height - K[1, 2]]) / nearest
+            focal_x, focal_y = focals[:2].max(), focals[2:].max()
+            stretch = np.array([focal_x / K[0, 0], focal_y / K[1, 1]])
+        undone = "its distortion cannot be undone up to the borders"
+        if not (np.isfinite(stretch) & (stretch > 0)).all():
+            return undone
+        if not ((stretch > 1 / _STRETCH) & (stretch < _STRETCH)).all():
+            return "its angle of view is too wide for a pinhole image"
         pinhole = K.copy()
         pinhole[0, 0], pinhole[1, 1], pinhole[0, 1] = focal_x, focal_y, 0
-        return Camera(pinhole, width, height)
+        at = self._pixels((u - pinhole[0, 2]) / focal_x, (v - pinhole[1, 2]) / focal_y).reshape(33, 33, 2)
+        within = (at >= -_NEAR_PX) & (at <= np.array([width, height]) + _NEAR_PX)
+        right_of, below = np.diff(at, axis=1)[:-1], np.diff(at, axis=0)[:, :-1]
+        folded = right_of[..., 0] * below[..., 1] <= right_of[..., 1] * below[..., 0]  # the same place is seen twice
+        return undone if folded.any() or not within.all() else Camera(pinhole, width, height)
 
     def undistorted(self, image: Array, size: tuple[int, int]) -> Array:
         """Return an image (H, W[, C]) of the distorted camera, at any scale, as the pinhole sees it, at `size`."""
         import cv2
 
         height, width = image.shape[:2]
-        scale = np.diag([width / self.camera.width, height / self.camera.height, 1.0])
-        K = _opencv(scale @ self.camera.K)
-        make = cv2.initUndistortRectifyMap if self.model == "perspective" else cv2.fisheye.initUndistortRectifyMap
-        x, y = make(K, self._padded, np.eye(3), _opencv(scale @ self.pinhole.K), (width, height), cv2.CV_32FC1)
-        straight = cv2.remap(image, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
+        pinhole = self.pinhole
+        scale = np.diag([width / pinhole.width, height / pinhole.height, 1.0])
+        straight = self.resampled(image, Camera(scale @ pinhole.K, width, height))
         if (width, height) != size:
-            straight = cv2.resize(straight, size, interpolation=cv2.INTER_AREA)
+            straight = np.asarray(cv2.resize(straight, size, interpolation=cv2.INTER_AREA))
         return np.asarray(straight, dtype=np.float32)
+
+    def resampled(self, image: Array, to: Camera, nearest: bool = False) -> Array:
+        """Return an image (H, W[, C]) of the distorted camera, at any scale, as a pinhole at its place has it.
+
+        nearest: take each pixel from one, and 0 beyond the image; else blend four, and go on with the border's.
+        """
+        import cv2
+
+        how = (cv2.INTER_NEAREST, cv2.BORDER_CONSTANT) if nearest else (cv2.INTER_LINEAR, cv2.BORDER_REPLICATE)
+        size = (image.shape[1], image.shape[0])
+        straight = np.empty((to.height, to.width, *image.shape[2:]), dtype=image.dtype)
+        rows = max(1, _AT_A_TIME // to.width)
+        for top in range(0, to.height, rows):
+            K = to.K.copy()
+            K[1, 2] -= top
+            x, y = self._sources(size, Camera(K, to.width, min(rows, to.height - top)))
+            straight[top : top + rows] = cv2.remap(image, x, y, how[0], borderMode=how[1], borderValue=0)
+        return straight
+
+    def straightened(self, pixels: Array) -> Array:
+        """Return where the pinhole sees pixels (P, 2) of the distorted image: (P, 2), NaN where it cannot."""
+        K = self.pinhole.K
+        return np.asarray(self.rays(pixels) * (K[0, 0], K[1, 1]) + K[:2, 2])
+
+    def rays(self, pixels: Array) -> Array:
+        """Return the rays (P, 2) at unit depth through pixels (P, 2) of the distorted image, NaN where there is none.
+
+        By Newton's method, from the distorted place, which a barrel's ray lies beyond and a cushion's short of: it does
+        not overshoot there.
+        """
+        wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[:2]  # (2, P)
+        at, h = wanted, 1e-6
+        moves = [np.array(move)[:, None] for move in ((0, 0), (h, 0), (0, h))]
+        with np.errstate(all="ignore"):
+            for _ in range(25):
+                here, right, below = (np.stack(self.bent(*self._ray(at + move))) for move in moves)
+                ex, ey = wanted - here
+                (ax, ay), (bx, by) = (right - here) / h, (below - here) / h
+                turn = ax * by - bx * ay
+                step = np.stack([by * ex - bx * ey, ax * ey - ay * ex]) / turn
+                at = at + step
+                if not (np.abs(step) > 1e-12).any():
+                    break
+            rays = self._ray(at)
+            missed = np.linalg.norm(self._pixels(*rays) - pixels, axis=-1)
+            # Further out some distortions turn back, and image more rays in the same place: those are none of a lens.
+            found = (missed < _NEAR_PX) & (turn > 0) & ((at * wanted).sum(axis=0) >= 0)
+        return np.where(found[:, None], rays.T, np.nan)
+
+    def bent(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return where rays x, y at unit depth, arrays of one shape, come to lie at unit depth by the distortion."""
+        import cv2
+
+        rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 1, 3).astype(np.float64)
+        if self.model == "fisheye":
+            at = cv2.fisheye.distortPoints(rays[..., :2].copy(), np.eye(3), self._padded)
+        else:
+            at, _ = cv2.projectPoints(rays, np.zeros(3), np.zeros(3), np.eye(3), self._padded)
+        bent = np.asarray(at, dtype=np.float64).reshape(*x.shape, 2)
+        return bent[..., 0], bent[..., 1]
+
+    def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
+        """Where a pinhole's pixels lie in an image of `size` (width, height) that the lens made from the same place.
+
+        Returns x and y, (H, W) float32 of the pinhole's size, for cv2.remap: pixel centres at whole numbers.
+        """
+        import cv2
+
+        K = np.diag([size[0] / self.camera.width, size[1] / self.camera.height, 1.0]) @ self.camera.K
+        make = cv2.initUndistortRectifyMap if self.model == "perspective" else cv2.fisheye.initUndistortRectifyMap
+        maps = make(_centred(K), self._padded, np.eye(3), _centred(to.K), (to.width, to.height), cv2.CV_32FC1)
+        return np.asarray(maps[0], dtype=np.float32), np.asarray(maps[1], dtype=np.float32)
 
     @property
     def _padded(self) -> Array:
         length = 8 if self.model == "perspective" else 4
         return np.array([*self.coefficients, *[0.0] * (length - len(self.coefficients))])
 
-    def _rays(self, pixels: Array) -> Array:
-        """The rays (P, 2) at unit depth through pixels (P, 2) of the distorted image, found by iteration."""
-        import cv2
+    def _pixels(self, x: Array, y: Array) -> Array:
+        """Where rays x, y (P,) at unit depth come to lie in the distorted image: (P, 2)."""
+        x, y = self.bent(x, y)
+        K = self.camera.K
+        return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
-        K, points = _opencv(self.camera.K), pixels[:, None] - 0.5
-        if self.model == "fisheye":
-            return np.asarray(cv2.fisheye.undistortPoints(points, K, self._padded)[:, 0], dtype=np.float64)
-        until = (cv2.TERM_CRITERIA_COUNT | cv2.TERM_CRITERIA_EPS, 100, 1e-9)
-        return np.asarray(cv2.undistortPoints(points, K, self._padded, criteria=until)[:, 0], dtype=np.float64)
+    def _ray(self, at: Array) -> Array:
+        """The rays (2, P) of what `rays` looks for: they themselves; of a fisheye their angle from the axis."""
+        if self.model == "perspective":
+            return at
+        angle = np.maximum(np.linalg.norm(at, axis=0), 1e-9)
+        return np.asarray(at * (np.tan(np.minimum(angle, 1.57)) / angle))
 
 
-def _opencv(K: Array) -> Array:
+def _centred(K: Array) -> Array:
     """An intrinsic matrix for pixel centres at whole numbers, as OpenCV has them."""
     moved = K.copy()
     moved[:2, 2] -= 0.5

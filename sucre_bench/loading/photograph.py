@@ -10,7 +10,6 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.images import image_size, same_shape
-from sucre_bench.loading.brown import source_pixels
 from sucre_bench.loading.depth import read_depth
 from sucre_bench.loading.files import Files, scaled_camera
 from sucre_bench.loading.lens import Lens
@@ -42,10 +41,14 @@ class Photograph:
 def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma") -> View:
     """Return the view of a photograph, undistorted on the way where its lens distorts. Reads the image's header.
 
-    What is wrong with the image's size becomes a fault of the view.
+    What is wrong with the image's size becomes a fault of the view. Raises InputError for a lens that no pinhole
+    image can be made of.
     """
     lens, image, faults = photograph.lens, photograph.image, dict(photograph.faults)
-    straight = lens.pinhole if lens.coefficients or lens.model == "fisheye" else lens.camera
+    distorts = bool(lens.coefficients) or lens.model == "fisheye"
+    if distorts and lens.fault:
+        raise InputError(f"{image}: {lens.fault} (coefficients {lens.coefficients}); undistort the images before")
+    straight = lens.pinhole if distorts else lens.camera
     size = image_size(image) or (straight.width, straight.height)
     if not same_shape(size, (straight.width, straight.height)):
         fault = f"is {size[0]}x{size[1]}, its camera {straight.width}x{straight.height}"
@@ -59,7 +62,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
         (camera.width, camera.height),
         photograph.depth,
         read_depth=read,
-        lens=None if straight is lens.camera else lens,
+        lens=lens if distorts else None,
         faults=faults,
     )
     return View(photograph.name, files, camera, photograph.cam_from_world, (), encoding)
@@ -74,17 +77,14 @@ class _Resampled:
     camera: Camera
 
     def __call__(self, path: Path) -> Array:
-        import cv2
-
         metres = self.read(path)
         height, width = metres.shape
         of, to = self.lens.camera, self.camera
         if not same_shape((width, height), (of.width, of.height)):
             fault = f"is {width}x{height}, a size that cannot match its camera's {of.width}x{of.height}"
             raise InputError(f"{path}: {fault}; make it again of this camera")
-        x, y = source_pixels(self.lens, (width, height), to)
         # Nearest: between a diver and the seabed behind lies nothing.
-        return np.asarray(cv2.remap(metres, x, y, cv2.INTER_NEAREST, borderMode=cv2.BORDER_CONSTANT, borderValue=0))
+        return self.lens.resampled(metres, to, nearest=True)
 
 
 def is_rigid(transform: Array) -> bool:

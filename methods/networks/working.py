@@ -1,0 +1,24 @@
+"""What every network here shares: where it computes, and the size it works at."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Literal
+
+from sucre_bench.methods.networks.sizes import resized
+from sucre_bench.scene import Array, Restoration, View
+
+__all__ = ["Device", "restored_at"]
+
+Device = Literal["auto", "cpu", "cuda"]
+
+
+def restored_at(view: View, at: tuple[int, int], device: str, run: Callable[[Array], Array]) -> Restoration:
+    """Return the whole image of a view, restored by `run` at another size and brought back to the view's.
+
+    at: height and width that `run` is given, (H, W, 3) to (H, W, 3); device: where it runs. info: device, worked_at
+    (height and width).
+    """
+    height, width = view.rgb.shape[:2]
+    restored = run(resized(view.rgb, *at))
+    return Restoration(resized(restored, height, width), info={"device": device, "worked_at": f"{at[0]}x{at[1]}"})
