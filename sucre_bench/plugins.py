@@ -165,6 +165,9 @@ def method(
     weights: when that changes, views are restored again.
     """
     check_display(display)
+    needs = frozenset(needs)
+    if encoding == "gamma" and "poses" in needs:
+        raise PluginError("method: encoding=gamma is for methods of one view; other views are given as they are")
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 

@@ -103,6 +103,9 @@ def open_scenes(dataset: Choice) -> list[Scene]:
         name, times = Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
         if times > 1:
             raise PluginError(f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique")
+    name, times = Counter(scene.name for scene in scenes).most_common(1)[0] if scenes else ("", 0)
+    if times > 1:
+        raise InputError(f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder")
     if not any(len(scene) for scene in scenes):
         raise InputError(f"dataset '{dataset.label}': no views; check its options")
     return scenes

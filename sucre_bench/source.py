@@ -14,6 +14,7 @@ __all__ = ["source_hash"]
 
 _ENGINE = (
     "scene.py",
+    "restoring.py",
     "colour.py",
     "charts.py",
     "chart_kinds.py",

@@ -439,7 +439,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
         ("add_water=[1,2,3]", "degrade.add_water: not a water; give nine numbers"),
         ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", "degrade.add_water: no water has these values"),
         ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", "degrade.add_water: no water has these values"),
-        ("add_water=absent.json", "absent.json: no such file; give a JSON file with B, beta and gamma"),
+        ("add_water=absent.json", "absent.json: no such file; write "),
     ],
 )
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str):
@@ -464,6 +464,18 @@ def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, said: 
     with pytest.raises(InputError, match=said) as fault:
         Degradation(add_water=tmp_path / "w.json")
     assert str(fault.value).startswith(str(tmp_path / "w.json"))
+
+
+def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(tmp_path: Path):
+    told = {"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1], "encoding": "gamma", "cost": [1]}
+    (tmp_path / "w.json").write_text(json.dumps(told))
+    scene = degraded(many(), add_water=tmp_path / "w.json")
+    numbers = [*told["B"], *told["beta"], *told["gamma"]]  # type: ignore[misc]
+    view = scene.views[0].name
+    np.testing.assert_array_equal(scene[view].rgb, degraded(many(), add_water=numbers)[view].rgb)
+    (tmp_path / "w.json").write_text(json.dumps(told | {"encoding": "linear"}))
+    with pytest.raises(InputError, match="the water is of linear intensities, the view's are gamma"):
+        _ = degraded(many(), add_water=tmp_path / "w.json")[view].rgb
 
 
 def test_python_callers_are_told_as_well():

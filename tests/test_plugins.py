@@ -171,6 +171,11 @@ def test_a_typo_gets_the_nearest_name():
         find("method", "grey_wrold")
 
 
+def test_a_method_of_several_views_cannot_ask_for_encoded_intensities_of_one():
+    with pytest.raises(PluginError, match="encoding=gamma is for methods of one view"):
+        method(needs={"depth", "poses"}, encoding="gamma")
+
+
 def test_a_class_that_is_no_frozen_dataclass_is_refused():
     with pytest.raises(PluginError, match="not a frozen dataclass"):
 

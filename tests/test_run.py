@@ -262,6 +262,11 @@ def test_a_dataset_with_two_views_of_one_name_is_refused(out: Path):
         run(out, "dataset=twins")
 
 
+def test_a_dataset_with_two_scenes_of_one_name_is_refused(out: Path):
+    with pytest.raises(sweep.ProblemsError, match="2 scenes are called 'one'"):
+        run(out, "dataset=namesakes")
+
+
 def test_a_log_that_cannot_be_written_costs_no_result(out: Path):
     (out / "logs" / "failures.log").mkdir(parents=True)
     assert (run(out, "method=faulty").ok, run(out, "method=faulty").cached) == (2, 2)

@@ -63,6 +63,16 @@ class TwoScenes:
 
 @dataset()
 @dataclass(frozen=True)
+class Namesakes:
+    """Two scenes of one name."""
+
+    def scenes(self) -> Iterator[Scene]:
+        for level in (0.2, 0.8):
+            yield Scene("one", [View("a.png", Arrays(np.full((8, 8, 3), level)))], frozenset())
+
+
+@dataset()
+@dataclass(frozen=True)
 class Twins:
     """Two views of one name."""
 

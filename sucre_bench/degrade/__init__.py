@@ -152,6 +152,9 @@ class _Degraded:
         if depth is None or not (depth > 0).any():
             raise InputError(f"{self.view.name}: no depth to add water by; leave the view out")
         assert water is not None
+        if (water.encoding or self.view.encoding) != self.view.encoding:
+            fault = f"the water is of {water.encoding} intensities, the view's are {self.view.encoding}"
+            raise InputError(f"{self.view.name}: {fault}; give one of the view's, degrade.add_water=...")
         return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
 
     def _scaled(self, plane: Array | None) -> Array | None:

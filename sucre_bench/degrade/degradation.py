@@ -59,7 +59,7 @@ class Degradation:
     blur_px: float = 0.0
     """Standard deviation of a Gaussian blur in pixels of the original image, done in linear light."""
     scale: float = 1.0
-    """Size of image, depth, reference, camera and charts, above 0.01 up to 1."""
+    """Size of image, depth, reference, camera and charts, 0.01 to 1."""
     noise: float = 0.0
     """Standard deviation of Gaussian noise of the stored intensities, as a share of full scale."""
     bits: int | None = None
@@ -148,10 +148,11 @@ class Degradation:
             return f"{Path(self.add_water).stem}-{hashed('-', self._water_numbers())[:4]}"
         return "_".join(str(number) for number in self._water_numbers())
 
-    def _water_numbers(self) -> list[float]:
+    def _water_numbers(self) -> list[float | str]:
         water = self.water
         assert water is not None
-        return [float(x) for part in (water.veiling_light, water.attenuation, water.backscatter) for x in part]
+        numbers = [float(x) for part in (water.veiling_light, water.attenuation, water.backscatter) for x in part]
+        return [*numbers, *([water.encoding] if water.encoding else [])]
 
 
 def hashed(original: str, *done: object) -> str:

@@ -15,18 +15,19 @@ __all__ = ["read_water", "under_water"]
 _PLACE = "degrade.add_water"
 
 
-def read_water(given: Any) -> Water:
+def read_water(given: Any, place: str = _PLACE) -> Water:
     """Return the water that is given: as nine numbers, B, beta and gamma in RGB order, as the path of a JSON file with
     those three, or as it is.
 
     Raises InputError for a file that does not hold them, or a water that cannot be: B in [0, 1], beta and gamma >= 0.
     """
-    place, parts = _PLACE, given
+    parts, encoding = given, None
     if isinstance(given, Water):
+        encoding = given.encoding
         parts = [given.veiling_light, given.attenuation, given.backscatter]
     elif isinstance(given, (str, Path)):
         place = str(Path(given).expanduser())
-        parts = _from_file(Path(place))
+        return read_water(_from_file(Path(place)), place)
     elif np.shape(given) == (9,):
         parts = [given[0:3], given[3:6], given[6:9]]
     try:
@@ -40,20 +41,20 @@ def read_water(given: Any) -> Water:
     if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (numbers[0] <= 1).all()):
         raise InputError(f"{place}: no water has these values; B is in [0, 1], beta and gamma are at least 0 per metre")
     B, beta, gamma = numbers
-    return Water(B, beta, gamma)
+    return Water(B, beta, gamma, encoding)
 
 
-def _from_file(path: Path) -> list[Array]:
+def _from_file(path: Path) -> Water:
     from sucre_bench.loading.water_file import read_water as in_file
 
+    remedy = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
     try:
         water = in_file(path)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; give a JSON file with B, beta and gamma") from None
-    if water is None or water.encoding:
-        fault = "no B, beta and gamma in it" if water is None else f"its water is of {water.encoding} intensities"
-        raise InputError(f'{path}: {fault}; write {{"B": [r, g, b], "beta": ..., "gamma": ...}} of stored intensities')
-    return [water.veiling_light, water.attenuation, water.backscatter]
+        raise InputError(f"{path}: no such file; {remedy}") from None
+    if water is None:
+        raise InputError(f"{path}: no B, beta and gamma in it; {remedy}")
+    return water
 
 
 def under_water(image: Array, z: Array, water: Water) -> Array:
