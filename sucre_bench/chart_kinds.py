@@ -52,6 +52,8 @@ def colorchecker_sg() -> ChartKind:
 
 def read_kind(path: Path) -> ChartKind:
     """Return the kind that a CSV file describes, see above. Raises InputError naming the line that is wrong."""
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give the path of the CSV file that describes the chart")
     try:
         return _parsed(str(path), path.read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError) as fault:

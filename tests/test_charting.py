@@ -28,7 +28,7 @@ from sucre_bench.charting.propagate import propose
 from sucre_bench.charting.server import PageServer
 from sucre_bench.charting.session import Session
 from sucre_bench.charting.store import ChartsFile
-from sucre_bench.charts import KINDS, image_from_chart
+from sucre_bench.charts import KINDS, image_from_chart, measure
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Arrays, Chart, View
 
@@ -195,8 +195,8 @@ def server(tmp_path: Path) -> Iterator[PageServer]:
         thread.join()
 
 
-def get(url: str, body: Any = None, **headers: str) -> tuple[int, bytes]:
-    data = None if body is None else json.dumps(body).encode()
+def get(url: str, body: Any = None, raw: bool = False, **headers: str) -> tuple[int, bytes]:
+    data = None if body is None else (body if raw else json.dumps(body)).encode()
     request = urllib.request.Request(url, data, {"Content-Type": "application/json", **headers})
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
@@ -252,6 +252,7 @@ def test_only_this_machines_page_is_answered(server: PageServer) -> None:
     assert get(server.url + "image?view=7")[0] == 422
     assert get(server.url + "../../charts.json")[0] == 404
     assert get(server.url + "save", {"number": 0, "charts": [], "path": "/tmp/x"})[0] == 400
+    assert get(server.url + "check", "[" * 100_000, raw=True)[0] == 400, "nested too deeply"
     status, said = get(server.url + "check", {"number": 0, "kind": "/etc/secret.csv", "corners": TILTED.tolist()})
     assert (status, b"is not the page's" in said) == (422, True)
 
@@ -301,7 +302,7 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     write_scene(tmp_path)
     result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
     assert result.exit_code == 0
-    assert "1 proposals taken, 0 left" in result.output
+    assert "1 proposal taken, 0 left" in result.output
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
     assert view.camera is not None
     assert view.cam_from_world is not None
@@ -309,9 +310,39 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     np.testing.assert_allclose(chart.corners, true_corners(view.camera, view.cam_from_world), atol=0.05)
 
 
+def test_where_nothing_is_marked_nothing_is_written(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    (tmp_path / "charts.json").unlink()
+    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
+    assert "none marked, nothing written" in result.output
+    assert not (tmp_path / "charts.json").exists()
+
+
+def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    dgk, rows = KINDS["dgk"], []
+    for patch in dgk.patches:
+        x0, y0, x1, y1 = np.array(patch.box) * [60, 40, 60, 40]
+        rgb = np.array(patch.srgb) * 255
+        rows.append(",".join([patch.name, *(f"{v:.3f}" for v in (x0, y0, x1, y1, *patch.lab, *rgb))]))
+    own = ["# illuminant: D50", "# frame: 60 x 40", "name,x0,y0,x1,y1,L,a,b,R,G,B", *rows]
+    (tmp_path / "own.csv").write_text("\n".join(own))
+    marked = json.loads((tmp_path / "charts.json").read_text())
+    (tmp_path / "charts.json").write_text(json.dumps({"kind": "own.csv", **marked}))
+    words = [str(tmp_path / "images" / "b.png"), "--accept", "--kind", str(tmp_path / "own.csv")]
+    result = CliRunner().invoke(charts, words, catch_exceptions=False)
+    assert "1 proposal taken" in result.output
+    view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
+    (chart,) = view.charts
+    assert chart.kind == str(tmp_path / "own.csv")
+    red = next(reading for reading in measure(view.rgb, chart) if reading.patch.name == "red")
+    np.testing.assert_allclose(red.rgb, 0.1 + np.array([235, 28, 36]) / 255 * [0.2, 0.6, 0.7], atol=0.01)
+
+
 @pytest.mark.parametrize(
     ("words", "fault"),
     [
+        (["dataset=demo", "--kind", "nosuch.csv"], "nosuch.csv: no such file; give the path"),
         (["nowhere/images/a.png"], "no such image"),
         ([], "no view; give images"),
         (["dataset=demo", "dataset.image_scale=0.5"], "corners are kept in pixels"),

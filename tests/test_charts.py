@@ -241,5 +241,5 @@ def test_a_description_that_is_none_is_refused_by_line(tmp_path: Path, change: t
 
 
 def test_a_description_that_is_not_there_names_the_file() -> None:
-    with pytest.raises(InputError, match=r"nowhere\.csv: the chart's description cannot be read"):
+    with pytest.raises(InputError, match=r"nowhere\.csv: no such file; give"):
         chart_kind("nowhere.csv")

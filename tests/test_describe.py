@@ -109,8 +109,15 @@ def test_missing_poses_and_depth_twins_and_a_narrow_range_are_named() -> None:
     assert "near.png: no depth map" in said
     twin = replace(views[1], name="copy.png")
     said = " / ".join(map(str, found([*views, twin])))
-    assert "a.png, copy.png: the same picture twice" in said
-    assert "a.png, copy.png: the same depth map twice" in said
+    assert "a.png, copy.png: the same picture and depth map twice; keep one" in said
+    assert said.count("a.png, copy.png") == 1
+    twins = [replace(views[1], name=f"{n}.png", pixels=_moved(views[1])) for n in range(2)]
+    painted_alike = [
+        with_planes(view, rgb=views[1].rgb, depth=view.depth * (1 + n / 1000)) for n, view in enumerate(twins)
+    ]
+    said = " / ".join(map(str, found([*views, *painted_alike])))
+    assert "a.png, 0.png, 1.png: the same picture 3 times" in said
+    assert "depth map" not in said
     flat = with_planes(views[1], depth=np.linspace(3, 3.3, views[1].depth.size).reshape(views[1].depth.shape))
     (narrow,) = found([flat])
     assert "too narrow a range to tell the water" in narrow.what
@@ -124,6 +131,14 @@ def test_a_view_that_no_other_overlaps_and_one_with_little_depth_are_named() -> 
     assert any(text.startswith("near.png: no other view sees") for text in said), said
     views[1] = with_planes(views[1], depth=np.where(np.arange(60) < 9, views[1].depth, 0))
     assert any("depth on less than 20 %" in str(f) and f.views == ("a.png",) for f in found(views))
+
+
+def test_a_view_with_another_depth_is_not_called_lonely_as_well() -> None:
+    views = list(make_scene().views)
+    views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in views]
+    views[1] = with_planes(views[1], depth=views[1].depth * 1.5)
+    (fault,) = found(views)
+    assert (fault.what, fault.views) == ("depth disagrees with other views'", ("a.png",))
 
 
 def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
@@ -158,6 +173,42 @@ def test_a_folder_is_described_with_its_broken_views_and_a_sheet(tmp_path: Path)
     assert picture is not None
     assert picture.shape[1] > 1000
     assert picture.std() > 30
+
+
+def test_a_mistake_made_in_many_files_is_one_line(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png"])
+    for number, name in enumerate("abc", 1):
+        (root / "depths" / f"depth_{name}.png").unlink()
+        np.save(root / "depths" / f"depth_{name}.npy", np.full((30, 40), -1.25 * number, np.float32))
+    said = run("colmap", f"dataset.root={root}", "--no-sheet")[1]
+    wrong = [line for line in said.splitlines() if "negative" in line]
+    first = root / "depths" / "depth_a.npy"
+    assert wrong == [
+        f"wrong    a.png, b.png, c.png: depth -1.25 m is negative (first in {first}); write 0 where there is no depth"
+    ]
+
+
+def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive")
+    words = ("colmap", f"dataset.root={root}", "--sheet", str(tmp_path / "sheet.jpg"))
+    assert "m (1, 50, 99 %)" in run(*words)[1]
+    (root / "prepare.json").write_text(json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}}))
+    said = run(*words)[1]
+    assert "scale    arbitrary: of 3; lengths are no metres" in said
+    assert "units (1, 50, 99 %)" in said
+    assert " m " not in said
+    assert (tmp_path / "sheet.jpg").read_bytes().startswith(b"\xff\xd8")
+    (scene,) = json.loads(run(*words, "--json")[1])
+    assert (scene["unit"], scene["scale"]) == ("units", {"is_metric": False, "note": "arbitrary: of 3"})
+    (root / "prepare.json").write_text("[1]")  # another program's
+    assert "m (1, 50, 99 %)" in run(*words)[1]
+
+
+@pytest.mark.parametrize(("name", "fault"), [("sheet.foo", "is not named as a picture"), ("", "is a folder")])
+def test_a_sheet_that_cannot_be_is_refused_before_anything_is_read(tmp_path: Path, name: str, fault: str) -> None:
+    result = CliRunner().invoke(describe, ["colmap", "dataset.root=nowhere", "--sheet", str(tmp_path / name)])
+    assert isinstance(result.exception, InputError)
+    assert fault in str(result.exception)
 
 
 def test_json_holds_every_view_and_fault_and_is_strict(tmp_path: Path) -> None:

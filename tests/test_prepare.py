@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import shutil
 import subprocess
 import sys
 from dataclasses import replace
@@ -11,15 +12,18 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+from click.testing import CliRunner
 from made_scene import make_pose
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError
 from sucre_bench.loading.depth import read_depth
 from sucre_bench.multiview.geometry import pixel_rays, project
+from sucre_bench.prepare.command import prepare as command
 from sucre_bench.prepare.depthmaps import write_depth
 from sucre_bench.prepare.holes import without_small_holes
-from sucre_bench.prepare.pipeline import Options, Prepared, prepare
+from sucre_bench.prepare.pipeline import Options, prepare
+from sucre_bench.prepare.record import Prepared, Settled, given, read_record, settled_by
 from sucre_bench.prepare.relief import relief_of
 from sucre_bench.prepare.scale import Known, Length, Scale, find_scale
 from sucre_bench.prepare.shots import Shot
@@ -125,11 +129,14 @@ def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: P
 def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
     scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
     assert not any(view.valid[:50, :70].any() for view in scene)
-    assert any("else.png" in warning and "no place" in warning for warning in prepared.warnings)
+    assert list(prepared.damaged.items()) == [("cut.png", "cannot be read, cut short; copy it again")]
+    assert list(prepared.unplaced) == ["else.png"]
+    assert "no place found" in prepared.unplaced["else.png"]
     record = json.loads((prepared.out / "prepare.json").read_text())
-    assert set(record["left_out"]) == {"cut.png", "else.png"}
+    assert (list(record["damaged"]), list(record["unplaced"])) == (["cut.png"], ["else.png"])
     page = (prepared.out / "quality.html").read_text()
-    assert "cut.png" in page
+    assert "cut.png" in page.partition("Damaged photos")[2].partition("<h2>")[0]
+    assert "else.png" in page.partition("Photos without a place")[2].partition("<h2>")[0]
     assert page.count("<figure>") == len(NAMES)
     assert 'src="http' not in page
     assert "<link" not in page
@@ -160,17 +167,28 @@ def test_other_options_are_refused_for_a_folder_made_before(prepared: Prepared, 
 
 @pytest.mark.parametrize(
     ("names", "message"),
-    [((), "holds no photos"), (("a.png",), "holds one photo"), (("a.png", "broken.jpg"), "holds one photo")],
+    [
+        ((), "holds no photos; put two"),
+        (("a.png",), "holds one photo; put two"),
+        (("a.png", "text.jpg"), r"holds one photo that can be read \(text\.jpg cannot be read, .*not an image\); put"),
+        (
+            ("cut.jpg", "text.png"),
+            r"holds no photos .*\(cut\.jpg cannot be read, .*truncated.*; text\.png cannot .*\);",
+        ),
+        (("a.png", "cut.png"), r"holds one photo that can be read \(cut\.png cannot be read, cut short\); put"),
+        (("cut.png", "cut.jpg", "cut 2.jpg"), r"holds no photos that can be read \(cut 2\.jpg .*; cut\.png .*\); put"),
+    ],
 )
-def test_too_few_photos_are_an_error(tmp_path: Path, names: tuple[str, ...], message: str):
+def test_too_few_photos_are_an_error_that_names_the_damaged(tmp_path: Path, names: tuple[str, ...], message: str):
     (tmp_path / "photos").mkdir()
     for name in names:
-        write(tmp_path / "photos" / name, photograph(POSES[0]))
-        if name.startswith("broken"):
-            (tmp_path / "photos" / name).write_bytes(b"no image")
+        file = tmp_path / "photos" / name
+        write(file, photograph(POSES[0]))
+        if not name.startswith("a"):
+            file.write_bytes(b"no image" if name.startswith("text") else file.read_bytes()[:1000])
     with pytest.raises(InputError, match=message):
         prepare(tmp_path / "photos", tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+    assert not (tmp_path / "out" / "images").exists()
 
 
 def test_photos_that_share_nothing_are_named_with_what_they_share(tmp_path: Path):
@@ -189,10 +207,114 @@ def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
         prepare(photos / "photos", photos)
 
 
-def test_a_missing_mask_is_named(photos: Path, tmp_path: Path):
+def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
     (tmp_path / "masks").mkdir()
     with pytest.raises(InputError, match=r"cut\.png\.png: is not there; make a mask"):
         prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+    write(tmp_path / "masks" / "cut.png", np.zeros((HEIGHT, HEIGHT), np.uint8))
+    with pytest.raises(InputError, match=r"cut\.png: is 240x240, its photo 320x240; make the mask"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+
+
+# -- the scale, as the command takes it ----------------------------------------------------------------------------
+
+FAR = 10.0  # the made scene may as well be ten times as large
+
+
+def given_again(prepared: Prepared, photos: Path, out: Path, *words: str) -> tuple[float, dict[str, float], str]:
+    """A copy of the result with the scale given by these words: metres by metres of truth, the record, what is said."""
+    if not out.exists():
+        shutil.copytree(prepared.out, out)
+    line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), *words]
+    result = CliRunner().invoke(command, line, catch_exceptions=False)
+    assert result.exit_code == 0
+    view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]
+    truth = true_depth(POSES[1], pixel_rays(view.camera))
+    record = json.loads((out / "prepare.json").read_text())
+    return float(np.median((view.depth / truth)[view.valid])), record["scale"], result.output
+
+
+def words_of_scale(how: str, tmp_path: Path, prepared: Prepared) -> list[str]:
+    """What a user who knows the true scene, FAR times as large, would give."""
+    if how == "distance":
+        return ["--distance", NAMES[0], NAMES[3], str(FAR * np.linalg.norm(PLACES[3]))]
+    if how == "scale":
+        return ["--scale", str(FAR * prepared.scale.metres_per_unit)]
+    if how == "length":
+        view = next(iter(sb.load_scenes("colmap", root=prepared.out)))[NAMES[1]]
+        at = [(180, 120), (230, 150)]
+        rays = pixel_rays(view.camera)
+        ends = [rays[v, u] * true_depth(POSES[1], rays)[v, u] for u, v in at]
+        pixels = [str(p + 0.5) for point in at for p in point]
+        return ["--length", NAMES[1], *pixels, str(FAR * np.linalg.norm(ends[0] - ends[1]))]
+    down = np.array([0.3, 0.6, -0.74162])  # of length 1
+    rows = [f"{name},{40 + FAR * place @ down:.4f}" for name, place in zip(NAMES, np.array(PLACES), strict=True)]
+    (tmp_path / "track.csv").write_text("\n".join(["image,depth", *rows]))
+    return ["--depth-track", str(tmp_path / "track.csv")]
+
+
+@pytest.mark.parametrize("how", ["distance", "length", "scale", "depth-track"])
+def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, photos: Path, tmp_path: Path):
+    words = words_of_scale(how, tmp_path, prepared)
+    ratio, scale, said = given_again(prepared, photos, tmp_path / "out", *words)
+    assert ratio == pytest.approx(FAR, rel=0.02)
+    assert scale["is_metric"]
+    factor = scale["metres_per_unit"]
+    assert factor == pytest.approx(FAR * prepared.scale.metres_per_unit, rel=0.02)
+    assert f"{factor:.3g}"[:4] in said.partition("scale    ")[2].partition("\n")[0]
+    assert f"left out {'cut.png'}: cannot be read, cut short; copy it again" in said
+    assert "left out else.png: no place found" in said
+
+
+def test_without_a_scale_the_one_of_before_is_kept_and_nothing_is_done_twice(
+    prepared: Prepared, photos: Path, tmp_path: Path
+):
+    out = tmp_path / "out"
+    before = given_again(prepared, photos, out, "--distance", NAMES[0], NAMES[3], "7")
+    stamps = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
+    again = given_again(prepared, photos, out)
+    assert again[:2] == before[:2]
+    assert "kept from before" in again[2]
+    assert "nothing to do" in again[2]
+    given_again(prepared, photos, out, "--distance", NAMES[0], NAMES[3], "7")
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == stamps
+    (out / "depths" / "dive 1" / "depth_photo 0.png").unlink()
+    assert "nothing to do" not in given_again(prepared, photos, out)[2]
+    assert (out / "depths" / "dive 1" / "depth_photo 0.png").is_file()
+
+
+def test_a_scale_outlives_its_model_where_it_can(prepared: Prepared):
+    lengths = Known(lengths=(Length("0.png", ((1.5, 2.0), (3.0, 4.0)), 0.25),))
+    other = ("another", "model")
+    metric = prepared.scale
+    for known in (lengths, Known(factor=2.0), Known(distances=(("a", "b", 3.0),))):
+        before = replace(prepared, known=json.loads(json.dumps(given(known))))
+        assert settled_by(before, Known(), prepared.keys) == Settled(metric, known, True)
+        assert settled_by(before, known, prepared.keys).scale == metric
+        assert settled_by(before, Known(factor=3.0), prepared.keys) == Settled(None, Known(factor=3.0))
+        moved = settled_by(before, Known(), other)
+        assert moved.scale is None
+        if known.distances:
+            assert (moved.known, moved.is_kept, moved.warnings) == (known, True, ())
+        else:
+            assert (moved.known, moved.is_kept) == (Known(), False)
+            assert "was of another model; give it again" in moved.warnings[0]
+
+
+def test_the_record_holds_values_as_they_are(prepared: Prepared):
+    record = json.loads((prepared.out / "prepare.json").read_text())
+    assert record["options"]["max_size"] == 0
+    assert record["options"]["masks"].endswith("masks")
+    (camera,) = record["cameras"].values()
+    assert (camera["model"], camera["width"], camera["order"]) == ("SIMPLE_RADIAL", WIDTH, ["f", "cx", "cy", "k"])
+    assert camera["params"][0] == pytest.approx(290, rel=0.03)
+    assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
+    assert read_record(prepared.out) is not None
+    with pytest.raises(InputError, match=r"--length: -1 is not above 0"):
+        Known(lengths=(Length("a", ((0, 0), (1, 1)), -1.0),))
+
+
+# -- parts ---------------------------------------------------------------------------------------------------------
 
 
 def make_shots(places: Array) -> list[Shot]:

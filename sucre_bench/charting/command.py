@@ -43,7 +43,8 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
             accepted, doubtful = session.accept()
         for proposal, fault in doubtful:
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
-        click.echo(f"{len(accepted)} proposals taken, {len(doubtful)} left to be looked at")
+        proposals = "1 proposal" if len(accepted) == 1 else f"{len(accepted)} proposals"
+        click.echo(f"{proposals} taken, {len(doubtful)} left to be looked at")
     else:
         from sucre_bench.charting.server import PageServer
 
@@ -63,5 +64,5 @@ def _show(session: Session) -> None:
         marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
         if marked or proposed:
             open_ = f", {len(proposed)} to be confirmed" if proposed else ""
-            click.echo(f"{view.name}: {len(marked)} charts{open_}")
-    click.echo(f"charts   {session.file.path}")
+            click.echo(f"{view.name}: {len(marked)} chart{'' if len(marked) == 1 else 's'}{open_}")
+    click.echo(f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}")

@@ -136,7 +136,10 @@ class _Handler(BaseHTTPRequestHandler):
 
 def _arguments(body: bytes, *names: str) -> dict[str, Any]:
     """The named values of a JSON object. Raises ValueError for anything else."""
-    values = json.loads(body)
+    try:
+        values = json.loads(body)
+    except RecursionError as fault:
+        raise ValueError("nested too deeply") from fault
     if not isinstance(values, dict) or set(values) - set(names):
         raise ValueError("not a request")
     return values

@@ -79,7 +79,7 @@ class ChartsFile:
         self._proposed.setdefault(view, {})[name] = None
 
     def save(self) -> None:
-        """Write the file: the old one or the whole new one, whatever happens. Raises OutputError."""
+        """Write the file, if there is anything to keep: the old one or the whole new one. Raises OutputError."""
         images: dict[str, Any] = dict(self._content.get("images", {}))
         for view, charts in self._confirmed.items():
             images[view] = {chart.name: self._entry(chart) for chart in charts}
@@ -89,6 +89,8 @@ class ChartsFile:
             for view, own in self._proposed.items()
             if own
         }
+        if not (images or proposed or self.path.is_file()):
+            return
         content = {**self._content, "images": images, "proposed": proposed}
         if not proposed:
             del content["proposed"]

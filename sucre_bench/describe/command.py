@@ -9,12 +9,17 @@ import click
 
 __all__ = ["describe"]
 
+_SUFFIXES = (".png", ".jpg", ".jpeg")
+
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="[DATASET] [OVERRIDES]...")
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @click.option(
-    "--sheet", type=click.Path(path_type=Path), metavar="FILE", help="Contact sheet [default: SCENE-sheet.png]"
+    "--sheet",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Contact sheet, .png or .jpg [default: SCENE-sheet.png]",
 )
 @click.option("--no-sheet", is_flag=True, help="Write no contact sheet.")
 @click.option("--most", default=400, show_default=True, type=click.IntRange(1), help="Views of a scene, evenly chosen.")
@@ -38,10 +43,16 @@ def describe(
     """
     from sucre_bench import console, plugins
     from sucre_bench.describe import scene
+    from sucre_bench.describe.unit import noted_scale
     from sucre_bench.errors import InputError
     from sucre_bench.results import write_atomically
     from sucre_bench.selection import select
 
+    suffix = ".png" if sheet is None else sheet.suffix
+    if sheet is not None and sheet.is_dir():
+        raise InputError(f"{sheet}: is a folder; give --sheet a file, like {sheet / 'sheet.png'}")
+    if suffix.lower() not in _SUFFIXES:
+        raise InputError(f"{sheet}: is not named as a picture; end it in {', '.join(_SUFFIXES)}")
     for file in plugin_files:
         plugins.load_file(file)
     for word in words:
@@ -50,16 +61,16 @@ def describe(
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with console.live():
         selections = select(overrides)
-        described = [scene.described(s.dataset.label, s.scene, s.views, most) for s in selections]
+        described = [scene.described(s.dataset.label, s.scene, s.views, most, noted_scale(s)) for s in selections]
     if as_json:
         click.echo(scene.as_json(described))
     for one in described:
         if not as_json:
             scene.show(one)
         if not no_sheet:
-            name = f"{one.name.replace('/', '-')}-sheet.png"
+            name = f"{one.name.replace('/', '-')}-sheet{suffix}"
             file_name = Path(name) if sheet is None else sheet if len(described) == 1 else sheet.with_name(name)
-            write_atomically(file_name, one.sheet())
+            write_atomically(file_name, one.sheet(suffix))
             click.echo(f"sheet    {file_name}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import re
+from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -32,18 +34,29 @@ class Fault:
         return f"{which + ': ' if which else ''}{self.what}; {self.remedy}"
 
 
-def find_faults(facts: Sequence[ViewFacts], looks: Sequence[Look], overlaps: Sequence[Overlap]) -> list[Fault]:
-    """Return what is wrong with views, one by one and compared with each other, the gravest kinds first."""
-    of_views = (*_images(facts), *_depth(facts), *_twins(looks), *_charts(facts))
+def find_faults(
+    facts: Sequence[ViewFacts], looks: Sequence[Look], overlaps: Sequence[Overlap], unit: str = "m"
+) -> list[Fault]:
+    """Return what is wrong with views, one by one and compared with each other, the gravest kinds first.
+
+    unit: of distances.
+    """
+    of_views = (*_images(facts), *_depth(facts, unit), *_twins(looks), *_charts(facts))
     return [*_files(facts), *_geometry(looks, overlaps), *of_views]
 
 
 def _files(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
+    alike = defaultdict(list)  # one mistake made in many files is one fault, but for its numbers and places
     for view in facts:
-        for fault in (view.image_fault, view.depth_fault):
+        for plane, fault in (("image", view.image_fault), ("depth", view.depth_fault)):
             if fault:
-                what, _, remedy = fault.rpartition("; ")
-                yield Fault(what or fault, remedy if what else "mend the file", (view.name,))
+                said = fault.partition(": ")[2] or fault
+                alike[plane, re.sub(r"[\d.]+", "", said)].append((view.name, fault))
+    for same in alike.values():
+        names, (fault, *_) = zip(*same, strict=True)
+        what, remedy = fault.rsplit("; ", 1) if "; " in fault else (fault, "mend the file")
+        place, _, said = what.partition(": ")
+        yield Fault(f"{said} (first in {place})" if said and len(names) > 1 else what, remedy, names)
     yield from _where([v for v in facts if v.position is None], "no pose", "register them, or methods see each alone")
     bare = [view for view in facts if not view.has_depth and not view.depth_fault]
     yield from _where(bare, "no depth map", "add some, or use methods without needs={depth}")
@@ -68,9 +81,12 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fa
     worse = [o for o in overlaps if o.disagreement is not None and o.disagreement > max(_DISAGREES, 3 * typical)]
     if worse:
         yield Fault("depth disagrees with other views'", "check their depth maps and poses", _names(worse))
-    if lonely and suspicion is None:
+    # A view whose points land in others, only at other depths there, needs no views between.
+    astray = worse if typical <= _DISAGREES else [o for o in overlaps if o.disagreement is not None]
+    alone = [o for o in lonely if o not in astray]
+    if alone and suspicion is None:
         what = "no other view sees 5 % of what they show"
-        yield Fault(what, "add views between; SUCRe has single observations there", _names(lonely))
+        yield Fault(what, "add views between; SUCRe has single observations there", _names(alone))
 
 
 def _images(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
@@ -90,34 +106,56 @@ def _images(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
     yield from _where(burnt, f"up to {share:.0%} of pixels saturated", "mask them, or expose less")
 
 
-def _depth(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
+def _depth(facts: Sequence[ViewFacts], unit: str) -> Iterator[Fault]:
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
     yield from _where(holes, "depth on less than 20 % of the image", "restored images are mostly holes")
     ranges = np.array([v.distances for v in facts if v.distances])
     if len(ranges):
         nearest, farthest = ranges[:, 0].min(), ranges[:, 2].max()
         if farthest < _NARROW * nearest:
-            what = f"all is seen from {nearest:.2f} to {farthest:.2f} m, too narrow a range to tell the water from"
+            what = f"all is seen from {nearest:.2f} to {farthest:.2f} {unit}, too narrow a range to tell the water from"
             yield Fault(what, "add nearer or farther views, or give the water another way")
 
 
 def _twins(looks: Sequence[Look]) -> Iterator[Fault]:
-    """Pictures that are the same, and depth maps that are; found by what they look like at 16 x 16 pixels."""
+    """Pictures that are the same, depth maps that are, and views of which both are."""
+    pictures, maps = _same_pictures(looks), _same_maps(looks)
+    for first, group in pictures.items():
+        what = "picture and depth map" if maps.get(first) == group else "picture"
+        yield Fault(f"the same {what} {_times(group)}", "keep one", (first, *group))
+    for first, group in maps.items():
+        if pictures.get(first) != group:
+            yield Fault(f"the same depth map {_times(group)}", "give each image its own", (first, *group))
+
+
+def _times(group: Sequence[str]) -> str:
+    return "twice" if len(group) == 1 else f"{len(group) + 1} times"
+
+
+def _same_pictures(looks: Sequence[Look]) -> dict[str, list[str]]:
+    """The first of each and its copies; found by what they look like at 16 x 16 pixels."""
     import cv2
 
     shown = [(look.view.name, look.picture) for look in looks if look.picture is not None]
     shown = [(name, picture) for name, picture in shown if picture.std() > _FLAT]
     tiny = np.array([cv2.resize(picture, (16, 16), interpolation=cv2.INTER_AREA).ravel() for _, picture in shown])
+    found = defaultdict(list)
     for k in range(1, len(tiny)):
         same = np.flatnonzero(np.abs(tiny[:k] - tiny[k]).mean(axis=1) < _SAME)
         if same.size:
-            yield Fault("the same picture twice", "keep one", (shown[same[0]][0], shown[k][0]))
-    of_map: dict[bytes, str] = {}
+            found[shown[same[0]][0]].append(shown[k][0])
+    return dict(found)
+
+
+def _same_maps(looks: Sequence[Look]) -> dict[str, list[str]]:
+    first: dict[bytes, str] = {}
+    found = defaultdict(list)
     for look in looks:
         if look.depth is not None and np.ptp(look.depth) > 0:
-            other = of_map.setdefault(look.depth.tobytes(), look.view.name)
+            other = first.setdefault(look.depth.tobytes(), look.view.name)
             if other != look.view.name:
-                yield Fault("the same depth map twice", "give each image its own", (other, look.view.name))
+                found[other].append(look.view.name)
+    return dict(found)
 
 
 def _charts(facts: Sequence[ViewFacts]) -> Iterator[Fault]:

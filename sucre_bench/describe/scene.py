@@ -16,21 +16,23 @@ from sucre_bench.describe.facts import Look, ViewFacts, look_at
 from sucre_bench.describe.faults import Fault, find_faults
 from sucre_bench.describe.overlaps import Overlap, overlaps
 from sucre_bench.describe.sheet import contact_sheet
+from sucre_bench.describe.unit import ScaleNote
 from sucre_bench.scene import Scene, View, Water
 
 __all__ = ["Described", "as_json", "described", "show"]
 
 _BINS = 12
 _ROWS = 30  # of a table in the terminal
-_HEADS = ("view", "depth", "m (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
+_HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
 
 
 @dataclass(frozen=True, eq=False)
 class Described:
     """A scene: its facts, view by view, how views overlap, and what is wrong.
 
-    n_views: how many the scene has, of which these are some; edges (B + 1,), counts (B,): histogram of distances in
-    metres over all views' pixels with depth, as shares.
+    n_views: how many the scene has, of which these are some; scale: what is noted of it, None where nothing is, and
+    lengths are taken for metres; edges (B + 1,), counts (B,): histogram of distances over all views' pixels with depth,
+    as shares.
     """
 
     dataset: str
@@ -44,21 +46,29 @@ class Described:
     edges: tuple[float, ...]
     counts: tuple[float, ...]
     looks: tuple[Look, ...]
+    scale: ScaleNote | None = None
 
-    def sheet(self) -> bytes:
-        """The contact sheet as PNG."""
+    @property
+    def unit(self) -> str:
+        """What lengths are in."""
+        return "m" if self.scale is None else self.scale.unit
+
+    def sheet(self, suffix: str = ".png") -> bytes:
+        """The contact sheet as PNG or JPEG, by the suffix."""
         title = f"{self.dataset}: {self.name}, {len(self.facts)} of {self.n_views} views"
-        return contact_sheet(title, self.facts, self.looks)
+        return contact_sheet(title, self.facts, self.looks, self.unit, suffix)
 
 
-def described(dataset: str, scene: Scene, views: Sequence[View], most: int) -> Described:
-    """Describe some views of a scene. most: of them, evenly chosen."""
+def described(
+    dataset: str, scene: Scene, views: Sequence[View], most: int, scale: ScaleNote | None = None
+) -> Described:
+    """Describe some views of a scene. most: of them, evenly chosen; scale: what is noted of its."""
     chosen = [views[k] for k in np.unique(np.linspace(0, len(views) - 1, min(len(views), most)).round().astype(int))]
     seen = look_at(chosen, "reference" in scene.has)
     facts, looks = [one for one, _ in seen], [look for _, look in seen]
     between = overlaps(looks)
     edges, counts = _histogram(looks)
-    faults = find_faults(facts, looks, between)
+    faults = find_faults(facts, looks, between, "m" if scale is None else scale.unit)
     return Described(
         dataset,
         scene.name,
@@ -71,6 +81,7 @@ def described(dataset: str, scene: Scene, views: Sequence[View], most: int) -> D
         edges,
         counts,
         tuple(looks),
+        scale,
     )
 
 
@@ -94,32 +105,39 @@ def show(one: Described) -> None:
         "images": ", ".join(f"{n} of {size}" for size, n in sizes.most_common(3))
         + f", {' and '.join(sorted({v.encoding for v in one.facts}))}",
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
-        "travel": _travel(one.facts),
+        "travel": _travel(one.facts, one.unit),
         "water": "not known" if one.water is None else _water(one.water),
     }
+    if one.scale is not None:
+        said["scale"] = one.scale.note
+    if one.scale is not None and not one.scale.is_metric:
+        meaning = "lengths are no metres, and beta and gamma not 1/m"
+        said["scale"] += f"; {meaning}; run `sucre-bench prepare` again with a known length for metres"
     for name, text in said.items():
         console.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
     between = {overlap.view: overlap for overlap in one.overlaps}
     rows = [_row(view, between.get(view.name)) for view in one.facts[:_ROWS]]
+    heads = [head.format(unit=one.unit) for head in _HEADS]
     if console.out.is_terminal:
         table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
-        for head in _HEADS:
+        for head in heads:
             table.add_column(head, justify="left" if head == "view" else "right", overflow="fold")
         for row in rows:
             table.add_row(*row)
         console.out.print(table)
     else:
-        widths = [max(map(len, column)) for column in zip(_HEADS, *rows, strict=True)]
-        for row in (list(_HEADS), *rows):
+        widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+        for row in (heads, *rows):
             cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
             click.echo("  ".join(cells))
     if len(one.facts) > _ROWS:
         click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
     for low, high, share in zip(one.edges, one.edges[1:], one.counts, strict=False):
-        click.echo(f"{low:7.2f} to {high:6.2f} m  {share:4.0%} {'#' * round(60 * share / max(one.counts))}")
+        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.counts))}")
     for fault in one.faults:
         console.out.print(Text(f"wrong    {fault}", style="yellow"), soft_wrap=True)
-    click.echo(f"found    {len(one.faults)} things wrong" if one.faults else "found    nothing wrong")
+    things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")
+    click.echo(f"found    {things} wrong")
 
 
 def _row(view: ViewFacts, overlap: Overlap | None) -> list[str]:
@@ -133,11 +151,11 @@ def _row(view: ViewFacts, overlap: Overlap | None) -> list[str]:
     return [view.name, depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-"]
 
 
-def _travel(facts: Sequence[ViewFacts]) -> str:
+def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
     places = np.array([view.position for view in facts if view.position])
     if len(places) < 2:
         return "not known, no poses" if not len(places) else "one pose"
-    return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} m between the outermost of {len(places)} cameras"
+    return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} {unit} between the outermost of {len(places)} cameras"
 
 
 def _water(water: Water) -> str:
@@ -161,6 +179,8 @@ def _plain_scene(one: Described) -> dict[str, Any]:
         "dataset": one.dataset,
         "scene": one.name,
         "n_views": one.n_views,
+        "scale": None if one.scale is None else asdict(one.scale),
+        "unit": one.unit,
         "has": list(one.has),
         "water": water,
         "views": [_plain(asdict(view)) for view in one.facts],

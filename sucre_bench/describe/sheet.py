@@ -17,8 +17,10 @@ MOST = 60  # views on a sheet, evenly chosen
 _WIDE, _GAP, _TEXT, _HEAD = 300, 8, 20, 64  # pixels
 
 
-def contact_sheet(title: str, facts: Sequence[ViewFacts], looks: Sequence[Look]) -> bytes:
-    """Return the sheet as PNG."""
+def contact_sheet(
+    title: str, facts: Sequence[ViewFacts], looks: Sequence[Look], unit: str = "m", suffix: str = ".png"
+) -> bytes:
+    """Return the sheet as an image file of that suffix. unit: of distances."""
     from PIL import Image, ImageDraw, ImageFont
 
     chosen = np.unique(np.linspace(0, len(looks) - 1, min(len(looks), MOST)).round().astype(int))
@@ -32,7 +34,7 @@ def contact_sheet(title: str, facts: Sequence[ViewFacts], looks: Sequence[Look])
     pen.text((_GAP, _GAP), title, fill="black", font=ImageFont.load_default(18))
     bar = np.tile(np.linspace(low, top, 256), (10, 1))
     sheet.paste(Image.fromarray(_coloured(bar, low, top)), (_GAP, 34))
-    pen.text((_GAP + 264, 30), f"distance {low:.3g} to {top:.3g} m, gray: unknown", fill="black", font=font)
+    pen.text((_GAP + 264, 30), f"distance {low:.3g} to {top:.3g} {unit}, gray: unknown", fill="black", font=font)
     for place, k in enumerate(chosen):
         row, column = divmod(place, columns)
         x, y = _GAP + column * tile[0], _HEAD + row * tile[1]
@@ -55,7 +57,7 @@ def contact_sheet(title: str, facts: Sequence[ViewFacts], looks: Sequence[Look])
         said = f"{view.name}   depth on {view.coverage:.0%}" if view.has_depth else view.name
         pen.text((x, y + size[1] + 2), said[-80:], fill="black", font=font)
     content = io.BytesIO()
-    sheet.save(content, "PNG")
+    sheet.save(content, "PNG" if suffix.lower() == ".png" else "JPEG", quality=92)
     return content.getvalue()
 
 

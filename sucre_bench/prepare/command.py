@@ -10,6 +10,7 @@ import click
 __all__ = ["prepare"]
 
 _CAMERAS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
+_MOST_NAMED = 5  # photos that were left out, of a kind
 
 
 @click.command()
@@ -103,8 +104,8 @@ def prepare(
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
 
     Look at OUT/quality.html. Photos alone do not tell how large a scene is: without one of --distance, --length,
-    --depth-track or --scale the depths are not metres. That may be given later; what is done is not done again, and
-    the same command goes on where it was stopped.
+    --depth-track or --scale the depths are not metres. That may be given later, and is kept until another is given;
+    what is done is not done again, and the same command goes on where it was stopped.
     """
     from sucre_bench import console
     from sucre_bench.prepare import pipeline
@@ -118,10 +119,17 @@ def prepare(
     )
     with console.live():
         done = pipeline.prepare(photos, out, pipeline.Options(**options), known, again)
+    if not done.is_new:
+        click.echo("nothing to do: all is there already, made of these photos with these options")
+    for kind, left_out in (("damaged", done.damaged), ("without a place", done.unplaced)):
+        for name, why in list(left_out.items())[:_MOST_NAMED]:
+            click.echo(f"left out {name}: {why}")
+        if len(left_out) > _MOST_NAMED:
+            click.echo(f"left out {len(left_out) - _MOST_NAMED} more {kind}, named on the page")
     for warning in done.warnings:
         click.echo(f"beware   {warning}")
     covered = sum(q.coverage for q in done.qualities) / len(done.qualities)
     click.echo(f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth")
-    click.echo(f"scale    {done.scale.note}")
+    click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
     click.echo(f"run it   sucre-bench run dataset=colmap dataset.root={out} method=sucre")

@@ -61,33 +61,35 @@ _ATTEMPTS = (_Attempt("usual", 1600, 0.02 / 3, 100, 30, False), _Attempt("faint"
 class Mapped:
     """model: folder of the COLMAP model, its cameras those of the photos as used; registered: output names; attempt:
     the one that gave it; best_matches: of every photo's name, the most matches with any placed photo (with any, where
-    none is), and with which; unreadable: photos that turned out damaged, and why; groups: sizes of all separate
-    models."""
+    none is), and with which; damaged: photos that turned out so, and why; groups: sizes of all separate models."""
 
     model: Path
     registered: tuple[str, ...]
     attempt: str
     best_matches: dict[str, tuple[int, str]]
-    unreadable: dict[str, str]
+    damaged: dict[str, str]
     groups: tuple[int, ...]
 
 
 def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
     """Return the best model of the photos; files go below `folder`, what is there already is used.
 
-    Raises InputError, saying how far the best pair got, when no two photos can be related.
+    With fewer than two that can be read it registers none. Raises InputError, saying how far the best pair got, when no
+    two photos can be related.
     """
     best: Mapped | None = None
     for attempt in _ATTEMPTS:
         if best is not None:
-            say(f"{len(best.registered)} of {len(photos)} photos are placed; trying again for faint features")
+            placed = f"{len(best.registered)} of {len(photos) - len(best.damaged)} photos are placed"
+            say(f"{placed}; trying again for faint features")
         mapped = _attempt(photos, folder / attempt.name, rules, attempt)
         if best is None or len(mapped.registered) > len(best.registered):
             best = mapped
-        if len(best.registered) >= _ENOUGH * (len(photos) - len(best.unreadable)):
+        readable = len(photos) - len(best.damaged)
+        if readable < 2 or len(best.registered) >= _ENOUGH * readable:
             break
     assert best is not None
-    if not best.registered:
+    if not best.registered and readable >= 2:
         count, pair = max((n, (name, other)) for name, (n, other) in best.best_matches.items())
         got = f"the best pair, {pair[0]} and {pair[1]}, has {count} matches" if count else "no two photos match at all"
         fault = f"no two photos could be related: {got}, at least {_ATTEMPTS[-1].start_inliers} are needed"
@@ -100,10 +102,10 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
     pycolmap = load_pycolmap()
     pycolmap.set_random_seed(0)
     folder.mkdir(parents=True, exist_ok=True)
-    unreadable = write_gray(photos, folder, attempt.longest)
-    photos = [photo for photo in photos if photo.name not in unreadable]
+    damaged = write_gray(photos, folder, attempt.longest)
+    photos = [photo for photo in photos if photo.name not in damaged]
     if len(photos) < 2:
-        raise InputError(f"{len(unreadable)} photos cannot be read, {min(unreadable)} among them; copy them again")
+        return Mapped(folder, (), attempt.name, {}, damaged, ())
     database = folder / "database.db"
     if not (folder / "matched").is_file():
         database.unlink(missing_ok=True)
@@ -120,7 +122,7 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
         models[0].write_binary(model)
     matches = _best_matches(pycolmap, database, photos, names)
     shutil.rmtree(folder / "gray")
-    return Mapped(model, names, attempt.name, matches, unreadable, tuple(m.num_reg_images() for m in models))
+    return Mapped(model, names, attempt.name, matches, damaged, tuple(m.num_reg_images() for m in models))
 
 
 def _find_features(

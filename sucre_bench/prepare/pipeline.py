@@ -3,34 +3,32 @@
 from __future__ import annotations
 
 import errno
-import importlib.metadata
 import json
 import shutil
-from collections.abc import Callable, Sequence
-from dataclasses import asdict, dataclass, fields
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any, Literal, TypeVar
 
-import numpy as np
-
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
-from sucre_bench.prepare.colmap import load_pycolmap
-from sucre_bench.prepare.depthmaps import Dense, DepthMaps, Sparse, write_depth
+from sucre_bench.prepare.depthmaps import Dense, DepthMaps, Sparse
 from sucre_bench.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos
-from sucre_bench.prepare.photos import Photo, find_photos
-from sucre_bench.prepare.quality import Quality, quality_of, shown, thumbnails, write_page
+from sucre_bench.prepare.photos import Photo, find_photos, too_few
+from sucre_bench.prepare.record import Prepared, given, read_record, settled_by
 from sucre_bench.prepare.relief import relief_of
 from sucre_bench.prepare.scale import Known, Scale, find_scale
 from sucre_bench.prepare.shots import Shot, read_shots
-from sucre_bench.prepare.stages import stage
+from sucre_bench.prepare.stages import Stage, stage
 from sucre_bench.prepare.undistort import undistort
-from sucre_bench.progress import say, track
+from sucre_bench.prepare.writing import write
+from sucre_bench.progress import say
 from sucre_bench.results import write_atomically
 
-__all__ = ["Options", "Prepared", "prepare"]
+__all__ = ["Options", "prepare"]
 
 T = TypeVar("T")
 
+_MODEL = "model.json"
 _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 
 
@@ -50,57 +48,59 @@ class Options:
     depth_size: int = 800
 
 
-@dataclass(frozen=True, slots=True)
-class Prepared:
-    """What came out: the folder, its images' figures, how many photos there were, the scale, and what to beware of."""
-
-    out: Path
-    qualities: tuple[Quality, ...]
-    photos: int
-    scale: Scale
-    warnings: tuple[str, ...]
-
-
 def prepare(
     folder: Path, out: Path, options: Options | None = None, known: Known | None = None, again: bool = False
 ) -> Prepared:
     """Turn a folder of photos into images, a model and depth maps below `out`; what is done already is kept.
 
-    again: whether `out` may be made anew with other options. Raises InputError where photos or options are of no use,
-    OutputError where `out` cannot be written.
+    known: without it the scale stays what an earlier command made it; again: whether `out` may be made anew with other
+    options. Raises InputError where photos or options are of no use, OutputError where `out` cannot be written.
     """
     options, known = options or Options(), known or Known()
     work = out / ".prepare"
     _check_folders(folder, out)
-    photos, unreadable = find_photos(folder, options.masks, options.max_size, out)
-    _check_options(work, folder, options, again)
-    for name, why in unreadable.items():
-        say(f"left out  {name}: {why}")
+    photos, damaged = find_photos(folder, options.masks, options.max_size, out)
+    before = read_record(out)
+    _check_options(work, _asked(folder, options), again)
 
     rules = Rules(options.matching, options.camera, options.cameras)
     mapping = stage(work, "model", [photo.stamp for photo in photos], rules)
-    mapped = _kept(mapping.folder / "mapped.json", out, lambda: map_photos(photos, mapping.folder, rules))
-    unreadable |= mapped.unreadable
-    by_output = {photo.output: photo for photo in photos}
+    if damaged and not (mapping.folder / _MODEL).is_file():  # mapping may take long: it is said before as well
+        say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
+    mapped = _kept(mapping.folder, out, lambda: map_photos(photos, mapping.folder, rules))
+    if not mapped.registered:
+        raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
+    damaged |= mapped.damaged
 
     straight = stage(work, "images", mapping.key)
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
-    if not straight.done:
+    if not straight.done or not all((out / "images" / name).is_file() for name in mapped.registered):
+        by_output = {photo.output: photo for photo in photos}
         _guarded(out, lambda: undistort(by_output, mapped.model, out / "images", masks, pinhole))
         straight.finish()
+
+    dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
+    surface = stage(work, "sweeps", straight.key, options.depth_size if dense else 0)
+    keys = mapping.key, surface.key
+    settled = settled_by(before, known, keys)
+    if before is not None and settled.scale is not None:
+        done = stage(work, "result", surface.key, settled.scale, sorted(damaged)).done
+        if done and before.is_whole:
+            return replace(before, is_new=False, is_kept=settled.is_kept)
+
     shots = read_shots(pinhole)
-
-    maps = _depth_maps(work, straight.key, shots, out / "images", masks, options)
-    output_of = {photo.name: photo.output for photo in photos}
-    placed = {shot.name: shot for shot in shots}
-    scale = find_scale(known, shots, output_of, lambda name: maps.depth(placed[name]))
-
-    left_out = [*unreadable.items(), *_unplaced(photos, mapped)]
-    warnings = _warnings(photos, mapped, scale)
-    qualities = _guarded(
-        out, lambda: _write(out, pinhole, shots, maps, scale, folder, left_out, warnings, mapped, options)
+    maps = _depth_maps(shots, out / "images", masks, surface, options.depth_size if dense else None)
+    output_of, placed = {photo.name: photo.output for photo in photos}, {shot.name: shot for shot in shots}
+    scale = settled.scale or find_scale(settled.known, shots, output_of, lambda name: maps.depth(placed[name]))
+    warnings = (*settled.warnings, *_warnings(mapped, scale))
+    made = Prepared(
+        out, (), damaged, _unplaced(photos, mapped), scale, given(settled.known), warnings, keys, True, settled.is_kept
     )
-    return Prepared(out, qualities, len(photos) + len(set(unreadable) - set(output_of)), scale, tuple(warnings))
+    more = {**_asked(folder, options), "attempt": mapped.attempt}
+    result = stage(work, "result", surface.key, scale, sorted(damaged))
+    made = _guarded(out, lambda: write(made, pinhole, mapped.model, shots, maps, more))
+    result.finish()
+    return made
 
 
 def _check_folders(folder: Path, out: Path) -> None:
@@ -112,34 +112,44 @@ def _check_folders(folder: Path, out: Path) -> None:
         raise InputError(f"{out}: holds other files already; name a new folder")
 
 
-def _check_options(work: Path, folder: Path, options: Options, again: bool) -> None:
+def _asked(folder: Path, options: Options) -> dict[str, Any]:
+    """What was asked for, as JSON has it."""
+    values = {"photos": folder.resolve(), **asdict(options)}
+    values["masks"] = options.masks and options.masks.resolve()
+    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+
+
+def _check_options(work: Path, asked: Mapping[str, Any], again: bool) -> None:
     """Refuse to overwrite by accident what was made otherwise; a scale may always be changed."""
-    asked = {"photos": str(folder.resolve()), **{k: str(v) for k, v in asdict(options).items()}}
     file = work / "options.json"
-    if file.is_file() and not again:
-        before = json.loads(file.read_text())
-        for name, value in asked.items():
-            if before.get(name) != value:
-                was = f"was prepared with {name}={before.get(name)}, not {value}"
-                raise InputError(f"{work.parent}: {was}; name another folder, or add --again to make it anew")
-    if not file.is_file() or json.loads(file.read_text()) != asked:
-        for name in ("images", "depths", "sparse"):
-            shutil.rmtree(work.parent / name, ignore_errors=True)
-        for old in work.glob("images-*"):
-            shutil.rmtree(old)
+    before = json.loads(file.read_text()) if file.is_file() else {}
+    if before == asked:
+        return
+    for name, value in asked.items():
+        if before and not again and before.get(name) != value:
+            was = f"was prepared with {name}={before.get(name)}, not {value}"
+            raise InputError(f"{work.parent}: {was}; name another folder, or add --again to make it anew")
+    for made in ("images", "depths", "sparse"):
+        shutil.rmtree(work.parent / made, ignore_errors=True)
+    for old in work.glob("images-*"):
+        shutil.rmtree(old)
     write_atomically(file, json.dumps(asked, indent=1).encode())
 
 
-def _kept(file: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
+def _kept(folder: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
+    """The model of an earlier command, or a new one. Its place is kept relative to the folder, which may move."""
+    file = folder / _MODEL
     if file.is_file():
         known: dict[str, Any] = json.loads(file.read_text())
-        known["model"] = Path(known["model"])
+        known["model"] = folder / known["model"]
         known |= {name: tuple(known[name]) for name in ("registered", "groups")}
         return Mapped(**known)
     made = _guarded(out, make)
-    for name in ("images", "depths"):  # of another model
-        shutil.rmtree(out / name, ignore_errors=True)
-    write_atomically(file, json.dumps(asdict(made), default=str).encode())
+    if made.registered:
+        for name in ("images", "depths"):  # of another model
+            shutil.rmtree(out / name, ignore_errors=True)
+    record = {**asdict(made), "model": made.model.relative_to(folder).as_posix()}
+    write_atomically(file, json.dumps(record).encode())
     return made
 
 
@@ -156,35 +166,29 @@ def _guarded(out: Path, do: Callable[[], T]) -> T:
         raise
 
 
-def _depth_maps(work: Path, key: str, shots: Sequence[Shot], images: Path, masks: Path, options: Options) -> DepthMaps:
-    dense = options.surface == "dense" or (options.surface == "auto" and len(shots) <= _MOST_DENSE)
-    if not dense:
+def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, longest: int | None) -> DepthMaps:
+    """Plane sweeps at this longest side in pixels, or without one the relief of the sparse points."""
+    if longest is None:
         say(f"{len(shots)} photos: surface through the sparse points")
         return Sparse(relief_of(shots), masks)
-    swept = stage(work, "sweeps", key, options.depth_size)
-    maps = Dense(shots, images, masks, swept.folder, options.depth_size)
-    _guarded(work.parent, maps.sweep_all)
+    maps = Dense(shots, images, masks, swept.folder, longest)
+    _guarded(images.parent, maps.sweep_all)
     return maps
 
 
-def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> list[tuple[str, str]]:
-    placed, told = set(mapped.registered), []
+def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:
+    """Photos that the model lacks: how near they came, and what to do."""
+    told = {}
     for photo in photos:
-        if photo.output not in placed and photo.name not in mapped.unreadable:
+        if photo.output not in mapped.registered and photo.name not in mapped.damaged:
             count, other = mapped.best_matches.get(photo.name, (0, ""))
-            told.append(
-                (photo.name, f"{count} matches at best, with {other}" if count else "no matches with those placed")
-            )
+            best = f"{count} matches at best, with {other}" if count else "no matches with those placed"
+            told[photo.name] = f"no place found, {best}; add photos between it and the others, or mask what moves"
     return told
 
 
-def _warnings(photos: Sequence[Photo], mapped: Mapped, scale: Scale) -> list[str]:
-    warnings, missing = [], _unplaced(photos, mapped)
-    if missing:
-        named = "; ".join(f"{name} ({why})" for name, why in missing[:4])
-        more = f" and {len(missing) - 4} more" if len(missing) > 4 else ""
-        fault = f"{len(missing)} of {len(photos)} photos have no place in the scene: {named}{more}"
-        warnings.append(f"{fault}; add photos between them and the others, or mask what moves")
+def _warnings(mapped: Mapped, scale: Scale) -> list[str]:
+    warnings = []
     if len(mapped.groups) > 1 and mapped.groups[1] > 2:
         sizes = " and ".join(map(str, mapped.groups))
         warnings.append(f"the photos fall into groups of {sizes} that share no views; only the first is used")
@@ -194,73 +198,3 @@ def _warnings(photos: Sequence[Photo], mapped: Mapped, scale: Scale) -> list[str
             " 1/m; restored colours do not depend on it. For metres give --distance, --length, --depth-track or --scale"
         )
     return warnings
-
-
-def _write(
-    out: Path,
-    pinhole: Path,
-    shots: Sequence[Shot],
-    maps: DepthMaps,
-    scale: Scale,
-    folder: Path,
-    left_out: Sequence[tuple[str, str]],
-    warnings: Sequence[str],
-    mapped: Mapped,
-    options: Options,
-) -> tuple[Quality, ...]:
-    pycolmap = load_pycolmap()
-    model = pycolmap.Reconstruction(pinhole)
-    model.transform(pycolmap.Sim3d(scale.metres_per_unit, pycolmap.Rotation3d(), np.zeros(3)))
-    (out / "sparse").mkdir(exist_ok=True)
-    model.write_binary(out / "sparse")
-
-    on_page, pictures, qualities = shown([shot.name for shot in shots]), {}, []
-    depths = np.concatenate([shot.seen_points()[1] for shot in shots])
-    bounds = tuple(np.quantile(depths, [0.02, 0.98]))
-    for shot in track(shots, "depth maps"):
-        depth = maps.depth(shot)
-        write_depth(out / "depths", shot.name, depth * np.float32(scale.metres_per_unit))
-        qualities.append(quality_of(shot, depth, scale.metres_per_unit))
-        if shot.name in on_page:
-            pictures[shot.name] = thumbnails(out / "images" / shot.name, depth, bounds)
-
-    track_length, error = (
-        model.compute_mean_track_length(),
-        np.average([q.reprojection_px for q in qualities], weights=[q.points for q in qualities]),
-    )
-    facts = [
-        ("photos placed", f"{len(shots)} of {len(shots) + len(left_out)}, at the {mapped.attempt} attempt"),
-        ("sparse points", f"{model.num_points3D()}, each seen by {track_length:.1f} photos"),
-        ("reprojection error", f"{error:.2f} px"),
-        ("pixels with depth", f"{100 * np.mean([q.coverage for q in qualities]):.0f} %"),
-        ("depth against sparse points", f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)"),
-        (
-            "surface",
-            "plane sweep, confirmed by other photos" if isinstance(maps, Dense) else "relief of the sparse points",
-        ),
-        ("scale", scale.note),
-    ]
-    write_page(
-        out / "quality.html",
-        out.resolve().name,
-        "m" if scale.is_metric else "of no unit",
-        facts,
-        warnings,
-        left_out,
-        qualities,
-        pictures,
-    )
-    packages = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
-    record: dict[str, Any] = {
-        "photos": str(folder.resolve()),
-        "options": {f.name: str(getattr(options, f.name)) for f in fields(options)},
-        "scale": asdict(scale),
-        "facts": dict(facts),
-        "cameras": {number: str(camera) for number, camera in pycolmap.Reconstruction(mapped.model).cameras.items()},
-        "left_out": dict(left_out),
-        "warnings": list(warnings),
-        "images": [{k: None if v != v else v for k, v in asdict(q).items()} for q in qualities],
-        "versions": {name: importlib.metadata.version(name) for name in packages},
-    }
-    write_atomically(out / "prepare.json", json.dumps(record, indent=1).encode())
-    return tuple(qualities)

@@ -6,7 +6,7 @@ import base64
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,7 +16,10 @@ from sucre_bench.prepare.shots import Shot
 from sucre_bench.results import write_atomically
 from sucre_bench.scene import Array
 
-__all__ = ["Quality", "quality_of", "write_page"]
+if TYPE_CHECKING:
+    from sucre_bench.prepare.record import Prepared
+
+__all__ = ["Quality", "quality_of", "shown", "thumbnails", "write_page"]
 
 _THUMBNAIL = 420  # pixels wide
 _MOST_SHOWN = 100
@@ -89,30 +92,16 @@ def shown(names: Sequence[str]) -> frozenset[str]:
     return frozenset(names[:: -(-len(names) // _MOST_SHOWN)])
 
 
-def write_page(
-    path: Path,
-    title: str,
-    unit: str,
-    facts: Sequence[tuple[str, str]],
-    warnings: Sequence[str],
-    left_out: Sequence[tuple[str, str]],
-    qualities: Sequence[Quality],
-    pictures: Mapping[str, tuple[str, str]],
-) -> None:
-    """Write the page.
-
-    unit: of depths; facts: what and how much, of the whole scene; left_out: photos without a place, and why.
-    """
+def write_page(made: Prepared, facts: Mapping[str, str], pictures: Mapping[str, tuple[str, str]]) -> None:
+    """Write the page. facts: what and how much, of the whole scene; pictures: see `thumbnails`, by image."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     pages = Environment(loader=PackageLoader("sucre_bench", "prepare"), autoescape=True, undefined=StrictUndefined)
     page = pages.get_template("quality.html.j2").render(
-        title=title,
-        unit=unit,
+        title=made.out.resolve().name,
+        unit="m" if made.scale.is_metric else "of no unit",
+        made=made,
         facts=facts,
-        warnings=warnings,
-        left_out=left_out,
-        qualities=qualities,
         pictures=pictures,
     )
-    write_atomically(path, page.encode())
+    write_atomically(made.out / "quality.html", page.encode())

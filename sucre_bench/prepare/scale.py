@@ -7,13 +7,14 @@ cameras, a length that is seen, or how deep each photo was taken.
 from __future__ import annotations
 
 import csv
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import InputError
 from sucre_bench.prepare.shots import Shot
 from sucre_bench.scene import Array
 
@@ -35,12 +36,25 @@ class Length:
 @dataclass(frozen=True, slots=True)
 class Known:
     """What is known, one of these at most. factor: metres per unit; distances: two photos and the metres between their
-    cameras; lengths; depth_track: CSV file of image,depth with metres below the surface."""
+    cameras; lengths; depth_track: CSV file of image,depth with metres below the surface.
+
+    Raises InputError when more than one is given, or what is given in metres is not above 0.
+    """
 
     factor: float | None = None
     distances: tuple[tuple[str, str, float], ...] = ()
     lengths: tuple[Length, ...] = ()
     depth_track: Path | None = None
+
+    def __post_init__(self) -> None:
+        given = [self.factor is not None, bool(self.distances), bool(self.lengths), self.depth_track is not None]
+        if sum(given) > 1:
+            raise InputError("scale: more than one of --scale, --distance, --length, --depth-track; give one of them")
+        metres = [("--scale", self.factor)] if self.factor is not None else []
+        metres += [("--distance", m) for *_, m in self.distances] + [("--length", v.metres) for v in self.lengths]
+        for option, value in metres:
+            if not (math.isfinite(value) and value > 0):
+                raise InputError(f"{option}: {value:g} is not above 0; give metres")
 
 
 @dataclass(frozen=True, slots=True)
@@ -58,23 +72,20 @@ def find_scale(
 ) -> Scale:
     """Return the scale. output_of: output names by photo; depth_of: an image's depth map (H, W), in the model's unit.
 
-    Raises InputError when more than one thing is given, a photo is unknown or not registered, or what is given does not
-    determine a scale.
+    Raises InputError when a photo is unknown or not registered, or what is given does not determine a scale.
     """
-    given = [known.factor is not None, bool(known.distances), bool(known.lengths), known.depth_track is not None]
-    if sum(given) > 1:
-        raise InputError("scale: more than one of --scale, --distance, --length, --depth-track; give one of them")
     by_name = {shot.name: shot for shot in shots}
 
     def placed(photo: str, option: str) -> Shot:
         output = output_of.get(photo, photo)
         if output not in by_name:
             fault = "was not placed" if photo in output_of else "is not a photo of these"
-            raise InputError(f"{option}: {photo} {fault}; {did_you_mean(photo, by_name) if len(by_name) < 40 else ''}")
+            remedy = _remedy(photo, [name for name, output in output_of.items() if output in by_name])
+            raise InputError(f"{option}: {photo} {fault}; {remedy}")
         return by_name[output]
 
     if known.factor is not None:
-        return Scale(_positive(known.factor, "--scale"), True, f"given, {known.factor:g} m per unit")
+        return Scale(known.factor, True, f"given, {known.factor:g} m per unit")
     if known.distances:
         pairs = [(placed(a, "--distance"), placed(b, "--distance"), m) for a, b, m in known.distances]
         return _ratio(
@@ -92,20 +103,22 @@ def find_scale(
     return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"arbitrary: median depth set to {_USUAL_DEPTH:g}")
 
 
-def _positive(value: float, option: str) -> float:
-    if not (np.isfinite(value) and value > 0):
-        raise InputError(f"{option}: {value:g} m is not above 0; give metres")
-    return value
+def _remedy(photo: str, placed: Sequence[str]) -> str:
+    """A likely name is one of the same file in another folder or format: names of a series are all alike."""
+    same = [p for p in placed if PurePosixPath(p).stem.lower() == PurePosixPath(photo).stem.lower()]
+    if same and photo not in same:
+        return f"did you mean '{same[0]}'?"
+    return f"name one that was, like {', '.join(placed[:3])}"
 
 
 def _ratio(units: Sequence[float], metres: Sequence[float], option: str) -> Scale:
     """The factor that fits several lengths best, each with the same relative error."""
     if min(units) <= 1e-9:
         raise InputError(f"{option}: the two are at the same place; give two that are apart")
-    factors = np.array([_positive(m, option) for m in metres]) / np.array(units)
+    factors = np.array(metres) / np.array(units)
     factor = float(np.exp(np.log(factors).mean()))
-    spread = f", which differ by up to {100 * (factors.max() / factors.min() - 1):.1f} %" if len(factors) > 1 else ""
-    return Scale(factor, True, f"from {len(factors)} x {option}{spread}")
+    spread = f"; they differ by up to {100 * (factors.max() / factors.min() - 1):.1f} %" if len(factors) > 1 else ""
+    return Scale(factor, True, f"from {len(factors)} x {option}: {factor:.4g} m per unit{spread}")
 
 
 def _length(shot: Shot, length: Length, depth_of: Callable[[str], Array]) -> float:
@@ -154,5 +167,6 @@ def _from_depths(centres: Array, depths: Array, path: Path) -> Scale:
     if 2 * error > _LARGEST_ERROR:
         fault = "the cameras move too little up, down and sideways for their depths to tell the scale"
         raise InputError(f"{path}: {fault} ({100 * min(error, 9.99):.0f} % standard error); know a length instead")
-    note = f"from the depths of {len(depths)} photos, {100 * error:.1f} % standard error, rest {rest.std():.3f} m"
+    accuracy = f"{100 * error:.1f} % standard error, rest {rest.std():.3f} m"
+    note = f"from the depths of {len(depths)} photos: {factor:.4g} m per unit, {accuracy}"
     return Scale(factor, True, note)
