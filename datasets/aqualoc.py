@@ -13,8 +13,8 @@ Source: Ferrera et al., AQUALOC: an underwater dataset for visual-inertial-press
 
 from __future__ import annotations
 
-import os
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,13 +24,13 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.images import image_size
 from sucre_bench.loading.files import check_scale, data_id_of
-from sucre_bench.loading.folders import existing, folders_below
+from sucre_bench.loading.folders import existing, folders_below, walk
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.photograph import Photograph, view_of
 from sucre_bench.loading.single_images import image_names
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
-from sucre_bench.scene import Array, Scene
+from sucre_bench.scene import Array, Plane, Scene
 
 __all__ = ["Aqualoc"]
 
@@ -58,7 +58,7 @@ class Aqualoc:
         check_scale("aqualoc", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each sequence below root, "harbor_07". Reads its texts and image headers, decodes nothing.
+        """Yield a scene for each sequence below root, "harbor_07". Decodes nothing, reads texts, headers and samples.
 
         A sequence without a trajectory has no poses. Raises InputError when there is no sequence, one is there twice,
         or its calibration or trajectory is missing or wrong.
@@ -79,21 +79,27 @@ class Aqualoc:
             raise InputError(f"{root}: holds no folder of frames; expected folders named like {expected}")
 
     def _scene(self, name: str, site: str, number: int, folder: Path, texts: dict[str, Path]) -> Scene:
-        frames = {int(digits[-1]): file for file in image_names(folder) if (digits := re.findall(r"\d+", file))}
+        frames: dict[int, list[str]] = defaultdict(list)
+        for file in image_names(folder):
+            if digits := re.findall(r"\d+", file):
+                frames[int(digits[-1])].append(file)
         if not frames:
             raise InputError(f"{folder}: holds no image named like frame000001.png; unpack the sequence there")
         calibration = texts.get(f"{site}_camera_calib.yaml")
         if calibration is None:
             expected = f"{site}_calibration_files/{site}_camera_calib.yaml"
             raise InputError(f"{folder}: no {site}_camera_calib.yaml is below dataset.root; copy {expected} there")
-        lens = read_kalibr(calibration, image_size(folder / frames[min(frames)]) or _SIZES[site])
+        lens = read_kalibr(calibration, image_size(folder / frames[min(frames)][0]) or _SIZES[site])
         endings = [f"{site}_colmap_traj_sequence_{digits}.txt" for digits in (f"{number:02d}", str(number))]
         trajectory = next((texts[x + end] for x in ("new_", "") for end in endings if x + end in texts), None)
         poses = _poses(trajectory) if trajectory else {}
 
         views = []
         for frame in track(sorted(frames), "image sizes"):
-            photograph = Photograph(frames[frame], folder / frames[frame], lens, poses.get(frame))
+            (file, *others), faults = frames[frame], dict[Plane, str]()
+            if others:
+                faults["rgb"] = f"{folder / file}: frame {frame} is also {others[0]}; keep one of them"
+            photograph = Photograph(file, folder / file, lens, poses.get(frame), faults=faults)
             views.append(view_of(photograph, self.image_scale))
         if poses and all(view.cam_from_world is None for view in views):
             fault = f"its frames, {min(poses)} to {max(poses)}, are none of {folder}, {min(frames)} to {max(frames)}"
@@ -104,9 +110,9 @@ class Aqualoc:
 def _texts(root: Path) -> dict[str, Path]:
     """Return the .txt and .yaml files below root by name in lower case; the folders of frames are not looked into."""
     found = {}
-    for place, below, names in os.walk(root, followlinks=True):
-        below[:] = sorted(name for name in below if not _SEQUENCE.fullmatch(name))
-        found.update({name.lower(): Path(place, name) for name in names if name.lower().endswith((".txt", ".yaml"))})
+    for place, below, names in walk(root):
+        below[:] = [name for name in below if not _SEQUENCE.fullmatch(name)]
+        found.update({name.lower(): place / name for name in names if name.lower().endswith((".txt", ".yaml"))})
     return found
 
 

@@ -55,7 +55,7 @@ class EiffelTower:
         check_scale("eiffel_tower", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each visit. Reads the models and the image headers, decodes nothing.
+        """Yield a scene for each visit. Reads models, headers and samples of files, decodes nothing.
 
         Raises InputError when a visit's folder, its model or all of its images are missing.
         """

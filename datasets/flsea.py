@@ -14,6 +14,7 @@ Source: Randall & Treibitz, FLSea: underwater visual-inertial and stereo-vision 
 from __future__ import annotations
 
 import re
+from collections import defaultdict
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,10 +27,10 @@ from sucre_bench.loading.folders import existing, folders_below, scene_name
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, view_of
-from sucre_bench.loading.single_images import image_names, uncalibrated_view
+from sucre_bench.loading.single_images import image_names
 from sucre_bench.plugins import dataset
-from sucre_bench.progress import track
-from sucre_bench.scene import Scene
+from sucre_bench.progress import say, track
+from sucre_bench.scene import Plane, Scene
 
 __all__ = ["Flsea"]
 
@@ -63,7 +64,7 @@ class Flsea:
         check_scale("flsea", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each dive. Reads calibration and image headers, decodes nothing.
+        """Yield a scene for each dive. Reads calibrations, headers and samples of files, decodes nothing.
 
         Raises InputError when there is no dive, or its calibration or depth maps are not as expected.
         """
@@ -79,8 +80,10 @@ class Flsea:
         names = image_names(folder)
         if not names:
             raise InputError(f"{folder}: holds no image; copy the dive's .tiff files there")
-        maps = [name for name in image_names(dive / "depth") if name.lower().endswith((".tif", ".tiff"))]
-        depths = {_frame(name): dive / "depth" / name for name in maps}
+        depths: dict[str, list[str]] = defaultdict(list)
+        for name in image_names(dive / "depth"):
+            if name.lower().endswith((".tif", ".tiff")):
+                depths[_frame(name)].append(name)
         if depths and not any(_frame(name) in depths for name in names):
             expected = f"{_frame(names[0])}_SeaErra_abs_depth.tif"
             raise InputError(f"{dive / 'depth'}: no depth map is named after an image; expected names like {expected}")
@@ -88,12 +91,12 @@ class Flsea:
 
         views = []
         for name in track(names, "image sizes"):
-            depth = depths.get(_frame(name))
-            if lens is None:
-                views.append(uncalibrated_view(name, folder / name, self.image_scale, depth=depth))
-            else:
-                photograph = Photograph(name, folder / name, lens, None, depth, depth_lens=lens)
-                views.append(view_of(photograph, self.image_scale))
+            maps, faults = [dive / "depth" / depth for depth in depths.get(_frame(name), ())], dict[Plane, str]()
+            if len(maps) > 1:
+                faults["depth"] = f"{maps[0]}: {maps[1].name} is there as well; keep one of them"
+            depth = maps[0] if maps else None
+            photograph = Photograph(name, folder / name, lens, None, depth, depth_lens=lens, faults=faults)
+            views.append(view_of(photograph, self.image_scale))
         has = frozenset({"depth"} if depths else ())
         return Scene(scene_name(dive, root), views, has, data_id=data_id_of(views))
 
@@ -101,9 +104,13 @@ class Flsea:
         if self.calibration is not None:
             return read_kalibr(Path(self.calibration).expanduser(), size)
         places = [place for place in (dive, *dive.parents) if place == root or root in place.parents]
-        for pattern in (f"calibration/{pattern}" for pattern in _CALIBRATIONS):
-            for path in (path for place in places for path in sorted(place.glob(pattern))):
+        for place in places:  # the nearest counts, of several in a place the camchain
+            for path in (path for pattern in _CALIBRATIONS for path in sorted(place.glob(f"calibration/{pattern}"))):
                 return read_kalibr(path, size)
+        remedy = "give the site's folder as dataset.root, dataset.calibration=FILE or dataset.undistort=false"
+        say(
+            f"{dive}: no calibration/ in it or above, up to {root}, so views stay distorted, without a camera; {remedy}"
+        )
         return None
 
 

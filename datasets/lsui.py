@@ -44,7 +44,7 @@ class Lsui:
         check_scale("lsui", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each part. Reads the image headers only. InputError when a folder is missing."""
+        """Yield a scene for each part. Reads headers and samples of files. InputError when a folder is missing."""
         root, found = existing(self.root), False
         for place, images, references in paired_folders(root, ("input",), ("gt", "reference")):
             found = True

@@ -13,7 +13,6 @@ from __future__ import annotations
 
 import json
 import math
-import os
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -25,8 +24,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.images import decode, image_size
 from sucre_bench.loading.brown import lens_of
 from sucre_bench.loading.depth import read_depth
-from sucre_bench.loading.files import check_scale, data_id_of
-from sucre_bench.loading.folders import existing
+from sucre_bench.loading.files import check_length, check_scale, data_id_of, fingerprint
+from sucre_bench.loading.folders import existing, inside
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
@@ -65,11 +64,11 @@ class Nerfstudio:
 
     def __post_init__(self) -> None:
         check_scale("nerfstudio", self.image_scale)
-        if self.depth_scale is not None and not 0 < self.depth_scale < math.inf:
-            raise InputError(f"nerfstudio.depth_scale: {self.depth_scale} is no length; give 0.001 for millimetres")
+        if self.depth_scale is not None:
+            check_length("nerfstudio", "depth_scale", self.depth_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield the one scene, named like its folder. Reads the JSON and the image headers.
+        """Yield the one scene, named like its folder. Reads the JSON, headers and samples of files.
 
         Raises InputError for what concerns all views: no or a damaged file, a path that leaves the folder, a camera or
         pose that is none, no image at all. What is wrong with the files of one view is raised when they are loaded.
@@ -79,7 +78,7 @@ class Nerfstudio:
         units, masks = set(), []
         for path in self._files(root):
             content = _read(path)
-            unit = self.depth_scale or _number(content, "depth_unit_scale_factor", path) or _MILLIMETRE
+            unit = self.depth_scale or _factor(content, "depth_unit_scale_factor", path, _MILLIMETRE)
             units.add(unit)
             for frame in track(content["frames"], "image sizes"):
                 photograph, mask = _photograph(root, path, content, frame, unit)
@@ -93,7 +92,7 @@ class Nerfstudio:
         views = [view_of(photographs[name], self.image_scale, self.encoding) for name in sorted(photographs)]
         with_depth = any(photograph.depth is not None for photograph in photographs.values())
         has = frozenset({"poses", *(("depth",) if with_depth else ())})
-        more = (sorted(units), [mask.read_bytes() for mask in masks if mask.is_file()]) if with_depth else ()
+        more = (sorted(units), [fingerprint(mask) for mask in masks]) if with_depth else ()
         yield Scene(root.resolve().name, views, has, data_id=data_id_of(views, *more))
 
     def _files(self, root: Path) -> list[Path]:
@@ -143,11 +142,11 @@ def _photograph(root: Path, path: Path, common: _Frame, frame: _Frame, unit: flo
         name,
         root / name,
         lens,
-        _cam_from_world(frame, place, _number(common, "applied_scale", path) or 1.0),
+        _cam_from_world(frame, place, _factor(common, "applied_scale", path, 1.0)),
         depth,
         _reader(unit, mask),
         lens if lens.coefficients or lens.model == "fisheye" else None,
-        faults,
+        faults=faults,
     ), mask
 
 
@@ -155,13 +154,11 @@ def _inside(root: Path, path: Path, named: Any, key: str) -> str:
     """Return a path that the file at `path` names, relative to root. InputError when it leaves root."""
     if not isinstance(named, str) or not named or "\0" in named:
         raise InputError(f"{path}: a frame has no usable {key}; export it again")
-    posix = named.replace("\\", "/")
-    full = os.path.normpath(os.path.abspath(path.parent / posix))  # noqa: PTH100  (of links, only their names count)
-    top = os.path.abspath(root)  # noqa: PTH100
-    if os.path.commonpath([full, top]) != top or full == top or posix[1:2] == ":":
+    relative = inside(root, path.parent, named)
+    if relative is None:
         fault = f"{key} {named} is outside of {root}"
         raise InputError(f"{path}: {fault}; make it relative to the file, or give the folder of both as dataset.root")
-    return Path(full).relative_to(top).as_posix()
+    return relative.as_posix()
 
 
 def _number(content: _Frame, key: str, place: object, default: float | None = None) -> float | None:
@@ -171,6 +168,13 @@ def _number(content: _Frame, key: str, place: object, default: float | None = No
     if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
         raise InputError(f"{place}: {key} is {value!r}, not a number; export it again")
     return float(value)
+
+
+def _factor(content: _Frame, key: str, path: Path, default: float) -> float:
+    factor = _number(content, key, path)
+    if factor is not None and factor <= 0:
+        raise InputError(f"{path}: {key} is {factor:g}, which is not above 0; export it again")
+    return default if factor is None else factor
 
 
 def _lens(frame: _Frame, image: Path, path: Path, place: str) -> Lens:
@@ -212,7 +216,7 @@ def _cam_from_world(frame: _Frame, place: str, applied_scale: float) -> Array:
         pose = np.vstack([np.array(frame.get("transform_matrix"), dtype=np.float64)[:3], [0, 0, 0, 1]])
     except (TypeError, ValueError, IndexError):
         pose = np.zeros((4, 4))
-    if pose.shape != (4, 4) or not is_rigid(pose) or applied_scale <= 0:
+    if pose.shape != (4, 4) or not is_rigid(pose):
         raise InputError(f"{place}: its transform_matrix is no camera's pose (4x4, rigid); export it again")
     pose[:3, 3] /= applied_scale
     return np.linalg.inv(pose @ np.diag([1.0, -1.0, -1.0, 1.0]))

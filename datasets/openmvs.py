@@ -8,7 +8,6 @@ Source of the format: see `sucre_bench.loading.dmap`.
 
 from __future__ import annotations
 
-import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,11 +16,10 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.loading.dmap import Header, read_dmap_depth, read_header
-from sucre_bench.loading.files import check_scale, data_id_of
+from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_pose
 from sucre_bench.loading.folders import existing
-from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.named import ImageFolder
-from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.loading.named import ImageFolder, inner_path
+from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
 from sucre_bench.scene import Array, Encoding, Plane, Scene
@@ -43,8 +41,8 @@ class Openmvs:
     """The folder that holds the depth maps and, in it or below, the images."""
     dmaps: str = "*.dmap"
     """Which depth maps, as a pattern of paths in root; one an image."""
-    scale: float = 1.0
-    """Metres in a unit of the reconstruction; leave 1 where it is metric already, or where the scale is not known."""
+    metres_per_unit: float = 1.0
+    """Length in metres of one unit of the reconstruction; leave 1 where it is metric already, or is not known."""
     image_scale: float = 1.0
     """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
     encoding: Encoding = "gamma"
@@ -52,13 +50,12 @@ class Openmvs:
 
     def __post_init__(self) -> None:
         check_scale("openmvs", self.image_scale)
-        if not 0 < self.scale < math.inf:
-            raise InputError(f"openmvs.scale: {self.scale} is no length; give the metres in a unit")
+        check_length("openmvs", "metres_per_unit", self.metres_per_unit)
         if Path(self.dmaps).is_absolute() or ".." in Path(self.dmaps).parts or not self.dmaps:
             raise InputError(f"openmvs.dmaps: '{self.dmaps}' is no pattern of paths in root; give '*.dmap'")
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield the one scene, named like its folder. Reads the headers of depth maps and images.
+        """Yield the one scene, named like its folder. Reads headers and samples of depth maps and images.
 
         Raises InputError for what concerns all views: no depth map, one without a readable header, two of one image, no
         image at all. Other faults are raised when the view's pixels are loaded.
@@ -79,7 +76,8 @@ class Openmvs:
             first = next(iter(photographs))
             raise InputError(f"{root}: none of the images is there, not even {first}; put them below")
         views = [view_of(photographs[name], self.image_scale, self.encoding) for name in sorted(photographs)]
-        yield Scene(root.resolve().name, views, frozenset({"poses", "depth"}), data_id=data_id_of(views, self.scale))
+        data_id = data_id_of(views, self.metres_per_unit)
+        yield Scene(root.resolve().name, views, frozenset({"poses", "depth"}), data_id=data_id)
 
     def _photograph(self, root: Path, path: Path, header: Header, images: ImageFolder) -> Photograph:
         fits = images.find(header.image)
@@ -89,12 +87,9 @@ class Openmvs:
         elif len(fits) > 1:
             fault = f"{fits[0]} and {fits[1]} may both be the image {header.image} of {path.name}"
             faults["rgb"] = f"{root}: {fault}; keep one of them"
-        name = fits[0] if len(fits) == 1 else header.image.replace("\\", "/")
-        pose = header.cam_from_world.copy()
-        pose[:3, 3] *= self.scale
-        return Photograph(
-            name, root / name, Lens(header.camera, "perspective", ()), pose, path, self._metres, faults=faults
-        )
+        name = fits[0] if len(fits) == 1 else inner_path(header.image) or path.stem
+        pose = scaled_pose(header.cam_from_world, self.metres_per_unit)
+        return Photograph(name, root / name, straight_lens(header.camera), pose, path, self._metres, faults=faults)
 
     def _metres(self, path: Path) -> Array:
-        return read_dmap_depth(path) * np.float32(self.scale)
+        return read_dmap_depth(path) * np.float32(self.metres_per_unit)

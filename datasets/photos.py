@@ -40,7 +40,7 @@ class Photos:
         check_scale("photos", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield the one scene, named like its folder. Reads the image headers, decodes nothing.
+        """Yield the one scene, named like its folder. Reads headers and samples of files, decodes nothing.
 
         Raises InputError when there is no image, or a folder of references that are not these images'.
         """

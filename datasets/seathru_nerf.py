@@ -18,7 +18,7 @@ from typing import Literal
 
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
-from sucre_bench.loading.files import check_scale
+from sucre_bench.loading.files import check_length, check_scale
 from sucre_bench.loading.folders import existing, folders_below, scene_name
 from sucre_bench.loading.named import ImageFolder
 from sucre_bench.loading.registered import registered_scene
@@ -58,13 +58,10 @@ class SeathruNerf:
 
     def __post_init__(self) -> None:
         check_scale("seathru_nerf", self.image_scale)
-        if not self.metres_per_unit > 0:
-            raise InputError(
-                f"seathru_nerf.metres_per_unit: {self.metres_per_unit} is not above 0; give it as measured"
-            )
+        check_length("seathru_nerf", "metres_per_unit", self.metres_per_unit)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each reef. Reads the models and the image headers, decodes nothing.
+        """Yield a scene for each reef. Reads models, headers and samples of files, decodes nothing.
 
         Raises InputError when there is no reef, or its model or all of its images are missing.
         """

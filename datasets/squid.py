@@ -29,16 +29,17 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.images import image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
-from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera, scaled_chart
+from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_camera
 from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.named import SUFFIXES
+from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.multiview.geometry import pixel_rays
 from sucre_bench.plugins import dataset
-from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene, View
+from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene
 
 __all__ = ["Squid"]
 
 _SIZE = (2737, 1827)  # of the images and maps, which the calibration was made at
-_SUFFIXES = (".tif", ".tiff", ".png")
 _METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
 
 
@@ -66,11 +67,10 @@ class Squid:
 
     def __post_init__(self) -> None:
         check_scale("squid", self.image_scale)
-        if not self.farthest_m > 0:
-            raise InputError(f"squid.farthest_m: {self.farthest_m} is not above 0; give metres")
+        check_length("squid", "farthest_m", self.farthest_m)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each image set. Reads calibrations and image headers, decodes nothing.
+        """Yield a scene for each image set. Reads calibrations, headers and samples of files, no more.
 
         Raises InputError when there is no set, or its calibration is missing or cannot be read.
         """
@@ -92,25 +92,28 @@ class Squid:
         maps = folder / "distanceFromCamera.mat"
         views = []
         for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True):
-            size, faults = sizes[path.name], dict[Plane, str]()
+            faults = dict[Plane, str]()
             if not path.is_file():
                 faults["rgb"] = f"{path}: no such file; copy it there, the raw files of a set are not used"
-            elif not same_shape(size, (camera.width, camera.height)):
-                fault = f"is {size[0]}x{size[1]}, its camera {camera.width}x{camera.height}"
-                faults["rgb"] = f"{path}: {fault}; use the undistorted images as released"
-            scaled = scaled_camera(camera, size, self.image_scale)
-            target = (scaled.width, scaled.height)
-            read = functools.partial(_read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m)
-            files = Files(path, target, maps if maps.is_file() else None, None, read, faults=faults)
-            seen = tuple(scaled_chart(chart, size, target) for chart in charts.get(path.name, ()))
-            views.append(View(path.name, files, scaled, pose, seen, self.encoding))
+            photograph = Photograph(
+                path.name,
+                path,
+                straight_lens(camera),
+                pose,
+                maps if maps.is_file() else None,
+                functools.partial(_read_distance, key=f"dist_map_{side}", camera=camera, farthest_m=self.farthest_m),
+                charts=charts.get(path.name, ()),
+                size=sizes[path.name],
+                faults=faults,
+            )
+            views.append(view_of(photograph, self.image_scale, self.encoding))
         has = {"poses", *(("depth",) if maps.is_file() else ()), *(("charts",) if charts else ())}
         return Scene(name, views, frozenset(has), data_id=data_id_of(views, self.farthest_m))
 
 
 def _image(folder: Path, side: str) -> Path:
     """Return the undistorted image of a side; where there is none, what it should be called."""
-    found = sorted(p for p in folder.glob(f"{side}_*ndistort*") if p.suffix.lower() in _SUFFIXES)
+    found = sorted(p for p in folder.glob(f"{side}_*ndistort*") if p.suffix.lower() in SUFFIXES)
     named = sorted(p.stem for p in folder.glob(f"{side}_*")) or [f"{side}_"]
     return found[0] if found else folder / f"{named[0]}resizedUndistort.tif"
 

@@ -40,7 +40,7 @@ class U45:
         check_scale("u45", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield the one scene. Reads the image headers, decodes nothing. InputError when there is no image."""
+        """Yield the one scene. Reads headers and samples of files. InputError when there is no image."""
         root = existing(self.root)
         named = folders_below(root, lambda place, _: place.name.lower() == "u45" and bool(image_names(place)))
         folder = next(named, root)  # the download holds results of other methods beside it

@@ -52,7 +52,7 @@ class Uieb:
         check_scale("uieb", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield the subset's scene. Reads the image headers only. InputError when a folder is missing."""
+        """Yield the subset's scene. Reads headers and samples of files. InputError when a folder is missing."""
         root, paired = existing(self.root), self.subset == "paired"
         names = _RAW if paired else _CHALLENGING
         found = next(paired_folders(root, names, _REFERENCES), None)

@@ -26,12 +26,13 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.errors import InputError
-from sucre_bench.images import decode, image_size, same_shape
-from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera
+from sucre_bench.loading.depth import read_16_bit
+from sucre_bench.loading.files import check_scale, data_id_of
 from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
-from sucre_bench.scene import Array, Camera, Plane, Scene, View
+from sucre_bench.scene import Array, Camera, Plane, Scene
 
 __all__ = ["Varos"]
 
@@ -65,7 +66,7 @@ class Varos:
         check_scale("varos", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each camera folder. Reads camera, poses and image headers, decodes nothing.
+        """Yield a scene for each camera folder. Reads camera, poses, headers and samples of files, no more.
 
         Raises InputError when there is no such folder, or its camera or poses are missing or wrong.
         """
@@ -82,26 +83,27 @@ class Varos:
             raise InputError(f"{folder / 'A'}: holds no image that ends on a frame number; copy the PNG files there")
         references, depths = _frames(folder / "B"), _frames(folder / "D")
         others_of: list[tuple[Plane, str, dict[int, Path]]] = [("depth", "D", depths), ("reference", "B", references)]
-        camera = _camera(_beside(folder, root, _CAMERA))
+        lens = straight_lens(_camera(_beside(folder, root, _CAMERA)))
         times = _times(_beside(folder, root, _TIMES), sorted(images))
         poses = _poses(_beside(folder, root, _POSES))
 
         views = []
         for frame, path in track(sorted(images.items()), "image sizes"):
-            size = image_size(path) or (camera.width, camera.height)
             faults: dict[Plane, str] = {}
-            if not same_shape(size, (camera.width, camera.height)):
-                fault = f"is {size[0]}x{size[1]}, its camera {camera.width}x{camera.height}"
-                faults["rgb"] = f"{path}: {fault}; do not crop the images"
             for plane, place, others in others_of:
                 if others and frame not in others:
                     faults[plane] = f"{folder / place}: no file of frame {frame}; copy it there"
-            own = scaled_camera(camera, size, self.image_scale)
-            files = Files(
-                path, (own.width, own.height), depths.get(frame), references.get(frame), _read_depth, faults=faults
+            photograph = Photograph(
+                path.relative_to(folder / "A").as_posix(),
+                path,
+                lens,
+                _nearest(poses, times.get(frame)),
+                depths.get(frame),
+                _read_depth,
+                reference=references.get(frame),
+                faults=faults,
             )
-            name = path.relative_to(folder / "A").as_posix()
-            views.append(View(name, files, own, _nearest(poses, times.get(frame))))
+            views.append(view_of(photograph, self.image_scale))
 
         optional = {"depth": depths, "reference": references, "poses": any(v.cam_from_world is not None for v in views)}
         has = frozenset(what for what, there in optional.items() if there)
@@ -132,12 +134,7 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
 
 
 def _read_depth(path: Path) -> Array:
-    import cv2
-
-    values = decode(path, cv2.IMREAD_UNCHANGED)
-    if values.dtype != np.uint16 or values.ndim != 2:
-        shape = "x".join(map(str, values.shape))
-        raise InputError(f"{path}: is {values.dtype} of shape {shape}; expected 16 bits in one channel, 65535 = 25 m")
+    values = read_16_bit(path, "shares of 25 m")
     return np.where(values < _FAR_VALUE, values.astype(np.float32) * np.float32(_FAR_M / _FAR_VALUE), np.float32(0))
 
 

@@ -57,7 +57,9 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
 
 
 def decode(path: Path, flags: int) -> np.ndarray:
-    """Return what OpenCV makes of a file, channels in BGR order. InputError when it is unreadable or incomplete."""
+    """Return what OpenCV makes of a file by its flags, channels in BGR order; a JPEG always has 8 bits, and three
+    channels unless gray is asked for. InputError when it is unreadable or incomplete.
+    """
     import cv2
     from PIL import Image
 
@@ -65,6 +67,8 @@ def decode(path: Path, flags: int) -> np.ndarray:
         data = path.read_bytes()
         if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
             with Image.open(path) as image:
+                if not flags & cv2.IMREAD_COLOR:  # a bit that is set in IMREAD_UNCHANGED, too
+                    return np.asarray(image.convert("L"))
                 return np.asarray(image.convert("RGB"))[..., ::-1]
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:
         reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault

@@ -7,9 +7,11 @@ from pathlib import Path
 
 import cv2
 import numpy as np
+import pytest
 
+from sucre_bench.errors import InputError
 from sucre_bench.multiview.geometry import project, relative_pose, unproject
-from sucre_bench.scene import Camera, View
+from sucre_bench.scene import Camera, Scene, View
 
 WIDTH, HEIGHT = 160, 120
 FAR = 9.0  # depth around the disk
@@ -73,6 +75,19 @@ def check_both(a: View, b: View, tolerance: float = 0.1, point: np.ndarray | Non
         np.testing.assert_allclose(project(camera_b, carried[:3])[0], centre(other.rgb), atol=2 * tolerance)
 
 
+class Saying:
+    """Keeps what is said to whoever watches."""
+
+    def __init__(self, said: list[str]) -> None:
+        self.said = said.append
+
+    def started(self, what: str, total: int | None) -> int:
+        return 0
+
+    def advanced(self, line: int) -> None: ...
+    def finished(self, line: int) -> None: ...
+
+
 def check_message(message: str, *parts: str) -> None:
     """One line, "place: fault; remedy", that holds these parts."""
     assert "\n" not in message
@@ -85,6 +100,21 @@ def check_message(message: str, *parts: str) -> None:
 def cut(path: Path, share: float = 0.5) -> None:
     content = path.read_bytes()
     path.write_bytes(content[: int(len(content) * share)])
+
+
+def check_scene_fault(load: Callable[[], Scene], root: Path, parts: list[str]) -> None:
+    """Loading raises one line about a file below root."""
+    with pytest.raises(InputError) as fault:
+        load()
+    check_message(str(fault.value), str(root), *parts)
+
+
+def check_view_fault(bad: View, good: View, plane: str, root: Path, parts: list[str]) -> None:
+    """A plane of one view raises one line about a file below root, that of another view is there."""
+    assert getattr(good, plane).shape[:2] == (HEIGHT, WIDTH)
+    with pytest.raises(InputError) as fault:
+        getattr(bad, plane)
+    check_message(str(fault.value), str(root), *parts)
 
 
 Change = Callable[[Path], object]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import io
 import json
 import shutil
 from collections.abc import Callable
@@ -223,6 +224,13 @@ def depth_npy(values: np.ndarray) -> Change:
     return replaced("depths/depth_a.npy", lambda path: np.save(path, values))
 
 
+def forged_npy(shape: tuple[int, int]) -> bytes:
+    """A file of four numbers that says to hold an array of a shape."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    return file.getvalue() + bytes(16)
+
+
 def depth_tif(values: np.ndarray) -> Change:
     return replaced("depths/depth_a.tif", lambda path: tifffile.imwrite(path, values))
 
@@ -281,6 +289,11 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
             "depths/depth_a.npy",
             lambda path: (np.savez(path.with_suffix(".npz"), METRES), path.with_suffix(".npz").rename(path)),
         ),
+        ["depth_a.npy: cannot be read", "numpy.save"],
+    ),
+    "depth npy of a forged shape": (
+        "depth",
+        replaced("depths/depth_a.npy", lambda path: path.write_bytes(forged_npy((1 << 20, 1 << 30)))),
         ["depth_a.npy: cannot be read", "numpy.save"],
     ),
     "depth npy cut": (

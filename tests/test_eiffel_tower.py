@@ -73,7 +73,7 @@ def test_a_missing_or_damaged_photograph_harms_its_view_only(tmp_path: Path) -> 
     assert scene[NAMES[1]].rgb.max() > 0.5
     with pytest.raises(InputError) as fault:
         _ = scene[NAMES[0]].rgb
-    check_message(str(fault.value), str(images / NAMES[0]), "1 of 2 images are missing")
+    check_message(str(fault.value), str(images / NAMES[0]), "1 of the model's 2 images are missing")
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:

@@ -8,11 +8,12 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
-from spots import HEIGHT, WIDTH, centre, check_message, cut, disk_depth, write_spot
+from spots import HEIGHT, WIDTH, Saying, centre, check_message, cut, disk_depth, write_spot
 
 from sucre_bench.datasets.flsea import Flsea
 from sucre_bench.errors import InputError
 from sucre_bench.multiview.geometry import unproject
+from sucre_bench.progress import watched_by
 from sucre_bench.scene import Scene
 
 K = np.array([[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]])  # of Kalibr: pixel centres at whole numbers
@@ -99,6 +100,29 @@ def test_without_undistortion_views_are_as_stored_and_have_no_camera(tmp_path: P
         np.testing.assert_array_equal(view.depth == 5, disk_depth(spot(), 5) == 5)
 
 
+def test_views_without_a_calibration_in_sight_are_said_to_be_distorted(tmp_path: Path) -> None:
+    dive, said = write_dive(tmp_path), list[str]()
+    with watched_by(Saying(said)):
+        load(tmp_path)
+        load(dive, undistort=False)
+        assert not said
+        load(dive)
+    assert [text.split(":")[0] for text in said] == [str(dive)]
+    assert "views stay distorted" in said[0]
+
+
+def test_the_nearest_calibration_counts(tmp_path: Path) -> None:
+    dive = write_dive(tmp_path)
+    near = load(tmp_path).data_id
+    (tmp_path / "calibration").mkdir()
+    far = "cam0: {camera_model: pinhole, intrinsics: [99, 99, 80, 60], distortion_model: none}"
+    (tmp_path / "calibration" / "camchain.yaml").write_text(far)
+    assert load(tmp_path).data_id == near
+    (dive / "calibration").mkdir()
+    (dive / "calibration" / "camchain.yaml").write_text(far)
+    assert load(tmp_path).data_id != near
+
+
 def test_enhanced_images_are_images_and_no_reference(tmp_path: Path) -> None:
     write_dive(tmp_path)
     (view, _) = load(tmp_path, images="seaErra", undistort=False)
@@ -118,7 +142,10 @@ def test_what_is_missing_or_damaged_is_named(tmp_path: Path) -> None:
         _ = scene.views[0].depth
     check_message(str(fault.value), str(maps[0]))
     assert scene.views[1].has_depth
-    maps[0].unlink()
+    maps[0].rename(dive / "depth" / f"{FRAMES[1]}.tif")
+    with pytest.raises(InputError, match=rf"{FRAMES[1]}\.tif: {FRAMES[1]}_SeaErra_abs_depth\.tif is there as well"):
+        _ = load(tmp_path).views[1].depth
+    (dive / "depth" / f"{FRAMES[1]}.tif").unlink()
     assert [view.has_depth for view in load(tmp_path)] == [False, True]
     maps[1].rename(dive / "depth" / "other.tif")
     with pytest.raises(InputError) as fault:

@@ -15,8 +15,11 @@ from spots import (
     POINT,
     WIDTH,
     Change,
+    Saying,
     check_both,
     check_message,
+    check_scene_fault,
+    check_view_fault,
     cut,
     disk_depth,
     pose_of,
@@ -245,17 +248,6 @@ def test_each_component_is_a_scene(tmp_path: Path) -> None:
     assert any("2 of 5 cameras" in text for text in said)
 
 
-class Saying:
-    def __init__(self, said: list[str]) -> None:
-        self.said = said.append
-
-    def started(self, what: str, total: int | None) -> int:
-        return 0
-
-    def advanced(self, line: int) -> None: ...
-    def finished(self, line: int) -> None: ...
-
-
 # -- faults ------------------------------------------------------------------------------------------------
 
 
@@ -298,9 +290,7 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
 @pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
 def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
     change(write_survey(tmp_path))
-    with pytest.raises(InputError) as fault:
-        load(tmp_path)
-    check_message(str(fault.value), str(tmp_path), *parts)
+    check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
 
 
 @pytest.mark.parametrize("name", ["project.zip", "3/chunk.zip", "3/0/frame.zip"])
@@ -311,6 +301,55 @@ def test_a_damaged_project_is_refused(tmp_path: Path, name: str, damage: str) ->
     with pytest.raises(InputError) as fault:
         load(tmp_path)
     check_message(str(fault.value), str(path), "Export Cameras")
+
+
+@pytest.mark.parametrize("path", ["/etc/x.zip", "../../../out.zip", "C:\\out.zip", "a/../../../.."])
+@pytest.mark.parametrize("name", ["dive.psx", "dive.files/project.zip", "dive.files/3/chunk.zip"])
+def test_a_project_names_no_part_outside_of_its_folder(tmp_path: Path, name: str, path: str) -> None:
+    root = write_project(tmp_path / "survey", ".psx")
+    if name == "dive.psx":
+        (root / name).write_text(f'<document path="{path}"/>')
+    elif "chunk" in name:
+        archive(root / name, chunk_xml("usual", CAMERAS, frames=f'<frames><frame id="0" path="{path}"/></frames>'))
+    else:
+        archive(root / name, f'<document><chunks active_id="3"><chunk id="3" path="{path}"/></chunks></document>')
+    with pytest.raises(InputError) as fault:
+        load(root)
+    check_message(str(fault.value), f"dive.psx: names '{path}' as a part, outside of {root}")
+
+
+def test_xml_of_more_than_256_mebibytes_is_not_read(tmp_path: Path) -> None:
+    with (write_survey(tmp_path) / "cameras.xml").open("r+b") as file:
+        file.truncate((256 << 20) + 1)  # a hole, which takes no room
+    with pytest.raises(InputError, match=r"cameras\.xml: is larger than 256 MiB"):
+        load(tmp_path)
+    archive(tmp_path / "dive.psz", "<document/>")
+    content = bytearray((tmp_path / "dive.psz").read_bytes())
+    at = content.index(b"PK\1\2") + 24  # the size of doc.xml, unpacked
+    content[at : at + 4] = ((256 << 20) + 1).to_bytes(4, "little")
+    (tmp_path / "dive.psz").write_bytes(content)
+    with pytest.raises(InputError, match=r"dive\.psz: its doc\.xml is larger than 256 MiB"):
+        load(tmp_path, document="dive.psz")
+
+
+@pytest.mark.parametrize("label", ["a/../../x", "C:/dive/x", "/x", "./.x/../x"])
+def test_a_camera_without_image_is_called_by_a_path_that_cannot_leave(tmp_path: Path, label: str) -> None:
+    write_survey(tmp_path, cameras=camera_xml(0, label) + camera_xml(1, "DSC_1"))
+    (tmp_path / "depths/DSC_0.tif").unlink()
+    bad = next(view for view in load(tmp_path) if view.name != "DSC_1.png")
+    assert not {"..", "/", "C:"} & set(Path(bad.name).parts)
+    with pytest.raises(InputError, match="no image is named like camera"):
+        _ = bad.rgb
+
+
+def test_data_id_tells_which_lens_depth_maps_are_of(tmp_path: Path) -> None:
+    """Images that Undistort Photos wrote have a centred camera; depth maps are resampled from the sensor's."""
+    write_survey(tmp_path, "pinhole")
+    before = load(tmp_path, undistorted=True)
+    text("<cx>4.0", "<cx>9.0")(tmp_path)
+    after = load(tmp_path, undistorted=True)
+    assert not np.array_equal(before.views[0].depth, after.views[0].depth)
+    assert before.data_id != after.data_id
 
 
 def two_in_folders(root: Path) -> None:
@@ -346,7 +385,4 @@ def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change
     change(write_survey(tmp_path))
     views = {view.name: view for view in load(tmp_path)}
     good = views.pop("DSC_1.png")
-    assert getattr(good, plane).shape[:2] == (HEIGHT, WIDTH)
-    with pytest.raises(InputError) as fault:
-        getattr(next(iter(views.values())), plane)
-    check_message(str(fault.value), str(tmp_path), *parts)
+    check_view_fault(next(iter(views.values())), good, plane, tmp_path, parts)

@@ -7,7 +7,20 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from spots import BOTH, HEIGHT, WIDTH, Change, check_both, check_message, cut, disk_depth, pose_of, seen, write_spot
+from spots import (
+    BOTH,
+    HEIGHT,
+    WIDTH,
+    Change,
+    check_both,
+    check_scene_fault,
+    check_view_fault,
+    cut,
+    disk_depth,
+    pose_of,
+    seen,
+    write_spot,
+)
 
 from sucre_bench.datasets.openmvs import Openmvs
 from sucre_bench.errors import InputError
@@ -53,7 +66,7 @@ def write_scene(root: Path, magic: bytes = b"DR", step: int = 1, name: str = "im
 
 
 def load(root: Path, **options: object) -> Scene:
-    (scene,) = Openmvs(root=root, **{"scale": METRES, **options}).scenes()  # type: ignore[arg-type]
+    (scene,) = Openmvs(root=root, **{"metres_per_unit": METRES, **options}).scenes()  # type: ignore[arg-type]
     return scene
 
 
@@ -79,7 +92,7 @@ def test_image_scale_shrinks_all_alike(tmp_path: Path) -> None:
 
 def test_data_id_changes_with_the_scale_and_with_a_depth(tmp_path: Path) -> None:
     write_scene(tmp_path)
-    ids = {load(tmp_path).data_id, load(tmp_path).data_id, load(tmp_path, scale=1.0).data_id}
+    ids = {load(tmp_path).data_id, load(tmp_path).data_id, load(tmp_path, metres_per_unit=1.0).data_id}
     path = tmp_path / "depth0000.dmap"
     path.write_bytes(path.read_bytes()[:-4] + b"\1\1\1\1")
     assert len(ids | {load(tmp_path).data_id}) == 3
@@ -117,15 +130,12 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
 @pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
 def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
     change(write_scene(tmp_path))
-    with pytest.raises(InputError) as fault:
-        load(tmp_path)
-    check_message(str(fault.value), str(tmp_path), *parts)
+    check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
 
 
 VIEW: dict[str, tuple[str, Change, list[str]]] = {
     "depths cut": ("depth", lambda root: cut(root / "depth0000.dmap", 0.1), ["depth0000.dmap: cut short", "copy"]),
     "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.jpg", "depth0000.dmap"]),
-    "image twice": ("rgb", lambda root: write_spot(root / "more/0.png", -np.ones(2) * 99), []),
     "image of another shape": ("rgb", lambda root: write_spot(root / "images/0.png", np.ones(2), (60, 60)), ["60x60"]),
 }
 
@@ -133,14 +143,29 @@ VIEW: dict[str, tuple[str, Change, list[str]]] = {
 @pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
 def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
     change(write_scene(tmp_path))
-    a, b = load(tmp_path)
-    assert getattr(b, plane).shape[:2] == (HEIGHT, WIDTH)
-    if not parts:  # the folder tells which of two is meant
-        assert a.name == "images/0.png"
-        return
-    with pytest.raises(InputError) as fault:
-        getattr(a, plane)
-    check_message(str(fault.value), str(tmp_path), *parts)
+    check_view_fault(*load(tmp_path), plane, tmp_path, parts)
+
+
+def test_the_folder_tells_which_of_two_images_is_meant(tmp_path: Path) -> None:
+    write_spot(write_scene(tmp_path) / "more/0.png", -np.ones(2) * 99)
+    assert load(tmp_path).views[0].name == "images/0.png"
+
+
+@pytest.mark.parametrize("name", ["{}/out/0.png", "../out/0.png", "images/../../out/0.png", "C:/out/0.png", "..", ""])
+def test_nothing_outside_of_root_is_named_or_opened(tmp_path: Path, name: str) -> None:
+    """A view's name becomes the path of its results."""
+    root = write_scene(tmp_path / "root")
+    write_spot(tmp_path / "out/0.png", np.ones(2), (60, 60))
+    (root / "images/0.png").unlink()
+    depth = np.ones((HEIGHT, WIDTH), np.float32)
+    (root / "depth0000.dmap").write_bytes(dmap(name.format(tmp_path), K, pose_of(*BOTH[0]), depth))
+    before = load(root)
+    write_spot(tmp_path / "out/0.png", np.ones(2), (WIDTH, HEIGHT))
+    assert load(root).data_id == before.data_id
+    (bad,) = (view for view in before if view.name != "images/1.png")
+    assert bad.name
+    assert not {"..", "", "/", "C:"} & set(Path(bad.name).parts)
+    check_view_fault(bad, before["images/1.png"], "rgb", root, ["depth0000.dmap"])
 
 
 def test_a_depth_map_cut_anywhere_is_refused(tmp_path: Path) -> None:
@@ -156,7 +181,8 @@ def test_a_depth_map_cut_anywhere_is_refused(tmp_path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    "options", [{"scale": 0.0}, {"scale": float("nan")}, {"dmaps": "../*.dmap"}, {"image_scale": 2.0}]
+    "options",
+    [{"metres_per_unit": 0.0}, {"metres_per_unit": float("inf")}, {"dmaps": "../*.dmap"}, {"image_scale": 2.0}],
 )
 def test_options_that_make_no_sense_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
     with pytest.raises(InputError, match=f"openmvs.{next(iter(options))}"):

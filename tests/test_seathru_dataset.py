@@ -76,6 +76,8 @@ def test_each_set_is_a_scene_and_odd_files_are_left_alone(tmp_path: Path) -> Non
     assert second["a.png"].depth[39, 59] == 22, "the resized map, not the other"
     assert not second["b.png"].has_depth
     assert first.views[0].depth[39, 59] == 22
+    tifffile.imwrite(tmp_path / "D4/D4/depth_resized/depthb.tif", np.ones((HEIGHT, WIDTH), np.float32))
+    assert all(view.has_depth for view in list(Seathru(tmp_path).scenes())[1]), "also where every image has one"
 
 
 def test_half_size_and_a_focal_length_make_a_camera(tmp_path: Path) -> None:
@@ -107,6 +109,32 @@ def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None
     assert pixels[1][1] == pytest.approx(4)
     with pytest.raises(InputError, match=r"model: is not there; .* dataset\.sparse=model"):
         load(tmp_path, sparse="model")
+
+
+def test_a_model_of_other_images_is_refused_and_one_of_copies_may_not_be_a_guess(tmp_path: Path) -> None:
+    write_set(tmp_path)
+    cameras = [f"1 PINHOLE {WIDTH} {HEIGHT} 50 50 30 20"]
+    at, away = (1.0, 0, 0, 0, 0, 0, 0), (1.0, 0, 0, 0, 7.0, 0, 0)
+    write_model(tmp_path / "sparse", [("a.png", at, 1)], cameras)
+    with pytest.raises(InputError, match=r"sparse: none of its images, a\.png or so, is in .*linearPNG"):
+        load(tmp_path)
+    several = [("T_S01.jpg", at, 1), ("T_S01.png", away, 1), ("a/T_S02.jpg", at, 1), ("b/T_S02.jpg", away, 1)]
+    write_model(tmp_path / "sparse", several, cameras)
+    first, second = load(tmp_path)
+    assert first.cam_from_world is not None
+    assert first.cam_from_world[0, 3] == 7, "the one of its own name"
+    assert first.rgb.shape == (HEIGHT, WIDTH, 3)
+    with pytest.raises(InputError, match=r"T_S02\.png: may be a/T_S02\.jpg or b/T_S02\.jpg"):
+        _ = second.rgb
+
+
+def test_two_depth_maps_of_an_image_are_a_fault_and_no_choice(tmp_path: Path) -> None:
+    write_set(tmp_path)
+    tifffile.imwrite(tmp_path / "depth" / "depthT_S01.tiff", np.ones((HEIGHT, WIDTH), np.float32))
+    first, second = load(tmp_path)
+    with pytest.raises(InputError, match=r"depthT_S01\.tif: depthT_S01\.tiff is there as well; keep one"):
+        _ = first.depth
+    assert second.has_depth
 
 
 # -- charts ------------------------------------------------------------------------------------------------
@@ -254,5 +282,5 @@ def test_what_is_not_there_is_named(tmp_path: Path) -> None:
     write_set(tmp_path)
     for path in (tmp_path / "depth").iterdir():
         path.rename(path.with_name("x" + path.name))
-    with pytest.raises(InputError, match=r"depth: no depth map is named after an image; .* like depthT_S01\.tif"):
+    with pytest.raises(InputError, match=r"depth: no depth map is named after an image; .* like depth_T_S01\.png"):
         load(tmp_path)

@@ -156,7 +156,7 @@ def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> N
         _ = first.rgb
     with pytest.raises(InputError, match="no file of frame 7"):
         _ = first.reference
-    with pytest.raises(InputError, match="uint8 of shape 18x32; expected 16 bits"):
+    with pytest.raises(InputError, match="uint8 of shape 18x32; expected 16-bit shares of 25 m in one channel"):
         _ = first.depth
     assert second.rgb.shape == (18, 32, 3)
     assert second.reference is not None

@@ -22,9 +22,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.depth import find_depths, read_depth
 from sucre_bench.loading.files import check_scale, data_id_of
 from sucre_bench.loading.folders import existing
-from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.named import ImageFolder
-from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.loading.named import ImageFolder, inner_path
+from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import say, track
 from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene
@@ -66,7 +65,7 @@ class Metashape:
         check_scale("metashape", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each component with aligned, enabled cameras. Reads the document and the image headers.
+        """Yield a scene for each component with aligned, enabled cameras. Reads the document, headers and samples.
 
         Raises InputError for what concerns all views: no document, a damaged one, a lens that cannot be used, no image
         at all. What is wrong with the files of one view is raised when they are loaded.
@@ -99,7 +98,7 @@ class Metashape:
         read = _in_units(scale) if self.depth_units == "chunk" else read_depth
         views = []
         for camera, photograph in track(list(zip(component.cameras, photographs, strict=True)), "image sizes"):
-            of = photograph.lens if self.depth_camera == "image" else Lens(camera.lens.camera, "perspective", ())
+            of = photograph.lens if self.depth_camera == "image" else straight_lens(camera.lens.camera)
             view = view_of(replace(photograph, read_depth=read, depth_lens=of), self.image_scale, self.encoding)
             views.append(view)
         views.sort(key=lambda view: view.name)
@@ -123,9 +122,9 @@ def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undis
         elif len(fits) > 1:
             fault = f"{fits[0]} and {fits[1]} are named like camera '{camera.named}'"
             faults["rgb"] = f"{folder}: {fault}; keep one, or use the project (.psx), which knows their folders"
-        name = fits[0] if len(fits) == 1 else camera.named.replace("\\", "/").lstrip("./")
+        name = fits[0] if len(fits) == 1 else inner_path(camera.named) or f"camera {camera.label}"
         owners[name].append(camera)
-        lens = Lens(_middle(camera.lens.camera), "perspective", ()) if undistorted else camera.lens
+        lens = straight_lens(_middle(camera.lens.camera)) if undistorted else camera.lens
         found.append(Photograph(name, folder / name, lens, camera.cam_from_world, faults=faults))
     if all(photograph.faults for photograph in found):
         raise InputError(found[0].faults["rgb"])

@@ -22,6 +22,7 @@ import numpy as np
 from sucre_bench.datasets.metashape.document import Chunk
 from sucre_bench.errors import InputError
 from sucre_bench.loading.brown import lens_of
+from sucre_bench.loading.files import scaled_pose
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.named import without_suffix
 from sucre_bench.loading.photograph import is_rigid
@@ -87,8 +88,7 @@ def _components(chunk: Chunk, document: Path) -> list[Component]:
             lenses[sensor] = _lens(sensors[sensor], document)
         of = str(camera.get("component_id", next(iter(worlds), "")))
         transform, scale = _world(worlds.get(of), chunk.element)
-        world_from_cam = transform @ own
-        world_from_cam[:3, 3] *= scale or 1.0
+        world_from_cam = scaled_pose(transform @ own, scale or 1.0)
         label = str(camera.get("label"))
         named = chunk.paths.get(number, f"{group}/{label}" if group else label)
         stem = without_suffix(label.replace("\\", "/").rsplit("/", 1)[-1])

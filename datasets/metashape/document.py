@@ -17,11 +17,12 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.loading.folders import inside
 
 __all__ = ["Chunk", "find_document", "read_chunk"]
 
 _SUFFIXES = (".xml", ".psx", ".psz")
-_LARGEST = 1 << 30  # bytes of a doc.xml that are read; a dive of 10,000 photographs has about 20 MB
+_LARGEST = 256 << 20  # bytes of XML that are read; a dive of 10,000 photographs has about 20 MB
 _EXPORT = "export it again: File > Export > Export Cameras, Agisoft XML"
 
 
@@ -53,12 +54,12 @@ def read_chunk(document: Path, label: str) -> Chunk:
     top = _archived(document) if document.suffix.lower() == ".psz" else _parsed(document, _bytes(document))
     project = document
     if top.get("path") and top.find("chunk") is None:
-        project = document.parent / str(top.get("path")).replace("{projectname}", document.stem)
+        project = _part(document, document, str(top.get("path")).replace("{projectname}", document.stem))
         top = _archived(project)
     entries = top.findall("chunk") + top.findall("chunks/chunk")
     if not entries:
         raise InputError(f"{document}: holds no chunk with cameras; {_EXPORT}")
-    chunks = [_chunk(project, entry) for entry in entries]
+    chunks = [_chunk(document, project, entry) for entry in entries]
     if not label:
         listed = top.find("chunks")
         active = listed.get("active_id") if listed is not None else None
@@ -71,16 +72,24 @@ def read_chunk(document: Path, label: str) -> Chunk:
     raise InputError(f"{document}: no chunk is called '{label}'; {did_you_mean(label, labels)}")
 
 
-def _chunk(project: Path, entry: Element) -> Chunk:
+def _part(document: Path, beside: Path, named: str) -> Path:
+    """Return the file of the project that another of its files names. InputError when it leads out of its folder."""
+    part = inside(document.parent, beside.parent, named)
+    if part is None:
+        raise InputError(f"{document}: names '{named}' as a part, outside of {document.parent}; {_EXPORT}")
+    return document.parent / part
+
+
+def _chunk(document: Path, project: Path, entry: Element) -> Chunk:
     """Follow an entry of the list of chunks to the chunk and its first frame."""
     place = project
     if entry.get("path"):
-        place = project.parent / str(entry.get("path"))
+        place = _part(document, project, str(entry.get("path")))
         entry = _archived(place)
     paths = {}
     frame = entry.find("frames/frame")
     if frame is not None and frame.get("path"):
-        frame = _archived(place.parent / str(frame.get("path")))
+        frame = _archived(_part(document, place, str(frame.get("path"))))
     for camera in frame.iterfind("cameras/camera") if frame is not None else ():
         photo = camera.find("photo")
         if photo is not None and photo.get("path"):
@@ -93,7 +102,7 @@ def _archived(path: Path) -> Element:
     try:
         with zipfile.ZipFile(path) as archive:
             if archive.getinfo("doc.xml").file_size > _LARGEST:
-                raise InputError(f"{path}: its doc.xml is larger than 1 GiB; {_EXPORT}")
+                raise InputError(f"{path}: its doc.xml is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
             return _parsed(path, archive.read("doc.xml"))
     except FileNotFoundError as fault:
         raise InputError(f"{path}: no such file; copy the project with its .files folder, or {_EXPORT}") from fault
@@ -105,6 +114,8 @@ def _archived(path: Path) -> Element:
 
 def _bytes(path: Path) -> bytes:
     try:
+        if path.stat().st_size > _LARGEST:
+            raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
         return path.read_bytes()
     except OSError as fault:
         raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault

@@ -13,28 +13,31 @@ Source: Akkaynak & Treibitz, Sea-thru, CVPR 2019; the charts: `published_charts`
 
 from __future__ import annotations
 
-import re
-from collections.abc import Iterator, Mapping
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from sucre_bench.datasets.seathru.published_charts import FULL_SIZE, published_charts
-from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, RawFiles, raw_size
+from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, raw_size, read_raw
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size, same_shape
+from sucre_bench.images import image_size, read_rgb, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
-from sucre_bench.loading.files import Files, check_scale, data_id_of, scaled_camera, scaled_chart
+from sucre_bench.loading.depth import find_depths
+from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_chart, scaled_pose
 from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.named import SUFFIXES
+from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track
-from sucre_bench.scene import Array, Camera, Chart, Encoding, Plane, Scene, View
+from sucre_bench.scene import Camera, Chart, Encoding, Plane, Scene
 
 __all__ = ["Seathru"]
 
-_SUFFIXES = (".png", ".tif", ".tiff", ".jpg", ".jpeg", *RAW_SUFFIXES)
+_SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
 _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the images' size first
 
 
@@ -69,11 +72,11 @@ class Seathru:
     def __post_init__(self) -> None:
         check_scale("seathru", self.image_scale)
         for option in ("metres_per_unit", "focal_px"):
-            if (value := getattr(self, option)) is not None and not value > 0:
-                raise InputError(f"seathru.{option}: {value} is not above 0; give it as measured, or leave it out")
+            if (value := getattr(self, option)) is not None:
+                check_length("seathru", option, value)
 
     def scenes(self) -> Iterator[Scene]:
-        """Yield a scene for each set. Reads the image headers, decodes nothing.
+        """Yield a scene for each set. Reads headers and samples of files, decodes nothing.
 
         Raises InputError when there is no set, or its depth maps, charts or model are not as expected.
         """
@@ -94,35 +97,59 @@ class Seathru:
         if not paths:
             raise InputError(f"{folder}: holds no image; copy the set's images there")
         sizes = _sizes(paths)
-        depths = _depths(place, paths)
-        model = self._model(place, folder)
+        depths, ambiguous = _depths(place, [path.name for path in paths])
+        model = self._model(place, folder, paths)
         charts = self._charts(place, sizes)
 
         views = []
         for path in paths:
-            size, posed = sizes[path.name], model.get(path.stem)
-            target = (max(1, round(size[0] * self.image_scale)), max(1, round(size[1] * self.image_scale)))
+            size, posed = sizes[path.name], model.get(path.name, ())
             camera, pose, faults = _centred(size, self.focal_px), None, dict[Plane, str]()
-            if posed is not None:
-                camera, pose = posed.camera, _metric(posed.cam_from_world, self.metres_per_unit)
-                if not same_shape(size, (camera.width, camera.height)):
-                    fault = f"is {size[0]}x{size[1]}, its camera in the model {camera.width}x{camera.height}"
-                    faults["rgb"] = f"{path}: {fault}; make the model of these images"
-            kind = RawFiles if path.suffix.lower() in RAW_SUFFIXES else Files
-            files = kind(path, target, depths.get(path.stem), faults=faults)
-            own = None if camera is None else scaled_camera(camera, size, self.image_scale)
-            seen = tuple(scaled_chart(chart, at, target) for chart, at in charts.get(path.name, ()))
-            views.append(View(path.name, files, own, pose, seen, self.encoding))
-        has = {"depth": depths, "charts": charts, "poses": model}
+            if len(posed) == 1:
+                camera, pose = posed[0].camera, scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
+            elif posed:
+                fault = f"may be {posed[0].name} or {posed[1].name} of the model in {place / self.sparse}"
+                faults["rgb"] = f"{path}: {fault}; keep one of them there"
+            if path.name in ambiguous:
+                faults["depth"] = ambiguous[path.name]
+            photograph = Photograph(
+                path.name,
+                path,
+                None if camera is None else straight_lens(camera),
+                pose,
+                depths.get(path.name),
+                charts=[scaled_chart(chart, at, size) for chart, at in charts.get(path.name, ())],
+                size=size,
+                read_image=read_raw if path.suffix.lower() in RAW_SUFFIXES else read_rgb,
+                faults=faults,
+            )
+            views.append(view_of(photograph, self.image_scale, self.encoding))
+        has = {
+            "depth": depths or ambiguous,
+            "charts": charts,
+            "poses": any(len(posed) == 1 for posed in model.values()),
+        }
         return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views))
 
-    def _model(self, place: Path, folder: Path) -> dict[str, Posed]:
-        """Return the registered images by name without suffix: models are often made of JPEG copies."""
-        if not (place / self.sparse).is_dir():
+    def _model(self, place: Path, folder: Path, images: Sequence[Path]) -> dict[str, list[Posed]]:
+        """Return which registered images each image may be: of its name, or else its stem: models are often of copies.
+
+        Raises InputError when none of them is any of the images.
+        """
+        sparse = place / self.sparse
+        if not sparse.is_dir():
             if self.sparse != type(self).sparse:
-                raise InputError(f"{place / self.sparse}: is not there; correct or drop dataset.sparse={self.sparse}")
+                raise InputError(f"{sparse}: is not there; correct or drop dataset.sparse={self.sparse}")
             return {}
-        return {PurePosixPath(posed.name).stem: posed for posed in read_model(place / self.sparse, folder)}
+        by_stem: dict[str, list[Posed]] = defaultdict(list)
+        for posed in read_model(sparse, folder):
+            by_stem[PurePosixPath(posed.name).stem].append(posed)
+        found = {path.name: by_stem[path.stem] for path in images if path.stem in by_stem}
+        if not found:
+            example = next(iter(by_stem.values()))[0].name
+            raise InputError(f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these")
+        exact = {name: [posed for posed in several if posed.name == name] for name, several in found.items()}
+        return {name: exact[name] or several for name, several in found.items()}
 
     def _charts(
         self, place: Path, sizes: Mapping[str, tuple[int, int]]
@@ -148,20 +175,23 @@ def _sizes(paths: list[Path]) -> dict[str, tuple[int, int]]:
     return {name: size or usual for name, size in read.items()}
 
 
-def _depths(place: Path, images: list[Path]) -> dict[str, Path]:
-    """Return the depth map of each image that has one, by the image's name without suffix."""
+def _depths(place: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Return each image's depth map of the first folder that has one, and what is wrong with ambiguous ones."""
     there = {folder.name.lower(): folder for folder in sorted(place.iterdir()) if folder.is_dir()}
-    folders = [there[name] for name in _DEPTH_FOLDERS if name in there]
-    found: dict[str, Path] = {}
-    for folder in folders:
-        for path in sorted(folder.iterdir()):
-            if path.suffix.lower() in (".tif", ".tiff") and not path.name.startswith("."):
-                found.setdefault(re.sub(r"^depth[_-]?", "", path.stem, flags=re.IGNORECASE), path)
-    own = {path.stem: found[path.stem] for path in images if path.stem in found}
-    if folders and not own:
-        expected = f"depth{images[0].stem}.tif"
-        raise InputError(f"{folders[0]}: no depth map is named after an image; expected names like {expected}")
-    return own
+    found, faults, refused = dict[str, Path](), dict[str, str](), list[InputError]()
+    for folder in (there[name] for name in _DEPTH_FOLDERS if name in there):
+        without = [name for name in names if name not in found and name not in faults]
+        if not without:
+            break
+        try:
+            own, ambiguous = find_depths(folder, without)
+        except InputError as fault:  # none of its maps is named after an image: those of another folder may be
+            refused.append(fault)
+        else:
+            found, faults = found | own, faults | ambiguous
+    if refused and not found and not faults:
+        raise refused[0]
+    return found, faults
 
 
 def _centred(size: tuple[int, int], focal_px: float | None) -> Camera | None:
@@ -170,9 +200,3 @@ def _centred(size: tuple[int, int], focal_px: float | None) -> Camera | None:
         return None
     width, height = size
     return Camera(np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]]), width, height)
-
-
-def _metric(cam_from_world: Array, metres_per_unit: float) -> Array:
-    metric = cam_from_world.copy()
-    metric[:3, 3] *= metres_per_unit
-    return metric

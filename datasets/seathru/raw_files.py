@@ -15,22 +15,11 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.images import same_shape
-from sucre_bench.loading.files import Files
-from sucre_bench.scene import Array, Plane
+from sucre_bench.scene import Array
 
-__all__ = ["RAW_SUFFIXES", "RawFiles", "raw_size"]
+__all__ = ["RAW_SUFFIXES", "raw_size", "read_raw"]
 
 RAW_SUFFIXES = (".arw", ".nef", ".dng")
-
-
-class RawFiles(Files):
-    """A view whose image is a raw file; depth as in any other."""
-
-    def load(self, plane: Plane) -> Array | None:
-        """Decode a plane. InputError for a file that cannot be read, or where rawpy is not installed."""
-        if plane != "rgb" or "rgb" in self.faults:
-            return super().load(plane)
-        return _develop(self.image, self.size)
 
 
 def raw_size(path: Path) -> tuple[int, int] | None:
@@ -43,7 +32,11 @@ def raw_size(path: Path) -> tuple[int, int] | None:
         return None
 
 
-def _develop(path: Path, size: tuple[int, int]) -> Array:
+def read_raw(path: Path, size: tuple[int, int] | None = None) -> Array:
+    """Return the developed image (H, W, 3) float32 in [0, 1], shrunk to `size` (width, height) by area if one is given.
+
+    Raises InputError for a file that cannot be read, or where rawpy is not installed.
+    """
     import cv2
 
     rawpy = _rawpy(path)
@@ -63,7 +56,7 @@ def _develop(path: Path, size: tuple[int, int]) -> Array:
         raise InputError(f"{path}: cannot be read ({fault}); copy it again") from fault
     image = counts.astype(np.float32) / np.float32(65535)
     height, width = image.shape[:2]
-    if (width, height) != size:
+    if size is not None and (width, height) != size:
         if not same_shape((width, height), size):
             raise InputError(f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; use the file as released")
         image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)

@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.charts import chart_kind, check_corners
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Array, Chart
+from sucre_bench.scene import Chart
 
 __all__ = ["chart_of", "read_charts"]
 
@@ -57,8 +58,6 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
 
     image, name: the image's and the chart's; kind: of charts that say none; size: (width, height), the image's.
     """
-    from sucre_bench.charts import chart_kind
-
     place = f"{path}: {image}, {name}"
     if isinstance(entry, dict):
         kind, entry = entry.get("kind", kind), entry.get("corners")
@@ -75,13 +74,9 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
         raise InputError(f"{place}: not four corners; give [x, y] of top left, top right, bottom right, bottom left")
     if (corners < 0).any() or (corners > size).any():
         raise InputError(f"{place}: a corner is outside of the image of {size[0]}x{size[1]}; give pixels of that image")
-    if not _clockwise(corners):
-        raise InputError(f"{place}: corners are out of order; give top left, top right, bottom right, bottom left")
+    try:
+        check_corners(name, corners)
+    except InputError as fault:
+        remedy = "give top left, top right, bottom right, bottom left"
+        raise InputError(f"{place}: corners are out of order; {remedy}") from fault
     return Chart(name, kind, corners)
-
-
-def _clockwise(corners: Array) -> bool:
-    """Whether every corner turns right (y down): a chart seen from its front, however it lies."""
-    edge = np.roll(corners, -1, axis=0) - corners
-    following = np.roll(edge, -1, axis=0)
-    return bool((edge[:, 0] * following[:, 1] > edge[:, 1] * following[:, 0]).all())

@@ -1,12 +1,13 @@
 """Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
 
-The map of image ``sub/a.jpg`` is ``sub/depth_a`` or ``sub/a`` in the depth folder, or else ``depth_a`` or ``a`` at
-its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr (float metres).
-A map that may belong to two images is given to neither.
+The map of image ``sub/a.jpg`` is ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or else one of
+these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr
+(float metres). A map that may belong to two images is given to neither.
 """
 
 from __future__ import annotations
 
+import math
 import os
 from collections import defaultdict
 from collections.abc import Sequence
@@ -17,9 +18,10 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.images import decode, same_shape
 from sucre_bench.loading.exr import read_exr
+from sucre_bench.loading.folders import walk
 from sucre_bench.scene import Array
 
-__all__ = ["find_depths", "fitted", "read_depth"]
+__all__ = ["find_depths", "fitted", "read_16_bit", "read_depth"]
 
 _FARTHEST_M = 1000.0
 
@@ -63,14 +65,14 @@ def _stems(name: str) -> list[str]:
     """Where an image's depth map may be, the closest name first, without suffix."""
     path = PurePosixPath(name)
     places = [path.parent] if path.parent == PurePosixPath() else [path.parent, PurePosixPath()]
-    return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", path.stem)]
+    return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", f"depth{path.stem}", path.stem)]
 
 
 def _files_by_stem(folder: Path) -> dict[str, list[str]]:
     files = defaultdict(list)
-    for place, _, names in os.walk(folder, followlinks=True):
+    for place, _, names in walk(folder):
         for name in names:
-            path = (Path(place) / name).relative_to(folder)
+            path = (place / name).relative_to(folder)
             if path.suffix.lower() in _READERS:
                 files[path.with_suffix("").as_posix()].append(path.as_posix())
     return files
@@ -106,13 +108,18 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
     return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
-def _read_png(path: Path) -> Array:
+def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
+    """Return an image of one channel (H, W) uint16. InputError for any other, which says that 16-bit `of` are due."""
     import cv2
 
-    millimetres = decode(path, cv2.IMREAD_UNCHANGED)
-    if millimetres.dtype != np.uint16 or millimetres.ndim != 2:
-        raise InputError(f"{path}: is {_kind(millimetres)}; expected 16-bit millimetres in one channel")
-    return np.asarray(millimetres.astype(np.float32) / 1000)
+    values = decode(path, cv2.IMREAD_UNCHANGED)
+    if values.dtype != np.uint16 or values.ndim != 2:
+        raise InputError(f"{path}: is {_kind(values)}; expected 16-bit {of} in one channel")
+    return values
+
+
+def _read_png(path: Path) -> Array:
+    return np.asarray(read_16_bit(path, "millimetres").astype(np.float32) / 1000)
 
 
 def _read_tiff(path: Path) -> Array:
@@ -131,6 +138,13 @@ def _read_tiff(path: Path) -> Array:
 def _read_npy(path: Path) -> Array:
     try:
         with path.open("rb") as file:
+            is_first = np.lib.format.read_magic(file) == (1, 0)
+            shape, _, dtype = (
+                np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+            )(file)
+            if math.prod(shape) * dtype.itemsize > os.fstat(file.fileno()).st_size - file.tell():
+                raise ValueError("a shape that the file does not hold")  # before anything of that size is asked for
+            file.seek(0)
             return _metres(np.lib.format.read_array(file, allow_pickle=False), path)
     except (OSError, ValueError, EOFError) as fault:
         reason = fault.strerror if isinstance(fault, OSError) else "cut short or not an array"

@@ -1,4 +1,4 @@
-"""Finds the folders of a dataset below the one that a user names, however deep it was unpacked."""
+"""Finds the folders and files of a dataset below the one that a user names, however deep it was unpacked."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 from sucre_bench.errors import InputError
 
-__all__ = ["existing", "folders_below", "scene_name"]
+__all__ = ["existing", "folders_below", "inside", "scene_name", "walk"]
 
 
 def existing(root: Path, holds: str = "the data") -> Path:
@@ -20,16 +20,47 @@ def existing(root: Path, holds: str = "the data") -> Path:
     return root
 
 
+def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
+    """Yield each folder from `root` down with the names of its folders and of its files, in order of name.
+
+    Links are followed, after folders that are none; a folder that several paths lead to is there once, so that links in
+    a circle come to an end. Names that the caller takes out of the list of folders are not looked into.
+    """
+    seen = set()
+    for place, below, names in os.walk(root, followlinks=True):
+        folder = Path(place)
+        status = folder.stat()
+        own = (status.st_dev, status.st_ino)
+        if own in seen:
+            below.clear()
+            continue
+        seen.add(own)
+        below.sort(key=lambda name: ((folder / name).is_symlink(), name))
+        yield folder, below, sorted(names)
+
+
 def folders_below(root: Path, wanted: Callable[[Path, set[str]], bool]) -> Iterator[Path]:
     """Yield `root` and the folders below it, in order of name, that `wanted(folder, names of its folders)` accepts.
 
-    Links are followed; hidden folders, and what lies below an accepted one, are not looked into.
+    Links are followed as by `walk`; hidden folders, and what lies below an accepted one, are not looked into.
     """
-    for place, below, _ in os.walk(root, followlinks=True):
-        if wanted(Path(place), set(below)):
-            yield Path(place)
+    for place, below, _ in walk(root):
+        if wanted(place, set(below)):
+            yield place
             below.clear()
-        below[:] = sorted(name for name in below if not name.startswith("."))
+        below[:] = [name for name in below if not name.startswith(".")]
+
+
+def inside(root: Path, base: Path, named: str) -> Path | None:
+    """Return the path, relative to `root`, that `named` means in a file of the folder `base`; None where it leads out.
+
+    Of links only the names count: whoever wrote the file cannot have made them.
+    """
+    posix = named.replace("\\", "/")
+    full, top = (Path(os.path.abspath(path)) for path in (base / posix, root))  # noqa: PTH100
+    if top not in full.parents or "\0" in posix or posix[1:2] == ":":
+        return None
+    return full.relative_to(top)
 
 
 def scene_name(folder: Path, root: Path) -> str:

@@ -6,12 +6,13 @@ image is the file whose path ends like that name in the most parts; nothing outs
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
-__all__ = ["SUFFIXES", "ImageFolder", "without_suffix"]
+from sucre_bench.loading.folders import walk
+
+__all__ = ["SUFFIXES", "ImageFolder", "inner_path", "without_suffix"]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
 
@@ -21,17 +22,17 @@ class ImageFolder:
 
     def __init__(self, folder: Path) -> None:
         self._by_stem: dict[str, list[str]] = defaultdict(list)
-        for place, _, names in os.walk(folder, followlinks=True):
+        for place, _, names in walk(folder):
             for name in names:
                 if name.lower().endswith(SUFFIXES):
-                    relative = (Path(place) / name).relative_to(folder).as_posix()
+                    relative = (place / name).relative_to(folder).as_posix()
                     self._by_stem[without_suffix(name).lower()].append(relative)
 
     def find(self, name: str) -> list[str]:
         """Return the files (relative, posix) that a name means: one, none, or several that it cannot tell apart."""
-        wanted = _parts(name)
+        wanted = _parts(name.lower())
         files = self._by_stem.get(without_suffix(wanted[-1]), []) if wanted else []
-        exact = [file for file in files if _parts(file)[-1] == wanted[-1]]
+        exact = [file for file in files if _parts(file.lower())[-1] == wanted[-1]]
         return _best(wanted, exact or files)
 
 
@@ -41,15 +42,21 @@ def without_suffix(name: str) -> str:
     return path.stem if path.suffix.lower() in SUFFIXES else path.name
 
 
+def inner_path(name: str) -> str:
+    """Return a name of elsewhere as a path (posix) that cannot leave a folder: without a drive, a root or ".."."""
+    return "/".join(_parts(name))
+
+
 def _parts(name: str) -> list[str]:
-    return [part for part in name.replace("\\", "/").lower().split("/") if part not in ("", ".", "..")]
+    parts = name.replace("\\", "/").replace("\0", "").split("/")
+    return [part for part in parts if part not in ("", ".", "..") and not part.endswith(":")]
 
 
 def _best(wanted: list[str], files: Iterable[str]) -> list[str]:
     """The files that agree with the most folders, read from the file's name upwards; of these, a whole path first."""
     ranked = defaultdict(list)
     for file in files:
-        folders = list(zip(reversed(wanted[:-1]), reversed(_parts(file)[:-1]), strict=False))
+        folders = list(zip(reversed(wanted[:-1]), reversed(_parts(file.lower())[:-1]), strict=False))
         agree = next((i for i, (one, other) in enumerate(folders) if one != other), len(folders))
         whole = len(_parts(file)) == len(wanted)
         ranked[agree, whole and agree == len(wanted) - 1].append(file)

@@ -1,71 +1,104 @@
-"""Photographs whose lens and place another program found, and the views made of them."""
+"""Photographs, with what is known of their lens and place, and the views made of them."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
 import numpy as np
 
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size, same_shape
+from sucre_bench.images import image_size, read_rgb, same_shape
 from sucre_bench.loading.depth import read_depth
-from sucre_bench.loading.files import Files, scaled_camera
+from sucre_bench.loading.files import Files, scaled_camera, scaled_chart
 from sucre_bench.loading.lens import Lens
-from sucre_bench.scene import Array, Camera, Encoding, Plane, View
+from sucre_bench.scene import Array, Camera, Chart, Encoding, Plane, View
 
-__all__ = ["Photograph", "is_rigid", "view_of"]
+__all__ = ["Photograph", "is_rigid", "straight_lens", "view_of"]
 
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
     """An image file, and what is known of it.
 
-    lens: as it photographed, at the size its program says; cam_from_world: (4, 4) float64, metres, None when unknown;
-    depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera that the depth map is of, on
-    the optical axis of this one; None when that is the undistorted image; faults: what is already known to be wrong, by
-    plane.
+    lens: as it photographed, at the size its program says, None when unknown; cam_from_world: (4, 4) float64, metres,
+    None when unknown; depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera that the
+    depth map is of, on the optical axis of this one; None when that is the undistorted image; reference: the image
+    without water, and charts, their corners in pixels, both of the image as it is stored; charts_file: where charts
+    stand, for what is said; size: of the stored image, (width, height), None when its header is still to be read;
+    read_image: see `Files`; faults: what is already known to be wrong, by plane.
     """
 
     name: str
     image: Path
-    lens: Lens
-    cam_from_world: Array | None
+    lens: Lens | None = None
+    cam_from_world: Array | None = None
     depth: Path | None = None
     read_depth: Callable[[Path], Array] = read_depth
     depth_lens: Lens | None = None
+    reference: Path | None = None
+    charts: Sequence[Chart] = ()
+    charts_file: Path | None = None
+    size: tuple[int, int] | None = None
+    read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
     faults: Mapping[Plane, str] = field(default_factory=dict)
+
+
+def straight_lens(camera: Camera) -> Lens:
+    """Return the lens of a camera that does not distort."""
+    return Lens(camera, "perspective", ())
 
 
 def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma") -> View:
     """Return the view of a photograph, undistorted on the way where its lens distorts. Reads the image's header.
 
     What is wrong with the image's size becomes a fault of the view. Raises InputError for a lens that no pinhole
-    image can be made of.
+    image can be made of, and a chart where it cannot be undone.
     """
     lens, image, faults = photograph.lens, photograph.image, dict(photograph.faults)
-    distorts = bool(lens.coefficients) or lens.model == "fisheye"
-    if distorts and lens.fault:
+    distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
+    if lens is not None and distorts and lens.fault:
         raise InputError(f"{image}: {lens.fault} (coefficients {lens.coefficients}); undistort the images before")
-    straight = lens.pinhole if distorts else lens.camera
-    size = image_size(image) or (straight.width, straight.height)
-    if not same_shape(size, (straight.width, straight.height)):
-        fault = f"is {size[0]}x{size[1]}, its camera {straight.width}x{straight.height}"
-        faults.setdefault("rgb", f"{image}: {fault}; use the images that the reconstruction was made of")
-    camera = scaled_camera(straight, size, image_scale)
-    read = photograph.read_depth
-    if photograph.depth_lens is not None:
-        read = _Resampled(read, photograph.depth_lens, camera)
+    straight = None if lens is None else lens.pinhole if distorts else lens.camera
+    own = None if straight is None else (straight.width, straight.height)
+    # Where the header cannot be read, decoding will say what is wrong.
+    size = photograph.size or image_size(image) or own or (1, 1)
+    if own is not None and not same_shape(size, own):
+        fault = f"is {size[0]}x{size[1]}, its camera {own[0]}x{own[1]}"
+        faults.setdefault("rgb", f"{image}: {fault}; use the images that its camera was found for, uncropped")
+    width, height = (max(1, round(side * image_scale)) for side in size)
+    camera = None if straight is None else scaled_camera(straight, size, image_scale)
+    bent = lens if distorts else None
+    read, depth_lens = photograph.read_depth, photograph.depth_lens if photograph.depth is not None else None
+    if depth_lens is not None and camera is not None:
+        read = _Resampled(read, depth_lens, camera)
     files = Files(
         image,
-        (camera.width, camera.height),
+        (width, height),
         photograph.depth,
+        photograph.reference,
         read_depth=read,
-        lens=lens if distorts else None,
+        lens=bent,
+        depth_lens=depth_lens,
+        read_image=photograph.read_image,
         faults=faults,
     )
-    return View(photograph.name, files, camera, photograph.cam_from_world, (), encoding)
+    place = f"{photograph.charts_file or image}: {photograph.name}"
+    charts = tuple(_seen(chart, place, size, bent, (width, height)) for chart in photograph.charts)
+    return View(photograph.name, files, camera, photograph.cam_from_world, charts, encoding)
+
+
+def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]) -> Chart:
+    """Bring a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
+    if lens is None:
+        return scaled_chart(chart, size, target)
+    own = lens.camera.width, lens.camera.height
+    corners = lens.straightened(scaled_chart(chart, size, own).corners)
+    if not np.isfinite(corners).all():
+        fault = "a corner lies where the lens cannot be undone"
+        raise InputError(f"{place}, {chart.name}: {fault}; leave this chart out")
+    return scaled_chart(Chart(chart.name, chart.kind, corners), own, target)
 
 
 @dataclass(frozen=True, eq=False)

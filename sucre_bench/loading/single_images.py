@@ -2,48 +2,31 @@
 
 from __future__ import annotations
 
-import os
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size
-from sucre_bench.loading.files import Files, data_id_of
-from sucre_bench.loading.folders import folders_below
+from sucre_bench.loading.files import data_id_of
+from sucre_bench.loading.folders import folders_below, walk
 from sucre_bench.loading.named import SUFFIXES
+from sucre_bench.loading.photograph import Photograph, view_of
 from sucre_bench.progress import track
-from sucre_bench.scene import Encoding, Plane, Scene, View
+from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["image_folder_scene", "image_names", "innermost", "paired_folders", "uncalibrated_view"]
+__all__ = ["image_folder_scene", "image_names", "innermost", "paired_folders"]
 
 
 def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
     """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out."""
     found, but = [], but and but.resolve()
-    for place, below, names in os.walk(folder, followlinks=True):
+    for place, below, names in walk(folder):
         below[:] = [
-            name for name in below if subfolders and not name.startswith(".") and Path(place, name).resolve() != but
+            name for name in below if subfolders and not name.startswith(".") and (place / name).resolve() != but
         ]
         images = (name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith("."))
-        found += [Path(place, name).relative_to(folder).as_posix() for name in images]
+        found += [(place / name).relative_to(folder).as_posix() for name in images]
     return sorted(found)
-
-
-def uncalibrated_view(
-    name: str,
-    image: Path,
-    image_scale: float = 1.0,
-    encoding: Encoding = "gamma",
-    *,
-    depth: Path | None = None,
-    reference: Path | None = None,
-    faults: dict[Plane, str] | None = None,
-) -> View:
-    """Return the view of an image whose camera is unknown. Reads the image's header."""
-    width, height = image_size(image) or (1, 1)  # decoding will say what is wrong
-    size = (max(1, round(width * image_scale)), max(1, round(height * image_scale)))
-    return View(name, Files(image, size, depth, reference, faults=faults or {}), encoding=encoding)
 
 
 def image_folder_scene(
@@ -76,8 +59,8 @@ def image_folder_scene(
                 faults["reference"] = f"{references / same[0]}: {same[1]} is there as well; keep one of them"
             else:
                 faults["reference"] = f"{references / image}: no such file; copy it there"
-        own = uncalibrated_view(image, folder / image, image_scale, encoding, reference=reference, faults=faults)
-        views.append(own)
+        photograph = Photograph(image, folder / image, reference=reference, faults=faults)
+        views.append(view_of(photograph, image_scale, encoding))
     return Scene(name, views, frozenset({"reference"} if references else ()), data_id=data_id_of(views))
 
 
