@@ -328,8 +328,8 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
     scene, watcher = with_images(without_red), Watcher()
     with watched_by(watcher):
         result = Sucre().restore(scene, scene["a.png"])
-    assert "red: the same in all observations, black or saturated; left as it is" in watcher.told
-    assert watcher.told == result.info["limits"]
+    assert "a.png: red: the same in all observations, black or saturated; left as it is" in watcher.told
+    assert watcher.told == [f"a.png: {limit}" for limit in result.info["limits"]]
     assert (result.image[result.valid][:, 0] == 0).all()
 
 

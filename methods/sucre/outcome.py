@@ -31,7 +31,7 @@ def named(view: View) -> Iterator[None]:
 
 
 def restoration(
-    observations: Observations, solution: Solution, encoding: Encoding | None = None, **about: Any
+    view: View, observations: Observations, solution: Solution, encoding: Encoding | None = None, **about: Any
 ) -> Restoration:
     """Return the image (H, W, 3), NaN where the target has no depth.
 
@@ -46,7 +46,7 @@ def restoration(
     unknown = (solution.deviation > 1).mean(axis=1)
     limits = [*trust.limits, *_doubts(negative, unknown)]
     for limit in limits:
-        say(limit)
+        say(f"{view.name}: {limit}")
     errors = zip(("B", "beta", "gamma"), trust.standard_error.T, strict=True)
     return Restoration(
         observations.image(solution.J),

@@ -47,7 +47,7 @@ class SucrePaper:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
-        Raises SolveError when no pixel has depth, or when Adam left the range of numbers.
+        Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
         from sucre_bench.methods.sucre.outcome import named, restoration
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
@@ -57,4 +57,4 @@ class SucrePaper:
         own = start_of(observations, view.rgb.reshape(-1, 3))
         with named(view):
             solution = solve_adam(observations, own, self.steps, self.lr, self.objective, "torch", self.device)
-        return restoration(observations, solution)
+        return restoration(view, observations, solution)

@@ -158,7 +158,7 @@ class Sucre:
         if self._decodes(view):
             solution = _encoded(solution)
         stages = {"read": observations.read_s, "pair": paired - started, "solve": time.perf_counter() - paired}
-        return restoration(observations, solution, self._fitted(view), stage_seconds=stages)
+        return restoration(view, observations, solution, self._fitted(view), stage_seconds=stages)
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.store import paired
