@@ -21,6 +21,7 @@ from __future__ import annotations
 
 import csv
 import functools
+import math
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -35,6 +36,7 @@ from sucre_bench.scene import Array
 __all__ = ["colorchecker_sg", "read_kind"]
 
 _CHROMATIC = 5.0  # chroma in Lab: the "neutral" patches of sold charts stay below 2, their dark skin is at 19
+_LENGTH = r"\d+\.?\d*|\.\d+"
 _COLUMNS = ("name", "x0", "y0", "x1", "y1", "L", "a", "b")
 
 
@@ -56,7 +58,7 @@ def read_kind(path: Path) -> ChartKind:
         raise InputError(f"{path}: no such file; give the path of the CSV file that describes the chart")
     try:
         return _parsed(str(path), path.read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError) as fault:
+    except (OSError, UnicodeDecodeError, csv.Error) as fault:
         raise InputError(
             f"{path}: the chart's description cannot be read, {one_line(fault)}; correct its path"
         ) from fault
@@ -66,13 +68,15 @@ def read_kind(path: Path) -> ChartKind:
 def _parsed(place: str, text: str) -> ChartKind:
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), 1) if line.strip()]
     said = dict(re.findall(r"^#\s*(\w+)\s*:\s*(.+?)\s*$", text, flags=re.MULTILINE))
-    frame = re.fullmatch(r"([\d.]+)\s*x\s*([\d.]+)", said.get("frame", ""))
+    frame = re.fullmatch(rf"({_LENGTH})\s*x\s*({_LENGTH})", said.get("frame", ""))
     if "illuminant" not in said or frame is None:
         first = "'# illuminant: D50' and '# frame: WIDTH x HEIGHT'"
         raise InputError(f"{place}: does not say illuminant and frame; begin with the lines {first}")
     width, height = (float(side) for side in frame.groups())
     table = [(number, line) for number, line in lines if not line.startswith("#")]
     rows = list(csv.DictReader(line for _, line in table))
+    if len(rows) != len(table) - 1:
+        raise InputError(f"{place}: a line ends within quotes; close them")
     missing = [name for name in _COLUMNS if not rows or name not in rows[0]]
     if missing:
         raise InputError(f"{place}: no column '{missing[0]}'; name the columns {','.join(_COLUMNS)}")
@@ -84,7 +88,7 @@ def _parsed(place: str, text: str) -> ChartKind:
             raise InputError(
                 f"{at}: the patch is not inside the frame of {width:g} x {height:g}; give x0,y0,x1,y1 in it"
             )
-        names.append(row["name"].strip().replace("/", "-"))
+        names.append((row["name"] or str(number)).strip().replace("/", "-"))
         boxes.append((x0 / width, y0 / height, min(x1 / width, 1.0), min(y1 / height, 1.0)))
         lab.append(own)
         if {"R", "G", "B"} <= row.keys():
@@ -99,9 +103,12 @@ def _parsed(place: str, text: str) -> ChartKind:
 def _numbers(at: str, row: dict[str, str], columns: tuple[str, ...]) -> Iterator[float]:
     for column in columns:
         try:
-            yield float(row[column])
+            value = float(row[column])
         except (TypeError, ValueError):
-            raise InputError(f"{at}: {column} is '{row[column]}', not a number; write it like 12.5") from None
+            value = math.nan
+        if not math.isfinite(value):
+            raise InputError(f"{at}: {column} is '{row[column]}', not a number; write it like 12.5")
+        yield value
 
 
 def _patches(

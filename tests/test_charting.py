@@ -30,6 +30,7 @@ from sucre_bench.charting.session import Session
 from sucre_bench.charting.store import ChartsFile
 from sucre_bench.charts import KINDS, image_from_chart, measure
 from sucre_bench.errors import InputError
+from sucre_bench.loading.files import Files
 from sucre_bench.scene import Array, Arrays, Chart, View
 
 # A DGK chart of 60 x 40 cm in the world, standing on nothing: its corners in metres, slanted, 3 m along z.
@@ -85,7 +86,7 @@ def test_a_chart_where_there_is_none_does_not_follow_its_colours() -> None:
     assert "wrong place or kind" in reading_order(noise, Chart("c", "dgk", TILTED)).fault
     nothing = reading_order(np.full((300, 420, 3), np.nan), Chart("c", "dgk", TILTED))
     assert np.isnan(nothing.explained)
-    assert nothing.fault == ""
+    assert "too few patches have a colour" in nothing.fault
 
 
 # -- the detector ------------------------------------------------------------------------------------------------
@@ -347,9 +348,61 @@ def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -
         ([], "no view; give images"),
         (["dataset=demo", "dataset.image_scale=0.5"], "corners are kept in pixels"),
         (["dataset=demo", "--kind", "dkg"], "did you mean 'dgk'"),
+        (
+            ["dataset=demo", "dataset.width=64", "dataset.height=48"],
+            "dataset 'demo' has no charts.json in its root; use colmap",
+        ),
     ],
 )
 def test_what_cannot_be_marked_is_said(words: list[str], fault: str) -> None:
     result = CliRunner().invoke(charts, words)
     assert isinstance(result.exception, InputError)
     assert fault in str(result.exception)
+
+
+def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: Path) -> None:
+    """Of SQUID it lies in the folder of an image set, and its root is that of many."""
+    write_image(tmp_path / "set" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
+    write_image(tmp_path / "D5" / "Raw" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
+    result = CliRunner().invoke(charts, ["dataset=seathru", f"dataset.root={tmp_path}", "--accept"])
+    assert isinstance(result.exception, InputError)
+    assert "dataset 'seathru' has no charts.json in its root" in str(result.exception)
+    assert not list(tmp_path.rglob("charts.json"))
+
+
+def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    words = ["dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept"]
+    result = CliRunner().invoke(charts, words)
+    assert isinstance(result.exception, InputError)
+    assert "dataset.undistort=true: corners are kept in pixels of the images as they are stored" in str(
+        result.exception
+    )
+
+
+def test_a_chart_of_the_one_view_that_is_named_is_carried_to_all(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "a.png"), "--accept"], catch_exceptions=False)
+    assert "1 proposal taken, 0 left" in result.output
+    assert "b.png: 1 chart" in result.output
+
+
+def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
+    views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
+    bad = replace(board_view("bad.png", (0.3, 0, -0.5)), pixels=Files(tmp_path / "bad.png", (240, 180)))
+    file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in (*views, bad)})
+    file.confirm("a.png", views[0].charts)
+    session = Session([bad], file, "dgk", views)
+    session.prepare()
+    file.propose([replace(file.proposed("b.png")[0], view="bad.png")])
+    accepted, doubtful = session.accept()
+    assert [proposal.view for proposal in accepted] == ["b.png"]
+    assert [(proposal.view, "cannot be read" in fault) for proposal, fault in doubtful] == [("bad.png", True)]
+    assert "b.png" in json.loads((tmp_path / "charts.json").read_text())["images"]
+
+
+def test_proposals_that_are_none_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "charts.json"
+    path.write_text(json.dumps({"images": {}, "proposed": {"a.png": []}}))
+    with pytest.raises(InputError, match=r"charts\.json: proposed, a\.png: not charts by name; remove it"):
+        ChartsFile(path, {"a.png": (420, 300)})

@@ -230,6 +230,9 @@ def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_pa
         (("{illuminant}", "D51"), "illuminant 'D51': unknown; did you mean"),
         (("60,0,120,40", "60,0,130,40"), "line 5: the patch is not inside the frame"),
         (("32.30", "dark"), "line 6: L is 'dark', not a number"),
+        (("32.30", "nan"), "line 6: L is 'nan', not a number"),
+        (("120 x 80", "1.2.3 x 4"), "does not say illuminant and frame"),
+        (("blue,", '"blue,'), "a line ends within quotes"),
         ((",L,a,b", ",X,Y,Z"), "no column 'L'"),
     ],
 )

@@ -229,3 +229,16 @@ def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> Non
     result = CliRunner().invoke(describe, ["colmap", f"dataset.root={root}", "--no-sheet"])
     assert isinstance(result.exception, InputError)
     assert "no view could be read" in str(result.exception)
+
+
+def test_views_that_a_degradation_leaves_out_around_one_are_described(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png", "d.png"])
+    said = run("colmap", f"dataset.root={root}", "degrade.within=1", "--no-sheet")[1]
+    assert "4 of 4 views" in said
+
+
+def test_an_image_that_is_not_its_cameras_is_named_with_both_sizes() -> None:
+    views = list(make_scene().views)
+    views[1] = replace(views[1], pixels=Arrays(np.random.default_rng(0).random((20, 60, 3)).astype(np.float32)))
+    said = " / ".join(map(str, found(views)))
+    assert "the image is 60x20, its camera 60x44; use the images that its camera was found for" in said

@@ -6,8 +6,10 @@ import json
 import shutil
 import subprocess
 import sys
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
@@ -17,16 +19,21 @@ from made_scene import make_pose
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError
+from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth import read_depth
-from sucre_bench.multiview.geometry import pixel_rays, project
+from sucre_bench.loading.lens import Lens
+from sucre_bench.multiview.geometry import depth_at, pixel_rays, project
+from sucre_bench.prepare import mapping, undistort, writing
 from sucre_bench.prepare.command import prepare as command
 from sucre_bench.prepare.depthmaps import write_depth
 from sucre_bench.prepare.holes import without_small_holes
+from sucre_bench.prepare.photos import find_photos
 from sucre_bench.prepare.pipeline import Options, prepare
+from sucre_bench.prepare.quality import quality_of
 from sucre_bench.prepare.record import Prepared, Settled, given, read_record, settled_by
 from sucre_bench.prepare.relief import relief_of
 from sucre_bench.prepare.scale import Known, Length, Scale, find_scale
-from sucre_bench.prepare.shots import Shot
+from sucre_bench.prepare.shots import Shot, neighbours, read_shots
 from sucre_bench.scene import Array, Camera
 
 WIDTH, HEIGHT = 320, 240
@@ -411,8 +418,8 @@ def test_holes_are_filled_where_their_rim_is_one_plane_only():
 def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: float, suffix: str):
     assert write_depth(tmp_path, "sub/a.png", np.full((4, 6), metres, np.float32))
     assert read_depth(tmp_path / "sub" / f"depth_a{suffix}") == pytest.approx(metres, rel=1e-6)
-    assert not write_depth(tmp_path, "sub/a.png", np.zeros((4, 6), np.float32))
-    assert not list((tmp_path / "sub").iterdir())
+    assert not write_depth(tmp_path, "sub/b.png", np.zeros((4, 6), np.float32))
+    assert len(list((tmp_path / "sub").iterdir())) == 1
 
 
 def test_the_command_imports_nothing_heavy():
@@ -429,3 +436,158 @@ def test_equal_photos_give_an_equal_model(tmp_path: Path):
         prepare(tmp_path / "photos", out, Options(surface="sparse"))
         models.append([(out / "sparse" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin")])
     assert models[0] == models[1]
+
+
+# -- stopped half-way ----------------------------------------------------------------------------------------------
+
+
+class _StoppedError(Exception):
+    """What stands for a Ctrl-C."""
+
+
+def _stopping(real: Any, after: int) -> Callable[..., Any]:
+    """A function that works so often, and then is stopped."""
+    left = [after]
+
+    def stopping(*given: Any, **named: Any) -> Any:
+        if not left[0]:
+            raise _StoppedError
+        left[0] -= 1
+        return real(*given, **named)
+
+    return stopping
+
+
+def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    import pycolmap
+
+    monkeypatch.setattr(mapping, "_BATCH", 2)
+    monkeypatch.setattr(mapping, "usable_cores", lambda: 1)
+    for i, pose in enumerate(POSES[:4]):
+        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
+    photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
+    rules = mapping.Rules("auto", "SIMPLE_RADIAL", "single")
+    straight = mapping.map_photos(photos, tmp_path / "one", rules)
+    counts = []
+    for name, calls in (("extract_features", 4 + 2), ("extract_features", 1), ("match_image_pairs", 1)):
+        with monkeypatch.context() as stop:
+            stop.setattr(pycolmap, name, _stopping(getattr(pycolmap, name), calls))
+            with pytest.raises(_StoppedError):
+                mapping.map_photos(photos, tmp_path / "two", rules)
+        with pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as opened:
+            found = sum(opened.num_keypoints_for_image(image.image_id) > 1 for image in opened.read_all_images())
+            counts.append((found, opened.num_matched_image_pairs()))
+    assert [found for found, _ in counts] == [2, 2, 4], "features that were found stay"
+    assert counts[-1][1] == 2
+    resumed = mapping.map_photos(photos, tmp_path / "two", rules)
+    assert resumed.registered == straight.registered
+    with (
+        pycolmap.Database.open(tmp_path / "one" / "usual" / "database.db") as one,
+        pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as two,
+    ):
+        images = one.read_all_images()
+        assert [image.name for image in images] == [image.name for image in two.read_all_images()]
+        for image in images:
+            np.testing.assert_array_equal(one.read_keypoints(image.image_id), two.read_keypoints(image.image_id))
+        # Not to the match: neighbours are sought by an approximate index, on several threads.
+        counts_of = [dict(zip(*base.read_two_view_geometry_num_inliers(), strict=True)) for base in (one, two)]
+        assert counts_of[0] == pytest.approx(counts_of[1], abs=10)
+    monkeypatch.setattr(pycolmap, "incremental_mapping", None)  # what was mapped is not mapped again
+    assert mapping.map_photos(photos, tmp_path / "two", rules) == resumed
+
+
+def test_a_command_stopped_while_writing_leaves_one_scale(
+    prepared: Prepared, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    out = tmp_path / "out"
+    before, scale_before, _ = given_again(prepared, photos, out)
+    line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), "--scale", "7"]
+    with monkeypatch.context() as stop:
+        stop.setattr(writing, "write_depth", _stopping(writing.write_depth, 3))
+        with pytest.raises(_StoppedError):
+            CliRunner().invoke(command, line, catch_exceptions=False)
+    view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]
+    other = next(iter(sb.load_scenes("colmap", root=prepared.out)))[NAMES[1]]
+    assert np.array_equal(view.depth, other.depth)
+    np.testing.assert_array_equal(view.cam_from_world, other.cam_from_world)
+    after, scale, said = given_again(prepared, photos, out, "--scale", "7")
+    assert scale["metres_per_unit"] == 7
+    assert after / before == pytest.approx(7 / scale_before["metres_per_unit"], rel=0.01)
+    assert "nothing to do" not in said
+    assert not list((out / ".prepare").rglob("old-*"))
+
+
+def test_without_its_notes_a_prepared_folder_is_refused_in_words(prepared: Prepared, photos: Path, tmp_path: Path):
+    shutil.copytree(prepared.out, tmp_path / "out", ignore=shutil.ignore_patterns(".prepare"))
+    with pytest.raises(InputError, match=r"and no \.prepare/ to go on from; name a new folder"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=photos / "masks"))
+
+
+# -- more parts ----------------------------------------------------------------------------------------------------
+
+
+def test_masks_among_the_photos_are_no_photos_and_bitmaps_are(tmp_path: Path):
+    for name in ("a.png", "b.bmp", "c.webp"):
+        write(tmp_path / name, np.zeros((24, 32, 3), np.uint8))
+        write(tmp_path / "masks" / f"{name}.png", np.full((24, 32), 255, np.uint8))
+    found, damaged = find_photos(tmp_path, tmp_path / "masks", 0, tmp_path / "out")
+    assert [photo.name for photo in found] == ["a.png", "b.bmp", "c.webp"]
+    assert not damaged
+
+
+def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
+    prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    model = next((prepared.out / ".prepare").glob("model-*/*/model"))
+    posed = {p.name: p for p in read_model(model, prepared.out / "images", distorted=True)}
+    rays = Lens.rays
+
+    def folded(lens: Lens, pixels: Array) -> Array:  # as of a lens that images nothing further out
+        return np.where(np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 90, rays(lens, pixels), np.nan)
+
+    for lens in {id(p.lens): p.lens for p in posed.values()}.values():
+        assert lens is not None
+        assert lens.pinhole.width == WIDTH  # found before
+    undistort._write_pinhole(posed, model, tmp_path / "all")
+    monkeypatch.setattr(Lens, "rays", folded)
+    undistort._write_pinhole(posed, model, tmp_path / "some")
+    every, some = read_shots(tmp_path / "all"), read_shots(tmp_path / "some")
+    for shot, whole in zip(some, every, strict=True):
+        assert 0 < len(shot.points) < len(whole.points)
+        assert np.isfinite(shot.xy).all()
+        assert (shot.tracks >= 2).all()
+        figures = quality_of(shot, np.ones((HEIGHT, WIDTH), np.float32), 1.0)
+        assert figures.reprojection_px < 2
+    import pycolmap
+
+    known = pycolmap.Reconstruction(tmp_path / "some")
+    assert all(np.isfinite(p.xy).all() for number in known.reg_image_ids() for p in known.image(number).points2D)
+
+
+def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
+    depth = np.array([[1.0, 2], [3, 0]], np.float32)
+    xy = np.array([[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5], [2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]])
+    assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
+
+
+def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
+    random = np.random.default_rng(4)
+    shots = []
+    for shot in make_shots(random.uniform(-2, 2, (9, 3)) * [1, 1, 0.3]):
+        kept = np.sort(random.choice(400, 150, replace=False))
+        shots.append(replace(shot, point_ids=3 * kept + 7, points=shot.points[kept]))
+    for i, near in enumerate(neighbours(shots, 3)):
+        scores = {}
+        for j, other in enumerate(shots):
+            own = [k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)]
+            to_one, to_other = shots[i].centre - shots[i].points[own], other.centre - shots[i].points[own]
+            one, two = np.linalg.norm(to_one, axis=1), np.linalg.norm(to_other, axis=1)
+            angle = np.degrees(np.arccos(np.clip((to_one * to_other).sum(axis=1) / one / two, -1, 1)))
+            weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(-0.5 * np.log2(one / two) ** 2)
+            if j != i:
+                scores[j] = weight.sum()
+        assert near == sorted(scores, key=lambda j: -scores[j])[:3]
+    apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
+    assert neighbours([apart, shots[1]], 3) == [[], []]

@@ -28,7 +28,8 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
 
     VIEW is an image in a folder images/ of the layout that dataset=colmap reads, or a view's name beside dataset=.
     Kinds: dgk, colorchecker24, colorchecker_sg, or a CSV file. ColorCheckers are looked for first; charts marked in one
-    view are carried over to the others by depth and poses, to be confirmed. All is kept in the scene's charts.json.
+    view are carried over to all others of the scene by depth and poses, to be confirmed there; the page shows the views
+    that are named first. All is kept in the scene's charts.json.
     """
     import webbrowser
 
@@ -60,7 +61,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
 
 
 def _show(session: Session) -> None:
-    for view in session.views:
+    for view in session.everything:
         marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
         if marked or proposed:
             open_ = f", {len(proposed)} to be confirmed" if proposed else ""

@@ -9,10 +9,14 @@ from sucre_bench.charting.session import Session
 from sucre_bench.charting.store import ChartsFile
 from sucre_bench.charts import chart_kind
 from sucre_bench.errors import InputError
-from sucre_bench.scene import View
-from sucre_bench.selection import Selection, select
+from sucre_bench.selection import Selection, quoted, select
 
 __all__ = ["open_session"]
+
+# These look for the file in their root. Others with an option `charts` have one in the folder of each scene, or charts
+# that come from elsewhere, which a new file would replace.
+_KEEP_CHARTS = ("colmap",)
+_AS_STORED = "corners are kept in pixels of the images as they are stored"
 
 
 def open_session(words: Sequence[str], kind: str) -> Session:
@@ -27,7 +31,8 @@ def open_session(words: Sequence[str], kind: str) -> Session:
         names = ", ".join(s.scene.name for s in selections)
         raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
     selection, chosen = selections[0], {view.name for view in selections[0].views}
-    file = ChartsFile(_path(selection), {view.name: _size(view) for view in selection.scene.views})
+    path, cameras = _path(selection), {view.name: view.camera for view in selection.scene.views}
+    file = ChartsFile(path, {name: (camera.width, camera.height) for name, camera in cameras.items() if camera})
     others = [view for view in selection.scene.views if view.name not in chosen]
     return Session(selection.views, file, kind, others)
 
@@ -40,15 +45,15 @@ def _overrides(words: Sequence[str]) -> list[str]:
         if word.startswith("-"):
             raise InputError(f"charts: no option {word}; see sucre-bench charts --help")
         if word.startswith(("degrade.", "dataset.image_scale=")):
-            raise InputError(f"{word}: corners are kept in pixels of the images as they are; leave it out")
+            raise InputError(f"{word}: {_AS_STORED}; leave it out")
     if not any(word.startswith(("dataset.", "dataset=")) for word in given):
         if not views:
             raise InputError("charts: no view; give images of a folder images/, or dataset=colmap dataset.root=DIR")
         roots, views = zip(*map(_in_images, views), strict=True)  # type: ignore[assignment]
         if len(set(roots)) > 1:
             raise InputError(f"{views[-1]}: is not of the same scene as {views[0]}; give one scene's images")
-        given += ["dataset=colmap", f"dataset.root={_quoted(str(roots[0]))}"]
-    return [*given, *([f"views=[{','.join(map(_quoted, views))}]"] if views else [])]
+        given += ["dataset=colmap", f"dataset.root={quoted(str(roots[0]))}"]
+    return [*given, *([f"views=[{','.join(map(quoted, views))}]"] if views else [])]
 
 
 def _in_images(word: str) -> tuple[Path, str]:
@@ -62,22 +67,16 @@ def _in_images(word: str) -> tuple[Path, str]:
     raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset=colmap dataset.root=DIR")
 
 
-def _quoted(text: str) -> str:
-    """As Hydra takes any text."""
-    escaped = text.replace("\\", "\\\\").replace("'", "\\'")
-    return f"'{escaped}'"
-
-
 def _path(selection: Selection) -> Path:
-    options = selection.dataset.options
-    if not {"root", "charts"} <= options.keys():
-        name = selection.dataset.plugin.name
-        raise InputError(f"charts: dataset '{name}' keeps no charts.json; use one that does, like colmap")
+    options, name = selection.dataset.options, selection.dataset.plugin.name
+    if name not in _KEEP_CHARTS:
+        kept = " or ".join(_KEEP_CHARTS)
+        raise InputError(f"charts: dataset '{name}' has no charts.json in its root; use {kept}, with a COLMAP model")
+    if options.get("undistort"):
+        remedy = "undistort the images before, or mark charts in the distorted ones"
+        raise InputError(f"dataset.undistort=true: {_AS_STORED}; {remedy}")
+    if options.get("image_scale", 1) != 1 or selection.degrade.identity():
+        raise InputError(
+            f"charts: images are not shown as they are, and {_AS_STORED}; leave image_scale and degrade out"
+        )
     return Path(options["root"]).expanduser() / options["charts"]
-
-
-def _size(view: View) -> tuple[int, int]:
-    if view.camera is not None:
-        return view.camera.width, view.camera.height
-    height, width = view.rgb.shape[:2]
-    return width, height

@@ -7,6 +7,7 @@ fits, and that of the same corners begun elsewhere whether they were begun in th
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -22,7 +23,10 @@ _LEAST, _CLEARLY = 0.4, 0.2
 
 @dataclass(frozen=True, slots=True)
 class Order:
-    """How well patches fit. explained: share of variance, 0 to 1; turn: which corner, 0 to 3, should be the first."""
+    """How well patches fit.
+
+    explained: share of variance, 0 to 1, NaN where it is not known; turn: which corner, 0 to 3, should be the first.
+    """
 
     explained: float
     turn: int
@@ -33,6 +37,8 @@ class Order:
         if self.turn:
             first = ("top left", "top right", "bottom right", "bottom left")[self.turn]
             return f"the patches are in order if the corner marked {first} is the top left one"
+        if math.isnan(self.explained):
+            return "too few patches have a colour to tell whether they are in order"
         if self.explained < _LEAST:
             said = f"{self.explained:.0%} explained"
             return f"the patches' colours do not follow the chart's ({said}): wrong place or kind"
@@ -42,7 +48,7 @@ class Order:
 def reading_order(shown: Array, chart: Chart) -> Order:
     """Tell how well a chart's patches fit their place. shown: (H, W, 3), NaN where there is no colour.
 
-    Patches without a colour are left out; with fewer than six left nothing is said: explained is NaN, turn 0.
+    Patches without a colour are left out; with fewer than six left nothing is known: explained is NaN, turn 0.
     Raises InputError as `measure` does.
     """
     fits = []

@@ -7,14 +7,14 @@ be read, and when that view's own depth says that nothing stands before it.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 
 from sucre_bench.charts import check_corners, image_from_chart
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project
+from sucre_bench.multiview.geometry import depth_at, project
 from sucre_bench.scene import Array, Camera, Chart, View
 
 __all__ = ["Proposal", "corner_points", "overlap", "propose"]
@@ -34,15 +34,18 @@ class Proposal:
     source: str
 
 
-def propose(marked: Sequence[tuple[View, Chart]], views: Iterable[View]) -> Iterator[Proposal]:
+def propose(
+    marked: Sequence[tuple[View, Chart]], views: Iterable[View], only: Container[str] | None = None
+) -> Iterator[Proposal]:
     """Yield where charts marked in some views should be in others that do not have them marked.
 
-    Of views that mark the same chart, by its name, the one that shows it largest is taken that the other sees it from.
+    only: the names of those to carry over; None for all. Of views that mark the same chart, by its name, the one that
+    shows it largest is taken that the other sees it from.
     Views without pose or depth have no proposals, and give none; depth is only read where the poses say it is worth it.
     """
     sources = []  # largest first
     for view, chart in marked:
-        points = corner_points(view, chart)
+        points = corner_points(view, chart) if only is None or chart.name in only else None
         if points is not None:
             sources.append((_shortest_edge(chart.corners), view, chart, points))
     sources.sort(key=lambda source: -source[0])
@@ -106,8 +109,7 @@ def _seen_at(view: View, points: Array) -> Array | None:
     slant = points[2] - points[0] - across - down
     on_chart = points[0] + place[:, :1] * across + place[:, 1:] * down + place.prod(axis=1, keepdims=True) * slant
     at, Z = _projected(view.camera, view.cam_from_world, on_chart)
-    u, v = np.floor(at).astype(int).T
-    d = view.depth[v.clip(0, view.camera.height - 1), u.clip(0, view.camera.width - 1)]
+    d = depth_at(view.depth, at)
     agrees = (d > 0) & (np.abs(Z - d) <= _AGREES * Z)
     known = d > 0
     seen = known.mean() >= 0.5 and agrees[known].mean() >= 0.8

@@ -5,7 +5,7 @@ from __future__ import annotations
 import base64
 import itertools
 import threading
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -18,7 +18,7 @@ from sucre_bench.charting.propagate import Proposal, overlap, propose
 from sucre_bench.charting.store import ChartsFile
 from sucre_bench.charts import KINDS, chart_kind, image_from_chart, measure
 from sucre_bench.colour import display, to_8bit
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.scene import Array, Chart, View
 
 __all__ = ["Session"]
@@ -30,8 +30,8 @@ _PREVIEW = 300  # pixels, the longer side of a rectified chart
 class Session:
     """The views of a scene that charts are marked in, and the file that they go to.
 
-    views: those that are shown; others: further views of the scene, whose confirmed charts are carried over as well;
-    kind: of new charts.
+    views: those that were named, which are shown first, and which the detector looks at; others: further views of the
+    scene; kind: of new charts. Charts are carried over from and to all of them.
     """
 
     views: Sequence[View]
@@ -39,6 +39,11 @@ class Session:
     kind: str
     others: Sequence[View] = ()
     lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @property
+    def everything(self) -> Sequence[View]:
+        """All views, as the page numbers them."""
+        return [*self.views, *self.others]
 
     def prepare(self) -> None:
         """Look for charts with the detector where nothing is marked, carry over what is, and save."""
@@ -73,10 +78,9 @@ class Session:
         """Confirm every proposal whose patches are in order; return those, and the others with what is wrong."""
         accepted, doubtful = [], []
         with self.lock:
-            for view in progress.track(self.views, "checking patches"):
+            for view in progress.track(self.everything, "checking patches"):
                 good = []
-                for proposal in self.file.proposed(view.name):
-                    fault = reading_order(_picture(view), proposal.chart).fault
+                for proposal, fault in self._checked(view):
                     good += [] if fault else [proposal]
                     doubtful += [(proposal, fault)] if fault else []
                 if good:
@@ -85,18 +89,29 @@ class Session:
             self.file.save()
         return accepted, doubtful
 
+    def _checked(self, view: View) -> list[tuple[Proposal, str]]:
+        """The proposals for a view, each with what is wrong; a view that cannot be read must not end the others."""
+        proposals = self.file.proposed(view.name)
+        try:
+            shown = _picture(view) if proposals else np.empty(0)
+            return [(proposal, reading_order(shown, proposal.chart).fault) for proposal in proposals]
+        except InputError as fault:
+            return [(proposal, one_line(fault)) for proposal in proposals]
+
     # -- what the page asks for ------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
         """All views with their charts, and the kinds there are."""
         with self.lock:
-            views = [self._view(view) for view in self.views]
+            views = [self._view(view) for view in self.everything]
         return {"file": str(self.file.path), "kinds": self.kinds, "views": views}
 
     @property
     def kinds(self) -> list[str]:
         """The kinds a chart may be of, that of new charts first; the page cannot name further files."""
-        return list(dict.fromkeys([self.kind, *KINDS, "colorchecker_sg", *sorted(self.file.kinds)]))
+        with self.lock:
+            marked = sorted(self.file.kinds)
+        return list(dict.fromkeys([self.kind, *KINDS, "colorchecker_sg", *marked]))
 
     def image(self, number: int, bright: bool) -> bytes:
         """A view as JPEG, at its own size. bright: with its contrast stretched."""
@@ -145,19 +160,23 @@ class Session:
         if len(set(names)) < len(names) or not all(name.strip() and "/" not in name for name in names):
             raise InputError(f"{view.name}: charts need names, different ones and without '/'; rename them")
         with self.lock:
-            self.file.confirm(view.name, [self._chart(view, *entry) for entry in entries])
+            before = {(c.name, c.kind, c.corners.tobytes()) for c in self.file.confirmed(view.name)}
+            marked = [self._chart(view, *entry) for entry in entries]
+            self.file.confirm(view.name, marked)
             for name in turned_down:
                 self.file.turn_down(view.name, str(name))
-            self._carry_over()
+            # Of a dive that shows a chart a thousand times, depth maps are not read again for charts that stay.
+            changed = before ^ {(c.name, c.kind, c.corners.tobytes()) for c in marked}
+            self._carry_over({name for name, *_ in changed})
             self.file.save()
         return self.state()
 
-    def _carry_over(self) -> None:
-        self.file.propose(propose(self._marked(), self.views))
+    def _carry_over(self, only: Container[str] | None = None) -> None:
+        views = progress.track(self.everything, "carrying charts over")
+        self.file.propose(propose(self._marked(), views, only))
 
     def _marked(self) -> list[tuple[View, Chart]]:
-        everywhere = [*self.views, *self.others]
-        return [(view, chart) for view in everywhere for chart in self.file.confirmed(view.name)]
+        return [(view, chart) for view in self.everything for chart in self.file.confirmed(view.name)]
 
     def _chart(self, view: View, name: str, kind: str, corners: Any) -> Chart:
         if kind not in self.kinds:
@@ -165,9 +184,10 @@ class Session:
         return self.file.chart(view.name, name, kind, corners)
 
     def _numbered(self, number: int) -> View:
-        if not 0 <= number < len(self.views):
+        views = self.everything
+        if not 0 <= number < len(views):
             raise InputError(f"view {number}: there is none; reload the page")
-        return self.views[number]
+        return views[number]
 
     def _view(self, view: View) -> dict[str, Any]:
         proposals = self.file.proposed(view.name)

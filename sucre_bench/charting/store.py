@@ -39,6 +39,8 @@ class ChartsFile:
         proposed = self._content.get("proposed", {})
         self._proposed: dict[str, dict[str, Proposal | None]] = {}
         for view, charts in (proposed if isinstance(proposed, dict) else {}).items():
+            if not isinstance(charts, dict):
+                raise InputError(f"{path}: proposed, {view}: not charts by name; remove it there")
             if view in sizes:
                 self._proposed[view] = {name: self._proposal(view, name, entry) for name, entry in charts.items()}
 

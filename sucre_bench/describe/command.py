@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import sys
 from pathlib import Path
 
 import click
@@ -41,7 +40,7 @@ def describe(
     Words are those of `sucre-bench run`: dataset=, its options, views=, every=, first=, degrade.
     What is wrong is listed with its remedy; the exit code is 0 unless no view could be read.
     """
-    from sucre_bench import console, plugins
+    from sucre_bench import console, layout, plugins
     from sucre_bench.describe import scene
     from sucre_bench.describe.unit import noted_scale
     from sucre_bench.errors import InputError
@@ -68,10 +67,9 @@ def describe(
         if not as_json:
             scene.show(one)
         if not no_sheet:
-            name = f"{one.name.replace('/', '-')}-sheet{suffix}"
+            name = f"{layout.file_name(one.name)}-sheet{suffix}"
             file_name = Path(name) if sheet is None else sheet if len(described) == 1 else sheet.with_name(name)
             write_atomically(file_name, one.sheet(suffix))
             click.echo(f"sheet    {file_name}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
-    sys.stdout.flush()

@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench.charting.order import reading_order
 from sucre_bench.charts import image_from_chart
-from sucre_bench.colour import converted, display
+from sucre_bench.colour import converted, display, to_8bit
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.loading.files import scaled_camera
 from sucre_bench.multiview.geometry import distance_map
@@ -67,12 +68,12 @@ class ViewFacts:
 class Look:
     """A view at reduced size, None where there is nothing to see.
 
-    picture: (h, w, 3) float32 as shown; depth: (h, w) float32 metres along the axis; camera: of the reduced size;
+    picture: (h, w, 3) uint8 as shown; depth: (h, w) float32 metres along the axis; camera: of the reduced size;
     charts: (C, 4, 2) corners in its pixels.
     """
 
     view: View
-    picture: Array | None
+    picture: npt.NDArray[np.uint8] | None
     depth: Array | None
     camera: Camera | None
     charts: Array
@@ -100,7 +101,9 @@ def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
     else:
         width, height = (camera.width, camera.height) if camera else (0, 0)
     if camera and plane is not None and (camera.width, camera.height) != (width, height):
-        image_fault = image_fault or f"{view.name}: the image is {width}x{height}, its camera another size"
+        fault = f"the image is {width}x{height}, its camera {camera.width}x{camera.height}"
+        remedy = "use the images that its camera was found for, uncropped"
+        image_fault = image_fault or f"{view.name}: {fault}; {remedy}"
         camera = None
     small = _reduced((width, height))
     at_scale = None if camera is None else scaled_camera(camera, small)
@@ -127,7 +130,7 @@ def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
         charts=() if rgb is None else _charts(view, rgb, distance),
     )
     corners = np.array([chart.corners for chart in view.charts]).reshape(-1, 4, 2)
-    picture = None if rgb is None else display(_shrunk(rgb, small), "none", view.encoding)
+    picture = None if rgb is None else to_8bit(display(_shrunk(rgb, small), "none", view.encoding))
     return facts, Look(
         view, picture, _sampled(depth, small), at_scale, corners * np.divide(small, (max(width, 1), max(height, 1)))
     )

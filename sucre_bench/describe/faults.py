@@ -18,7 +18,7 @@ _BLACK, _FLAT = 0.02, 0.004  # of full scale: means below, and standard deviatio
 _SATURATED, _COVERED = 0.05, 0.2  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equations of the water are as good as singular
-_SAME = 0.5 / 255  # mean difference of reduced pictures
+_SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
 
 
 @dataclass(frozen=True)
@@ -137,8 +137,10 @@ def _same_pictures(looks: Sequence[Look]) -> dict[str, list[str]]:
     import cv2
 
     shown = [(look.view.name, look.picture) for look in looks if look.picture is not None]
-    shown = [(name, picture) for name, picture in shown if picture.std() > _FLAT]
-    tiny = np.array([cv2.resize(picture, (16, 16), interpolation=cv2.INTER_AREA).ravel() for _, picture in shown])
+    shown = [(name, picture) for name, picture in shown if picture.std() > 255 * _FLAT]
+    tiny = np.array(
+        [cv2.resize(picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA).ravel() for _, picture in shown]
+    )
     found = defaultdict(list)
     for k in range(1, len(tiny)):
         same = np.flatnonzero(np.abs(tiny[:k] - tiny[k]).mean(axis=1) < _SAME)

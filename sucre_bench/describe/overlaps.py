@@ -8,20 +8,21 @@ than the poses, poses turned around. One that makes far more points agree is nam
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sucre_bench.describe.evenly import evenly
 from sucre_bench.describe.facts import Look
-from sucre_bench.multiview.geometry import pixel_rays, project, relative_pose, unproject
+from sucre_bench.multiview.geometry import depth_at, pixel_rays, project, relative_pose, unproject
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.progress import track
 from sucre_bench.scene import Array, Arrays, View
 
-__all__ = ["AGREES", "Overlap", "Suspicion", "overlaps", "suspect"]
+__all__ = ["Overlap", "Suspicion", "overlaps", "suspect"]
 
-AGREES = 0.05
+_AGREES = 0.05
 _FIRM, _LOOSE = 0.01, 0.06  # what agrees when mistakes are looked for: for one, and for scales on a coarse grid
 _PARTNER = 0.05  # of a view's points that another one must see to count as overlapping
 _MOST_TARGETS = 40  # views that are compared with all others, evenly chosen
@@ -55,7 +56,7 @@ class Suspicion:
 def overlaps(looks: Sequence[Look]) -> list[Overlap]:
     """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
     views = _usable(looks)
-    return [_overlap(views[k], views) for k in track(_evenly(len(views)), "overlaps")]
+    return [_overlap(views[k], views) for k in track(evenly(len(views), _MOST_TARGETS), "overlaps")]
 
 
 def suspect(looks: Sequence[Look]) -> Suspicion | None:
@@ -64,17 +65,15 @@ def suspect(looks: Sequence[Look]) -> Suspicion | None:
     It must make at least half as many points more agree, and a tenth of all that are tried.
     """
     views = _usable(looks)
-    targets = _evenly(len(views))
+    targets = evenly(len(views), _MOST_TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
-    as_is = _agreeing(views, pairs, _FIRM)
+    as_is = _firmly(views, pairs)
     scale = _likely_scale(views, pairs)
     rescaled = [_with_depth(view, view.depth * scale) for view in views]
-    tried = [
-        (_agreeing([change(view) for view in views], pairs, _FIRM), what, remedy) for what, remedy, change in _MISTAKES
-    ]
+    tried = [(_firmly([change(view) for view in views], pairs), what, remedy) for what, remedy, change in _MISTAKES]
     unit = f"depth is {1 / scale:.3g} times that of the poses", f"multiply depth by {scale:.3g}, or divide positions"
-    best, what, remedy = max((*tried, (_agreeing(rescaled, pairs, _FIRM), *unit)), key=lambda one: one[0])
+    best, what, remedy = max((*tried, (_firmly(rescaled, pairs), *unit)), key=lambda one: one[0])
     return Suspicion(what, remedy, (as_is, best)) if best > max(1.5 * as_is, 0.1) else None
 
 
@@ -88,10 +87,6 @@ def _usable(looks: Sequence[Look]) -> list[View]:
     ]
 
 
-def _evenly(n: int) -> list[int]:
-    return np.unique(np.linspace(0, n - 1, min(n, _MOST_TARGETS)).round().astype(int)).tolist() if n else []
-
-
 def _overlap(view: View, views: Sequence[View]) -> Overlap:
     points = _points(view)
     seen, partners, off = np.zeros(len(points), bool), 0, []
@@ -99,7 +94,7 @@ def _overlap(view: View, views: Sequence[View]) -> Overlap:
         if other is view or not most:
             continue
         rel = np.abs(_landing(points, view, other))
-        agrees = rel <= AGREES
+        agrees = rel <= _AGREES
         seen |= agrees
         partners += bool(agrees.mean() >= _PARTNER)
         if np.isfinite(rel).mean() >= _PARTNER:
@@ -110,15 +105,31 @@ def _overlap(view: View, views: Sequence[View]) -> Overlap:
 
 def _likely_scale(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
     """The factor of depth that makes most points agree, to about 1 %."""
-    coarse = max(_SCALES, key=lambda s: _agreeing(views, pairs, _LOOSE, s))
-    return max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, _FIRM, s))
+    points = _some_points(views, pairs)
+    coarse = max(_SCALES, key=lambda s: _agreeing(views, pairs, points, _LOOSE, s))
+    return max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, points, _FIRM, s))
 
 
-def _agreeing(views: Sequence[View], pairs: Sequence[tuple[int, int]], tolerance: float, scale: float = 1.0) -> float:
-    """The share of points that land where another view has the same depth, all depth maps times a factor."""
-    points = {k: _points(views[k])[::8] * scale for k, _ in pairs}
-    agreeing = [np.abs(_landing(points[k], views[k], views[j], scale)) <= tolerance for k, j in pairs]
+def _firmly(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
+    """The share of points that land where another view has the same depth."""
+    return _agreeing(views, pairs, _some_points(views, pairs), _FIRM)
+
+
+def _agreeing(
+    views: Sequence[View],
+    pairs: Sequence[tuple[int, int]],
+    points: Mapping[int, Array],
+    tolerance: float,
+    scale: float = 1.0,
+) -> float:
+    """As `_firmly`, all depth maps times a factor. points: see `_some_points`."""
+    agreeing = [np.abs(_landing(points[k] * scale, views[k], views[j], scale)) <= tolerance for k, j in pairs]
     return float(np.concatenate(agreeing).mean()) if agreeing else 0.0
+
+
+def _some_points(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> dict[int, Array]:
+    """Fewer points of the first view of each pair than `_points`: enough to tell mistakes by."""
+    return {k: _points(views[k])[::8] for k in {k for k, _ in pairs}}
 
 
 def _points(view: View) -> Array:
@@ -137,14 +148,8 @@ def _landing(points: Array, view: View, other: View, scale: float = 1.0) -> Arra
     assert view.cam_from_world is not None
     pose = relative_pose(other.cam_from_world, view.cam_from_world)
     at, z = project(other.camera, points @ pose[:3, :3].T + pose[:3, 3])
-    width, height = other.camera.width, other.camera.height
-    with np.errstate(invalid="ignore"):
-        inside = (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)  # NaN is not
-    u, v = np.floor(at[inside]).astype(int).T
-    d = other.depth[v, u].astype(np.float64) * scale
-    rel = np.full(len(points), np.nan)
-    rel[inside] = np.where(d > 0, (d - z[inside]) / z[inside], np.nan)
-    return rel
+    d = depth_at(other.depth, at) * scale
+    return np.divide(d - z, z, out=np.full(len(points), np.nan), where=d > 0)
 
 
 # -- mistakes, undone ----------------------------------------------------------------------------------------------

@@ -12,6 +12,7 @@ from typing import Any
 import click
 import numpy as np
 
+from sucre_bench.describe.evenly import evenly
 from sucre_bench.describe.facts import Look, ViewFacts, look_at
 from sucre_bench.describe.faults import Fault, find_faults
 from sucre_bench.describe.overlaps import Overlap, overlaps
@@ -63,7 +64,7 @@ def described(
     dataset: str, scene: Scene, views: Sequence[View], most: int, scale: ScaleNote | None = None
 ) -> Described:
     """Describe some views of a scene. most: of them, evenly chosen; scale: what is noted of its."""
-    chosen = [views[k] for k in np.unique(np.linspace(0, len(views) - 1, min(len(views), most)).round().astype(int))]
+    chosen = [views[k] for k in evenly(len(views), most)]
     seen = look_at(chosen, "reference" in scene.has)
     facts, looks = [one for one, _ in seen], [look for _, look in seen]
     between = overlaps(looks)

@@ -7,14 +7,15 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sucre_bench.colour import to_8bit
+from sucre_bench.describe.depth_colours import depth_colours
+from sucre_bench.describe.evenly import evenly
 from sucre_bench.describe.facts import Look, ViewFacts
-from sucre_bench.scene import Array
 
-__all__ = ["MOST", "contact_sheet"]
+__all__ = ["contact_sheet"]
 
-MOST = 60  # views on a sheet, evenly chosen
+_MOST = 60  # views on a sheet, evenly chosen
 _WIDE, _GAP, _TEXT, _HEAD = 300, 8, 20, 64  # pixels
+_GRAY = 128
 
 
 def contact_sheet(
@@ -23,7 +24,7 @@ def contact_sheet(
     """Return the sheet as an image file of that suffix. unit: of distances."""
     from PIL import Image, ImageDraw, ImageFont
 
-    chosen = np.unique(np.linspace(0, len(looks) - 1, min(len(looks), MOST)).round().astype(int))
+    chosen = evenly(len(looks), _MOST)
     columns = 1 if len(chosen) <= 3 else 2 if len(chosen) <= 12 else 3
     high = max(_height(looks[k]) for k in chosen)
     tile = (2 * _WIDE + 2 + _GAP, high + _TEXT + _GAP)
@@ -33,7 +34,7 @@ def contact_sheet(
     low, top = _range(looks)
     pen.text((_GAP, _GAP), title, fill="black", font=ImageFont.load_default(18))
     bar = np.tile(np.linspace(low, top, 256), (10, 1))
-    sheet.paste(Image.fromarray(_coloured(bar, low, top)), (_GAP, 34))
+    sheet.paste(Image.fromarray(depth_colours(bar, low, top, _GRAY)), (_GAP, 34))
     pen.text((_GAP + 264, 30), f"distance {low:.3g} to {top:.3g} {unit}, gray: unknown", fill="black", font=font)
     for place, k in enumerate(chosen):
         row, column = divmod(place, columns)
@@ -41,8 +42,8 @@ def contact_sheet(
         view, look, distance = facts[k], looks[k], looks[k].distance
         size = (_WIDE, _height(look))
         for at, picture in (
-            (x, None if look.picture is None else to_8bit(look.picture)),
-            (x + _WIDE + 2, None if distance is None else _coloured(distance, low, top)),
+            (x, look.picture),
+            (x + _WIDE + 2, None if distance is None else depth_colours(distance, low, top, _GRAY)),
         ):
             if picture is None:
                 pen.rectangle((at, y, at + _WIDE - 1, y + size[1] - 1), fill="#dddddd")
@@ -74,13 +75,3 @@ def _range(looks: Sequence[Look]) -> tuple[float, float]:
         return 0.0, 1.0
     low, top = (float(v) for v in np.percentile(values, [1, 99]))
     return low, max(top, low * 1.001)
-
-
-def _coloured(distance: Array, low: float, top: float) -> np.ndarray:
-    """(h, w, 3) uint8: near is red, far is blue; gray where there is none."""
-    import cv2
-
-    level = (255 * (1 - ((distance - low) / (top - low)).clip(0, 1))).astype(np.uint8)
-    colours = cv2.applyColorMap(level, cv2.COLORMAP_TURBO)[..., ::-1].copy()
-    colours[distance <= 0] = 128
-    return np.asarray(colours)

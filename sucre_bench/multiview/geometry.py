@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from sucre_bench.scene import Array, Camera
 
-__all__ = ["distance_map", "pixel_rays", "project", "relative_pose", "unproject"]
+__all__ = ["depth_at", "distance_map", "pixel_rays", "project", "relative_pose", "unproject"]
 
 
 def pixel_rays(camera: Camera) -> Array:
@@ -44,6 +44,20 @@ def project(camera: Camera, points: Array) -> tuple[Array, Array]:
     with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
         xy = np.where((z > 0)[..., None], points[..., :2] / z[..., None], np.nan)
     return xy @ np.asarray(camera.K[:2, :2].T, dtype=points.dtype) + np.asarray(camera.K[:2, 2], dtype=points.dtype), z
+
+
+def depth_at(depth: Array, xy: Array) -> Array:
+    """Return the depth (P,) float64 of the pixels that coordinates (P, 2) lie in; 0 where it is unknown, and outside.
+
+    NaN coordinates, of points behind a camera, are outside.
+    """
+    height, width = depth.shape
+    with np.errstate(invalid="ignore"):
+        inside = (xy >= 0).all(axis=1) & (xy[:, 0] < width) & (xy[:, 1] < height)
+    column, row = xy[inside].astype(np.int64).T
+    found = np.zeros(len(xy))
+    found[inside] = depth[row, column]
+    return found
 
 
 def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: Array) -> Array:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shlex
 from pathlib import Path
 from typing import Any
 
@@ -64,7 +65,6 @@ _MOST_NAMED = 5  # photos that were left out, of a kind
 @click.option(
     "--distance",
     "distances",
-    nargs=3,
     type=(str, str, float),
     multiple=True,
     metavar="A B METRES",
@@ -73,7 +73,6 @@ _MOST_NAMED = 5  # photos that were left out, of a kind
 @click.option(
     "--length",
     "lengths",
-    nargs=6,
     type=(str, float, float, float, float, float),
     multiple=True,
     metavar="IMAGE X Y X Y METRES",
@@ -110,6 +109,7 @@ def prepare(
     from sucre_bench import console
     from sucre_bench.prepare import pipeline
     from sucre_bench.prepare.scale import Known, Length
+    from sucre_bench.selection import quoted
 
     known = Known(
         factor,
@@ -132,4 +132,5 @@ def prepare(
     click.echo(f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth")
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
-    click.echo(f"run it   sucre-bench run dataset=colmap dataset.root={out} method=sucre")
+    root = shlex.quote(f"dataset.root={quoted(str(out))}")
+    click.echo(f"run it   sucre-bench run dataset=colmap {root} method=sucre")

@@ -139,8 +139,6 @@ def write_depth(folder: Path, name: str, metres: Array) -> bool:
 
     pure = PurePosixPath(name)
     stem = folder / pure.with_name(f"depth_{pure.stem}")
-    for suffix in (".png", ".tif"):  # that of an earlier scale
-        stem.with_name(stem.name + suffix).unlink(missing_ok=True)
     filled = metres[metres > 0]
     if not len(filled):
         return False

@@ -9,7 +9,7 @@ from sucre_bench.scene import Array
 __all__ = ["without_small_holes"]
 
 _LARGEST = 0.01  # of the image
-_RIM = 7  # pixels: how far around a hole its rim reaches
+_RIM = 3  # pixels: how far around a hole its rim reaches
 _FEWEST = 12  # pixels of a rim
 _FLAT = 0.005  # relative difference of nine tenths of the rim from one plane
 
@@ -31,7 +31,7 @@ def without_small_holes(depth: Array) -> Array:
             continue
         window = np.s_[max(0, y - _RIM) : y + high + _RIM, max(0, x - _RIM) : x + wide + _RIM]
         hole = labels[window] == label
-        around = cv2.dilate(hole.astype(np.uint8), np.ones((_RIM, _RIM), np.uint8)) > 0
+        around = cv2.dilate(hole.astype(np.uint8), np.ones((2 * _RIM + 1, 2 * _RIM + 1), np.uint8)) > 0
         rows, columns = np.nonzero(around & (depth[window] > 0))
         if len(rows) < _FEWEST:
             continue

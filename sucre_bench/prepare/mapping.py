@@ -8,10 +8,11 @@ Schoenberger & Frahm, Structure-from-Motion Revisited, CVPR 2016.
 from __future__ import annotations
 
 import itertools
+import json
 import shutil
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any, Literal
 
@@ -19,9 +20,10 @@ from sucre_bench.errors import InputError
 from sucre_bench.prepare.colmap import load_pycolmap
 from sucre_bench.prepare.photos import Photo, write_gray
 from sucre_bench.progress import line, say, track
+from sucre_bench.results import write_atomically
 from sucre_bench.threads import usable_cores
 
-__all__ = ["Mapped", "Rules", "map_photos"]
+__all__ = ["Mapped", "Rules", "map_photos", "read_mapped"]
 
 Matching = Literal["auto", "exhaustive", "sequential"]
 Cameras = Literal["single", "folder", "image"]
@@ -30,6 +32,7 @@ _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, some ten minutes on two cores
 _NEIGHBOURS = 10
 _ENOUGH = 0.9  # of the photos: then no second attempt
 _GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, for some ten seconds a pair
+_RECORD = "model.json"
 _BATCH = 64  # pairs, between two steps of the progress
 
 
@@ -70,6 +73,22 @@ class Mapped:
     damaged: dict[str, str]
     groups: tuple[int, ...]
 
+    def write(self, folder: Path) -> None:
+        """Keep it in a folder that holds the model, which may move."""
+        values = {**asdict(self), "model": self.model.relative_to(folder).as_posix()}
+        write_atomically(folder / _RECORD, json.dumps(values).encode())
+
+
+def read_mapped(folder: Path) -> Mapped | None:
+    """Return what was kept in a folder; None where nothing is."""
+    file = folder / _RECORD
+    if not file.is_file():
+        return None
+    known: dict[str, Any] = json.loads(file.read_bytes())
+    known |= {name: tuple(known[name]) for name in ("registered", "groups")}
+    known["best_matches"] = {name: (count, other) for name, (count, other) in known["best_matches"].items()}
+    return Mapped(**{**known, "model": folder / known["model"]})
+
 
 def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
     """Return the best model of the photos; files go below `folder`, what is there already is used.
@@ -99,6 +118,9 @@ def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
 
 
 def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt) -> Mapped:
+    before = read_mapped(folder)
+    if before is not None:
+        return before
     pycolmap = load_pycolmap()
     pycolmap.set_random_seed(0)
     folder.mkdir(parents=True, exist_ok=True)
@@ -107,11 +129,8 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
     if len(photos) < 2:
         return Mapped(folder, (), attempt.name, {}, damaged, ())
     database = folder / "database.db"
-    if not (folder / "matched").is_file():
-        database.unlink(missing_ok=True)
-        _find_features(pycolmap, database, photos, folder, rules, attempt)
-        _match(pycolmap, database, photos, folder, rules, attempt)
-        (folder / "matched").touch()
+    _find_features(pycolmap, database, photos, folder, rules, attempt)
+    _match(pycolmap, database, photos, folder, rules, attempt)
     models = _map(pycolmap, database, folder, len(photos), attempt)
     model = folder / "model"
     model.mkdir(exist_ok=True)
@@ -121,8 +140,10 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
         names = tuple(sorted(models[0].image(number).name for number in models[0].reg_image_ids()))
         models[0].write_binary(model)
     matches = _best_matches(pycolmap, database, photos, names)
+    mapped = Mapped(model, names, attempt.name, matches, damaged, tuple(m.num_reg_images() for m in models))
+    mapped.write(folder)
     shutil.rmtree(folder / "gray")
-    return Mapped(model, names, attempt.name, matches, damaged, tuple(m.num_reg_images() for m in models))
+    return mapped
 
 
 def _find_features(
@@ -131,7 +152,7 @@ def _find_features(
     """Fill the database with photos and cameras, one after the other, and with features, by all processors.
 
     The first pass finds next to nothing and is there for its order: photos get their numbers as they are done, and from
-    other numbers other models follow.
+    other numbers other models follow. What an earlier command found stays.
     """
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = rules.camera
@@ -145,28 +166,33 @@ def _find_features(
         mode, device = pycolmap.CameraMode.SINGLE, pycolmap.Device.cpu
         pycolmap.extract_features(database, folder / "gray", names, mode, reader, options, device)
 
-    groups, cameras = _sharing(photos, rules.cameras), []
-    new = reader.existing_camera_id
-    for shared in groups:
-        reader.existing_camera_id = new
-        for photo in shared:
-            extract([photo.key], quick)
-            if photo is shared[0]:
-                with pycolmap.Database.open(database) as opened:
-                    reader.existing_camera_id = opened.read_image_with_name(photo.key).camera_id
-        cameras.append(reader.existing_camera_id)
-    with pycolmap.Database.open(database) as opened:
-        opened.clear_keypoints()
-        opened.clear_descriptors()
+    groups, listed = _sharing(photos, rules.cameras), folder / "listed"
+    if not listed.is_file():
+        for old in folder.glob(f"{database.name}*"):
+            old.unlink()
+        new = reader.existing_camera_id
+        for shared in groups:
+            reader.existing_camera_id = new
+            for photo in shared:
+                extract([photo.key], quick)
+                reader.existing_camera_id = _camera_of(pycolmap, database, shared[0])
+        with pycolmap.Database.open(database) as opened:
+            opened.clear_keypoints()
+            opened.clear_descriptors()
+        listed.touch()
     batch = usable_cores()
     with line("finding features", len(photos)) as step:
-        for shared, camera in zip(groups, cameras, strict=True):
-            reader.existing_camera_id = camera
+        for shared in groups:
+            reader.existing_camera_id = _camera_of(pycolmap, database, shared[0])
             for start in range(0, len(shared), batch):
-                names = [photo.key for photo in shared[start : start + batch]]
-                extract(names, real)
-                for _ in names:
+                extract([photo.key for photo in shared[start : start + batch]], real)  # but those that have features
+                for _ in shared[start : start + batch]:
                     step()
+
+
+def _camera_of(pycolmap: Any, database: Path, photo: Photo) -> int:
+    with pycolmap.Database.open(database) as opened:
+        return int(opened.read_image_with_name(photo.key).camera_id)
 
 
 def _sharing(photos: Sequence[Photo], cameras: Cameras) -> list[list[Photo]]:
@@ -186,11 +212,12 @@ def _match(
     pairs = list(itertools.combinations(names, 2)) if exhaustive else list(_sequential(names))
     matching, verification = pycolmap.FeatureMatchingOptions(), pycolmap.TwoViewGeometryOptions()
     matching.use_gpu, matching.guided_matching = False, attempt.guided and len(pairs) <= _GUIDED_PAIRS
+    matching.num_threads = 1  # with more, one run in a hundred found other matches
     verification.ransac.random_seed = 0
     listed = pycolmap.ImportedPairingOptions()
     listed.match_list_path = folder / "pairs.txt"
     batches = [pairs[start : start + _BATCH] for start in range(0, len(pairs), _BATCH)]
-    for batch in track(batches, "matching"):
+    for batch in track(batches, "matching"):  # of which COLMAP skips the pairs that the database has
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
 

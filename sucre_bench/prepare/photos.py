@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import Any
@@ -14,12 +13,12 @@ import numpy.typing as npt
 
 from sucre_bench.errors import InputError
 from sucre_bench.images import decode, image_size, same_shape
+from sucre_bench.loading.folders import walk
+from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.progress import track
 from sucre_bench.results import write_atomically
 
 __all__ = ["Photo", "find_photos", "read_photo", "too_few", "write_gray", "write_png"]
-
-_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 
 @dataclass(frozen=True, slots=True)
@@ -40,12 +39,15 @@ class Photo:
 def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path) -> tuple[list[Photo], dict[str, str]]:
     """Return the photos of a folder and its sub-folders in order of their names, and those that are damaged: why.
 
-    max_size: larger photos are used shrunk to this longest side, 0 for none; leave_out: a sub-folder that holds none.
+    max_size: larger photos are used shrunk to this longest side, 0 for none; leave_out: a sub-folder that holds none,
+    like that of the masks.
     Raises InputError when there are fewer than two, or a mask is missing or of another shape.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the one that holds the photos")
-    names = sorted(name for name in _files(folder, leave_out) if PurePosixPath(name).suffix.lower() in _SUFFIXES)
+    names = sorted(
+        name for name in _files(folder, (leave_out, *([masks] if masks else []))) if name.lower().endswith(SUFFIXES)
+    )
     shared = Counter(PurePosixPath(name).with_suffix("") for name in names)
     photos: list[Photo] = []
     damaged: dict[str, str] = {}
@@ -77,13 +79,11 @@ def too_few(folder: Path, files: int, damaged: Mapping[str, str]) -> InputError:
     return InputError(f"{folder}: {what}; put two or more .jpg, .png or .tif of one place there")
 
 
-def _files(folder: Path, leave_out: Path) -> list[str]:
-    found = []
-    for place, folders, files in os.walk(folder):
-        folders[:] = [
-            f for f in folders if not f.startswith(".") and (Path(place) / f).resolve() != leave_out.resolve()
-        ]
-        found += [(Path(place) / f).relative_to(folder).as_posix() for f in files if not f.startswith(".")]
+def _files(folder: Path, leave_out: Iterable[Path]) -> list[str]:
+    found, resolved = [], {path.resolve() for path in leave_out}
+    for place, below, files in walk(folder):
+        below[:] = [name for name in below if not name.startswith(".") and (place / name).resolve() not in resolved]
+        found += [(place / name).relative_to(folder).as_posix() for name in files if not name.startswith(".")]
     return found
 
 

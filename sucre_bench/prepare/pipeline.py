@@ -12,7 +12,7 @@ from typing import Any, Literal, TypeVar
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.prepare.depthmaps import Dense, DepthMaps, Sparse
-from sucre_bench.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos
+from sucre_bench.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos, read_mapped
 from sucre_bench.prepare.photos import Photo, find_photos, too_few
 from sucre_bench.prepare.record import Prepared, given, read_record, settled_by
 from sucre_bench.prepare.relief import relief_of
@@ -28,7 +28,6 @@ __all__ = ["Options", "prepare"]
 
 T = TypeVar("T")
 
-_MODEL = "model.json"
 _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 
 
@@ -65,7 +64,7 @@ def prepare(
 
     rules = Rules(options.matching, options.camera, options.cameras)
     mapping = stage(work, "model", [photo.stamp for photo in photos], rules)
-    if damaged and not (mapping.folder / _MODEL).is_file():  # mapping may take long: it is said before as well
+    if damaged and read_mapped(mapping.folder) is None:  # mapping may take long: it is said before as well
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
     mapped = _kept(mapping.folder, out, lambda: map_photos(photos, mapping.folder, rules))
     if not mapped.registered:
@@ -98,7 +97,7 @@ def prepare(
     )
     more = {**_asked(folder, options), "attempt": mapped.attempt}
     result = stage(work, "result", surface.key, scale, sorted(damaged))
-    made = _guarded(out, lambda: write(made, pinhole, mapped.model, shots, maps, more))
+    made = _guarded(out, lambda: write(made, pinhole, mapped.model, shots, maps, more, result.folder))
     result.finish()
     return made
 
@@ -109,7 +108,8 @@ def _check_folders(folder: Path, out: Path) -> None:
     if folder.resolve() == out.resolve() or out.resolve() in folder.resolve().parents:
         raise InputError(f"{out}: holds the photos themselves; name another folder to write into")
     if out.is_dir() and any(out.iterdir()) and not (out / ".prepare").is_dir():
-        raise InputError(f"{out}: holds other files already; name a new folder")
+        gone = " and no .prepare/ to go on from" if read_record(out) else ""
+        raise InputError(f"{out}: holds other files already{gone}; name a new folder")
 
 
 def _asked(folder: Path, options: Options) -> dict[str, Any]:
@@ -137,19 +137,15 @@ def _check_options(work: Path, asked: Mapping[str, Any], again: bool) -> None:
 
 
 def _kept(folder: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
-    """The model of an earlier command, or a new one. Its place is kept relative to the folder, which may move."""
-    file = folder / _MODEL
-    if file.is_file():
-        known: dict[str, Any] = json.loads(file.read_text())
-        known["model"] = folder / known["model"]
-        known |= {name: tuple(known[name]) for name in ("registered", "groups")}
-        return Mapped(**known)
+    """The model of an earlier command, or a new one."""
+    before = read_mapped(folder)
+    if before is not None:
+        return before
     made = _guarded(out, make)
     if made.registered:
         for name in ("images", "depths"):  # of another model
             shutil.rmtree(out / name, ignore_errors=True)
-    record = {**asdict(made), "model": made.model.relative_to(folder).as_posix()}
-    write_atomically(file, json.dumps(record).encode())
+    made.write(folder)
     return made
 
 

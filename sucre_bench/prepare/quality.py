@@ -11,7 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.describe.depth_colours import depth_colours
 from sucre_bench.images import decode
+from sucre_bench.multiview.geometry import depth_at
 from sucre_bench.prepare.shots import Shot
 from sucre_bench.results import write_atomically
 from sucre_bench.scene import Array
@@ -29,8 +31,9 @@ _MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # worse is marked on the page
 @dataclass(frozen=True, slots=True)
 class Quality:
     """Of one image. points: sparse points seen; reprojection_px: their mean distance from where they were found, in
-    pixels of the undistorted image; coverage: share of pixels with depth; depth_error: median relative difference of
-    the depth map from the sparse points, NaN where none has both; nearest_m, farthest_m: 1 and 99 % of depths."""
+    pixels of the undistorted image, NaN without points; coverage: share of pixels with depth; depth_error: median
+    relative difference of the depth map from the sparse points, NaN where none has both; nearest_m, farthest_m: 1 and
+    99 % of depths."""
 
     name: str
     points: int
@@ -50,10 +53,9 @@ def quality_of(shot: Shot, depth: Array, metres_per_unit: float) -> Quality:
     """Return the figures of an image. depth: (H, W) in the model's unit, as the shot's points are."""
     xy, z = shot.seen_points()
     off = np.linalg.norm(xy - shot.xy, axis=1)
-    inside = (xy >= 0).all(axis=1) & (xy < (shot.camera.width, shot.camera.height)).all(axis=1)
-    column, row = xy[inside].astype(np.int64).T
-    there = depth[row, column]
-    error = np.abs(there / z[inside] - 1)[there > 0]
+    off = off[np.isfinite(off)]
+    there = depth_at(depth, xy)
+    error = np.abs(there[there > 0] / z[there > 0] - 1)
     filled = depth[depth > 0]
     near, far = np.quantile(filled, [0.01, 0.99]) * metres_per_unit if len(filled) else (np.nan, np.nan)
     return Quality(
@@ -74,9 +76,7 @@ def thumbnails(image: Path, depth: Array, bounds: tuple[float, float]) -> tuple[
     stored = decode(image, cv2.IMREAD_COLOR)
     size = (_THUMBNAIL, max(1, round(stored.shape[0] * _THUMBNAIL / stored.shape[1])))
     small = cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT)
-    share = np.clip((small - bounds[0]) / max(bounds[1] - bounds[0], 1e-9), 0, 1)
-    coloured = cv2.applyColorMap(np.rint(255 - 255 * share).astype(np.uint8), cv2.COLORMAP_TURBO)
-    coloured[small <= 0] = 0
+    coloured = depth_colours(np.asarray(small), *bounds, unknown=0)[..., ::-1]
     return _uri(cv2.resize(stored, size, interpolation=cv2.INTER_AREA)), _uri(coloured)
 
 

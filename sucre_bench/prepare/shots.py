@@ -15,9 +15,9 @@ from sucre_bench.scene import Array, Camera
 
 __all__ = ["Shot", "neighbours", "read_shots"]
 
-_TELLING_ANGLE = np.deg2rad(
-    5.0
-)  # from here on a point's depth is well determined, and more angle only changes its look
+Indices = npt.NDArray[np.int64]
+
+_TELLING_ANGLE = np.deg2rad(5.0)  # from here on depth is well determined, and more angle only changes the look
 _WIDEST_ANGLE = np.deg2rad(45.0)
 
 
@@ -80,26 +80,41 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
 
     A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all.
     """
+    if not shots:
+        return []
+    # Who sees a point: of all that is seen, ordered by point, a range for each.
+    firsts = [np.unique(shot.point_ids, return_index=True)[1] for shot in shots]
+    seen = np.concatenate([shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)])
+    by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
+    order = np.argsort(seen, kind="stable")
+    points, starts, counts = np.unique(seen[order], return_index=True, return_counts=True)
+    seers, centres = by[order], np.array([shot.centre for shot in shots])
     return [
-        [
-            j
-            for _, j in sorted(((-_common(shot, other), j) for j, other in enumerate(shots) if other is not shot))[
-                :most
-            ]
-            if _common(shot, shots[j]) > 0
+        _best(i, shots[i].points[first], seers, centres, *_ranges(points, starts, counts, shots[i].point_ids[first]))[
+            :most
         ]
-        for shot in shots
+        for i, first in enumerate(firsts)
     ]
 
 
-def _common(one: Shot, other: Shot) -> float:
-    _, own, _ = np.intersect1d(one.point_ids, other.point_ids, assume_unique=False, return_indices=True)
-    if not len(own):
-        return 0.0
-    rays = [shot.centre - one.points[own] for shot in (one, other)]
-    lengths = [np.linalg.norm(ray, axis=1) for ray in rays]
+def _ranges(points: Indices, starts: Indices, counts: Indices, own: Indices) -> tuple[Indices, Indices]:
+    """Of each of a photo's own points every place in its range, and which point that is of: (R,) each."""
+    at = np.searchsorted(points, own)
+    lengths = counts[at]
+    which = np.repeat(np.arange(len(own)), lengths)
+    within = np.arange(len(which)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return starts[at][which] + within, which
+
+
+def _best(one: int, points: Array, seers: Indices, centres: Array, places: Indices, which: Indices) -> list[int]:
+    """The photos that tell this one's depths, the best first. points: (P, 3) that it sees."""
+    others = seers[places]
+    rays = [centres[one] - points[which], centres[others] - points[which]]
+    lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
     angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
-    weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE)
+    weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != one)
     # A photo from half or twice as far shows the same ground with other detail.
     nearness = np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
-    return float((weight * nearness).sum())
+    score = np.bincount(others, weight * nearness, minlength=len(centres))
+    best = np.argsort(-score, kind="stable")
+    return best[score[best] > 0].tolist()

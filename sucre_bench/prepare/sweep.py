@@ -16,7 +16,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.multiview.compiling import compiled
-from sucre_bench.multiview.geometry import pixel_rays, project, relative_pose
+from sucre_bench.multiview.geometry import depth_at, pixel_rays, project, relative_pose
 from sucre_bench.prepare.shots import Shot
 from sucre_bench.scene import Array, Camera
 
@@ -195,7 +195,7 @@ def agreeing(
     for place, source in enumerate(sources):
         pose = relative_pose(source.cam_from_world, shot.cam_from_world)
         xy, z = project(source.camera, points @ pose[:3, :3].T + pose[:3, 3])
-        own = _nearest(depth_of(place), xy)
+        own = depth_at(depth_of(place), xy)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = own / z
         agrees = (own > 0) & (np.abs(ratio - 1) < _AGREEMENT)
@@ -204,13 +204,3 @@ def agreeing(
     kept = np.zeros_like(depth)
     kept[filled] = np.where(confirmed >= least, depth[filled] * ratios / (1 + confirmed), 0)
     return kept
-
-
-def _nearest(depth: Array, xy: Array) -> Array:
-    height, width = depth.shape
-    with np.errstate(invalid="ignore"):
-        inside = np.asarray(((xy >= 0) & (xy < (width, height))).all(axis=1))  # NaN is not
-    found = np.zeros(len(xy))
-    column, row = xy[inside].astype(np.int64).T
-    found[inside] = depth[row, column]
-    return found

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench.images import decode
 from sucre_bench.loading.colmap_model import Posed, read_model
@@ -42,15 +44,14 @@ def _undistort(photo: Photo, posed: Posed, images: Path, masks: Path) -> None:
     if target.is_file():
         return
     if photo.mask is not None:
-        mask = decode(photo.mask, cv2.IMREAD_GRAYSCALE).astype(np.float32)
-        mask = np.asarray(cv2.resize(mask, photo.size, interpolation=cv2.INTER_NEAREST), dtype=np.float32)
-        straight = mask if posed.lens is None else posed.lens.undistorted(mask, photo.size)
-        write_png(masks / posed.name, np.where(straight > 127, 255, 0).astype(np.uint8))
-    stored = read_photo(photo)
-    if posed.lens is not None:
-        straight = posed.lens.undistorted(stored.astype(np.float32), photo.size)
-        stored = np.clip(np.rint(straight), 0, np.iinfo(stored.dtype).max).astype(stored.dtype)
-    write_png(target, stored)
+        mask = cv2.resize(decode(photo.mask, cv2.IMREAD_GRAYSCALE), photo.size, interpolation=cv2.INTER_NEAREST)
+        write_png(masks / posed.name, np.where(_straight(np.asarray(mask), posed.lens) > 127, 255, 0).astype(np.uint8))
+    write_png(target, _straight(read_photo(photo), posed.lens))
+
+
+def _straight(image: npt.NDArray[Any], lens: Lens | None) -> npt.NDArray[Any]:
+    """An image of the lens's size as its pinhole sees it; in its own type, for floats take four times the memory."""
+    return image if lens is None else lens.resampled(image, lens.pinhole)
 
 
 def _write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> None:
@@ -60,8 +61,10 @@ def _write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> No
     for number in known.reg_image_ids():
         image = known.image(number)
         lens, camera = cameras.setdefault(image.camera_id, (posed[image.name].lens, posed[image.name].camera))
-        for point, xy in zip(image.points2D, _straight(lens, camera, image.points2D), strict=True):
-            point.xy = xy
+        for place, (point, xy) in enumerate(zip(image.points2D, _straightened(lens, image.points2D), strict=True)):
+            if not np.isfinite(xy).all() and point.has_point3D():  # no pinhole sees it: it says nothing of the point
+                known.delete_observation(number, place)
+            point.xy = xy if np.isfinite(xy).all() else (-1.0, -1.0)
     for number, (_, camera) in cameras.items():
         own = known.camera(number)
         own.model = pycolmap.CameraModelId.PINHOLE
@@ -70,6 +73,7 @@ def _write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> No
     known.write_binary(pinhole)
 
 
-def _straight(lens: Lens | None, camera: Camera, points: object) -> Array:
-    xy = np.array([point.xy for point in points])  # type: ignore[attr-defined]
-    return xy if lens is None or not len(xy) else lens.rays(xy) @ camera.K[:2, :2].T + camera.K[:2, 2]
+def _straightened(lens: Lens | None, points: Iterable[Any]) -> Array:
+    """Where the pinhole sees what was found (P, 2), NaN where it cannot."""
+    xy = np.array([point.xy for point in points])
+    return xy if lens is None or not len(xy) else lens.straightened(xy)

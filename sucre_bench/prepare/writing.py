@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib.metadata
+import shutil
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -23,30 +24,44 @@ _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "num
 
 
 def write(
-    made: Prepared, pinhole: Path, mapped: Path, shots: Sequence[Shot], maps: DepthMaps, asked: Mapping[str, Any]
+    made: Prepared,
+    pinhole: Path,
+    mapped: Path,
+    shots: Sequence[Shot],
+    maps: DepthMaps,
+    asked: Mapping[str, Any],
+    aside: Path,
 ) -> Prepared:
     """Write all of it in metres, or in units where the scale is arbitrary; return what was made, with its figures.
 
-    pinhole, mapped: models of the undistorted images and of the photos; asked: photos, options, and which attempt.
+    pinhole, mapped: models of the undistorted images and of the photos; asked: photos, options, and which attempt;
+    aside: a folder on the same disk. Model and depth maps are written there first and take their places together: were
+    they stopped half-way, they would be of two scales.
     """
     pycolmap, out, factor = load_pycolmap(), made.out, made.scale.metres_per_unit
     model = pycolmap.Reconstruction(pinhole)
     model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
-    (out / "sparse").mkdir(exist_ok=True)
-    model.write_binary(out / "sparse")
+    for folder in ("sparse", "depths"):
+        shutil.rmtree(aside / folder, ignore_errors=True)
+        (aside / folder).mkdir()
+    model.write_binary(aside / "sparse")
 
     on_page, pictures, qualities = shown([shot.name for shot in shots]), {}, []
     depths = np.concatenate([shot.seen_points()[1] for shot in shots])
     near, far = np.quantile(depths, [0.02, 0.98])
     for shot in track(shots, "depth maps"):
         depth = maps.depth(shot)
-        write_depth(out / "depths", shot.name, depth * np.float32(factor))
+        write_depth(aside / "depths", shot.name, depth * np.float32(factor))
         qualities.append(quality_of(shot, depth, factor))
         if shot.name in on_page:
             pictures[shot.name] = thumbnails(out / "images" / shot.name, depth, (near, far))
     made = replace(made, qualities=tuple(qualities))
+    (out / "quality.html").unlink(missing_ok=True)  # without it, the same command writes everything again
+    for folder in ("sparse", "depths"):
+        _swap(aside / folder, out / folder)
 
-    error = np.average([q.reprojection_px for q in qualities], weights=[q.points for q in qualities])
+    seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
+    error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
     surface = "plane sweep, confirmed by other photos" if isinstance(maps, Dense) else "relief of the sparse points"
     facts = {
         "photos placed": f"{len(shots)} of {made.photos}, at the {asked['attempt']} attempt",
@@ -68,6 +83,16 @@ def write(
     }
     write_record(made, more)
     return made
+
+
+def _swap(new: Path, place: Path) -> None:
+    """Put a folder in the place of another."""
+    old = new.with_name(f"old-{new.name}")
+    shutil.rmtree(old, ignore_errors=True)
+    if place.exists():
+        place.rename(old)
+    new.rename(place)
+    shutil.rmtree(old, ignore_errors=True)
 
 
 def _plain(camera: Any) -> dict[str, Any]:
