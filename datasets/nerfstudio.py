@@ -21,13 +21,12 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.errors import InputError
-from sucre_bench.images import decode, image_size
+from sucre_bench.images import SUFFIXES, decode, image_size
 from sucre_bench.loading.brown import lens_of
 from sucre_bench.loading.depth import read_depth
 from sucre_bench.loading.files import check_length, check_scale, data_id_of, fingerprint
 from sucre_bench.loading.folders import existing, inside
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track

@@ -27,11 +27,10 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size, same_shape
+from sucre_bench.images import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_camera
 from sucre_bench.loading.folders import existing, folders_below, scene_name
-from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.multiview.geometry import pixel_rays
 from sucre_bench.plugins import dataset

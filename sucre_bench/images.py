@@ -12,7 +12,9 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array
 
-__all__ = ["decode", "image_size", "read_rgb", "same_shape"]
+__all__ = ["SUFFIXES", "decode", "image_size", "read_rgb", "same_shape"]
+
+SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
 
 
 def image_size(path: Path) -> tuple[int, int] | None:

@@ -216,21 +216,23 @@ def _as_npz(restoration: Restoration) -> bytes:
     buffer, water = io.BytesIO(), restoration.water
     arrays: dict[str, Any] = {"image": restoration.image.astype(np.float32)}
     if water is not None:
-        arrays |= {**_water_arrays(water), "encoding": np.array(water.encoding)}
+        arrays |= _water_record(water)
     if restoration.confidence is not None:
         arrays["confidence"] = restoration.confidence.astype(np.float32)
     np.savez_compressed(buffer, **arrays)
     return buffer.getvalue()
 
 
-def _water_arrays(water: Water) -> dict[str, Array]:
-    return {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+def _water_record(water: Water) -> dict[str, Any]:
+    """A water by the names that `sucre_bench.loading.water_file` reads."""
+    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+    return parameters | {"encoding": water.encoding}
 
 
 def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
     """The water, what the method tells of its work, the true water where known, and how long writing took."""
     water = restoration.water
-    known = {} if water is None else {**_water_arrays(water), "encoding": water.encoding}
+    known = {} if water is None else _water_record(water)
     told = known | restoration.info | known | {"write_seconds": write_seconds}  # what is known of the water comes first
     text = json.dumps(told, default=_plain, skipkeys=True)
     return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
@@ -239,7 +241,7 @@ def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
 def _plain(value: Any) -> Any:
     """An array as lists, a water by its parameters, anything else in words: a method may tell what it likes."""
     if isinstance(value, Water):
-        return {**_water_arrays(value), "encoding": value.encoding}
+        return _water_record(value)
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from sucre_bench import plugins, progress, results
 from sucre_bench.api import score
 from sucre_bench.errors import InputError
-from sucre_bench.images import read_rgb
+from sucre_bench.images import SUFFIXES, read_rgb
 from sucre_bench.job import metric_choices
 from sucre_bench.scene import Array, Plane, Restoration, View
 from sucre_bench.scores import without
@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 __all__ = ["score_folder", "summary"]
-
-_SUFFIXES = {".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp"}
 
 
 @dataclass(frozen=True)
@@ -73,9 +71,9 @@ def _images(folder: Path) -> dict[str, Path]:
         return {folder.name: folder}
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give a folder of images, or one image")
-    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in _SUFFIXES and p.is_file())
+    found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
     if not found:
-        raise InputError(f"{folder}: holds no image ({', '.join(sorted(_SUFFIXES))}); give a folder of images")
+        raise InputError(f"{folder}: holds no image ({', '.join(sorted(SUFFIXES))}); give a folder of images")
     return {str(p.relative_to(folder)): p for p in found}
 
 
@@ -86,7 +84,7 @@ def _partner(name: str, reference: Path | None) -> Path | None:
     if reference.is_file():
         return reference
     wanted = reference / name
-    near = [p for p in sorted(wanted.parent.glob("*")) if p.stem == wanted.stem and p.suffix.lower() in _SUFFIXES]
+    near = [p for p in sorted(wanted.parent.glob("*")) if p.stem == wanted.stem and p.suffix.lower() in SUFFIXES]
     if wanted.is_file():
         return wanted
     if not near:

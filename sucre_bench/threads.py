@@ -1,10 +1,14 @@
-"""How many threads there is a processor for."""
+"""What of this machine may compute: how many processors, and on which device."""
 
 from __future__ import annotations
 
 import os
+from typing import Literal
 
-__all__ = ["usable_cores"]
+__all__ = ["Device", "usable_cores"]
+
+# Where networks and kernels compute; auto takes a GPU when there is one.
+Device = Literal["auto", "cpu", "cuda"]
 
 
 def usable_cores() -> int:

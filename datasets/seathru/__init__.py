@@ -23,13 +23,12 @@ import numpy as np
 from sucre_bench.datasets.seathru.published_charts import FULL_SIZE, published_charts
 from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, raw_size, read_raw
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size, read_rgb, same_shape
+from sucre_bench.images import SUFFIXES, image_size, read_rgb, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth import find_depths
 from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_chart, scaled_pose
 from sucre_bench.loading.folders import existing, folders_below, scene_name
-from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.plugins import dataset
 from sucre_bench.progress import track

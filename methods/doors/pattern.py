@@ -15,6 +15,7 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
+from sucre_bench import images
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.methods.doors.template import placeholders
 
@@ -22,7 +23,7 @@ __all__ = ["SUFFIXES", "ImageFolder", "check_pattern", "inside"]
 
 _ByName = dict[str, list[PurePosixPath]]
 
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp", ".npy", ".npz")
+SUFFIXES = (*images.SUFFIXES, ".npy", ".npz")
 
 
 def check_pattern(pattern: str, option: str) -> None:

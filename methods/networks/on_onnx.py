@@ -13,9 +13,8 @@ import numpy as np
 
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.methods.networks.weights import check_file
-from sucre_bench.methods.networks.working import Device
 from sucre_bench.scene import Array
-from sucre_bench.threads import usable_cores
+from sucre_bench.threads import Device, usable_cores
 
 __all__ = ["Layout", "OnnxNetwork", "model_file", "opened"]
 

@@ -12,8 +12,8 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.methods.networks.weights import fill
-from sucre_bench.methods.networks.working import Device
 from sucre_bench.scene import Array
+from sucre_bench.threads import Device
 
 if TYPE_CHECKING:
     import torch

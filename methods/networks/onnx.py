@@ -16,8 +16,9 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.bounds import check_ranges
 from sucre_bench.methods.networks.on_onnx import Layout, OnnxNetwork, model_file, opened
 from sucre_bench.methods.networks.sizes import resized, tiled
-from sucre_bench.methods.networks.working import Device, restored_at
+from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.scene import Array
+from sucre_bench.threads import Device
 
 __all__ = ["Onnx"]
 

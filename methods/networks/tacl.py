@@ -10,8 +10,9 @@ from sucre_bench.bounds import check_ranges
 from sucre_bench.methods.networks.on_torch import loaded
 from sucre_bench.methods.networks.sizes import limited, tiled
 from sucre_bench.methods.networks.weights import check_file
-from sucre_bench.methods.networks.working import Device, restored_at
+from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.scene import Array
+from sucre_bench.threads import Device
 
 __all__ = ["Tacl"]
 

@@ -1,16 +1,13 @@
-"""What every network here shares: where it computes, and the size it works at."""
+"""What every network here shares: the size it works at."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import Literal
 
 from sucre_bench.methods.networks.sizes import resized
 from sucre_bench.scene import Array, Restoration, View
 
-__all__ = ["Device", "restored_at"]
-
-Device = Literal["auto", "cpu", "cuda"]
+__all__ = ["restored_at"]
 
 
 def restored_at(view: View, at: tuple[int, int], device: str, run: Callable[[Array], Array]) -> Restoration:

@@ -21,13 +21,14 @@ import numpy as np
 
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.diagnostics import ROUNDING, Trust, judge
-from sucre_bench.methods.sucre.kernels import Backend, Device, Kernel, opened
+from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.starts import bounds_for, promising
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array, Mask
+from sucre_bench.threads import Device
 
 __all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
 

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.methods.sucre.kernels import Device
+from sucre_bench.threads import Device
 
 __all__ = ["CITES", "SucrePaper"]
 

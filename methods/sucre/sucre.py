@@ -13,11 +13,12 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.given import check_source, water_by, water_of
-from sucre_bench.methods.sucre.kernels import Backend, Device
+from sucre_bench.methods.sucre.kernels import Backend
 from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.prior import posterior
 from sucre_bench.progress import say
 from sucre_bench.scene import Array, Encoding
+from sucre_bench.threads import Device
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import numpy as np
 
-from sucre_bench.methods.sucre.kernels import Backend, Device, opened
+from sucre_bench.methods.sucre.kernels import Backend, opened
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Arrays, Camera, View
+from sucre_bench.threads import Device
 
 __all__ = ["compile_for"]
 

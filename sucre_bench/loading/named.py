@@ -10,11 +10,10 @@ from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath
 
+from sucre_bench.images import SUFFIXES
 from sucre_bench.loading.folders import walk
 
-__all__ = ["SUFFIXES", "ImageFolder", "inner_path", "without_suffix"]
-
-SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")
+__all__ = ["ImageFolder", "inner_path", "without_suffix"]
 
 
 class ImageFolder:

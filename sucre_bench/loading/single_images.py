@@ -7,9 +7,9 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
+from sucre_bench.images import SUFFIXES
 from sucre_bench.loading.files import data_id_of
 from sucre_bench.loading.folders import folders_below, walk
-from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.loading.photograph import Photograph, view_of
 from sucre_bench.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene

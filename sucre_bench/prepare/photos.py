@@ -12,9 +12,8 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.errors import InputError
-from sucre_bench.images import decode, image_size, same_shape
+from sucre_bench.images import SUFFIXES, decode, image_size, same_shape
 from sucre_bench.loading.folders import walk
-from sucre_bench.loading.named import SUFFIXES
 from sucre_bench.progress import track
 from sucre_bench.results import write_atomically
 

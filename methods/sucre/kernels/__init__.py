@@ -12,11 +12,11 @@ from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Array
+from sucre_bench.threads import Device
 
-__all__ = ["Backend", "Device", "Kernel", "backend_for", "opened"]
+__all__ = ["Backend", "Kernel", "backend_for", "opened"]
 
 Backend = Literal["auto", "numba", "torch", "jax", "numpy"]
-Device = Literal["auto", "cpu", "cuda"]
 
 
 class Kernel(Protocol):
