@@ -13,8 +13,8 @@ from sucre_bench.job import Choice, Job
 from sucre_bench.layout import file_name
 from sucre_bench.plugins import Plugin
 from sucre_bench.resume import Done
-from sucre_bench.run import Task, open_scenes, tasks
 from sucre_bench.scene import Scene
+from sucre_bench.tasks import Task, open_scenes, tasks
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -46,7 +46,7 @@ def check(sweep: Sweep) -> list[Planned]:
     opened: dict[str, list[Scene]] = {}
     planned: list[Planned] = []
     for job in sweep.jobs:
-        key = results.fingerprint(job.dataset.record)[1]
+        key = results.fingerprint({**job.dataset.record, "replicate": job.dataset.seed})[1]
         try:
             for choice in (job.method, *(m.choice for m in job.metrics)):
                 _made(choice)
@@ -77,7 +77,7 @@ def _made(choice: Choice) -> None:
 
 
 def _data_id(job: Job, scenes: Sequence[Scene]) -> str:
-    return ",".join(sorted({job.degrade.data_id(scene.data_id) for scene in scenes}))
+    return ",".join(sorted({job.drawn.data_id(scene.data_id) for scene in scenes}))
 
 
 def _clashes(planned: Sequence[Planned]) -> list[str]:
@@ -92,7 +92,7 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
         if job.overwrite == "always":
             continue
         there = rows[rows["dataset"] == job.dataset.label]
-        scenes = set(there["scene"]) - {""}
+        scenes = {results.unreplicated(scene)[0] for scene in there["scene"]} - {""}
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             said.append(
                 f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "

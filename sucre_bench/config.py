@@ -220,9 +220,10 @@ def _compose(overrides: list[str], hydra: bool = False) -> DictConfig:
 
 def _distinct(planned: Sequence[Job]) -> None:
     """Raise InputError where two jobs would write to one place."""
-    seen: dict[tuple[str, str], Job] = {}
+    seen: dict[tuple[str, str, int, int, int], Job] = {}
     for job in planned:
-        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label)), job)
+        part = (job.replicate, job.shard.index, job.shard.count)
+        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
         if other is not job:
             name = f"{job.dataset.label} / {job.method.label}"
             if (other.method, other.dataset) != (job.method, job.dataset):

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, fields, make_dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, get_type_hints
 
 from sucre_bench import plugins
 from sucre_bench.colour import check_display
@@ -13,11 +13,14 @@ from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.options import check_options, create, options_of, typed
 from sucre_bench.plugins import Kind, Plugin
+from sucre_bench.seeds import seed_of
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-__all__ = ["Choice", "Job", "MetricChoice", "RunConfig", "Tracking", "metric_choices"]
+T = TypeVar("T")
+
+__all__ = ["Choice", "Job", "MetricChoice", "RunConfig", "Shard", "Tracking", "metric_choices"]
 
 
 @dataclass
@@ -32,6 +35,26 @@ class Tracking:
     parent_run: str = ""
 
 
+@dataclass
+class Shard:
+    """A part of the selected views: block `index` of `count` blocks of neighbours, as equal as may be."""
+
+    index: int = 0
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.index < self.count:
+            raise InputError(
+                f"shard: block {self.index} of {self.count}; shard.index goes from 0 to shard.count - 1: "
+                "shard.count=8 'shard.index=range(8)'"
+            )
+
+    def of(self, items: Sequence[T]) -> Sequence[T]:
+        """Return this block's items."""
+        n = len(items)
+        return items[n * self.index // self.count : n * (self.index + 1) // self.count]
+
+
 # A degradation's options, for Hydra: what is frozen, it would not let anyone override.
 _hints = get_type_hints(Degradation)
 _Degrade = make_dataclass("Degrade", [(f.name, _hints[f.name], field(default=f.default)) for f in fields(Degradation)])
@@ -42,7 +65,8 @@ class RunConfig:
     """What `sucre-bench run` accepts beside dataset, method and metrics.
 
     swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; degrade: what is done to
-    the dataset first, the options of `sucre_bench.degrade.Degradation`.
+    the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which repetition, each with other
+    draws, averaged over when methods are compared.
     """
 
     dataset: Any = field(default_factory=dict)
@@ -60,20 +84,33 @@ class RunConfig:
     swept: list[str] = field(default_factory=list)
     tracking: Tracking = field(default_factory=Tracking)
     degrade: Any = field(default_factory=_Degrade)
+    replicate: int = 0
+    shard: Shard = field(default_factory=Shard)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A plugin with the options it is to be made with. display: a method's normalisation, else empty."""
+    """A plugin with the options it is to be made with.
+
+    display: a method's normalisation, else empty; replicate: which draws it makes, see `sucre_bench.seeds`.
+    """
 
     plugin: Plugin
     label: str
     options: Mapping[str, Any]
     display: str = ""
+    replicate: int = 0
 
     def make(self) -> Any:
         """Create the plugin. InputError when an option is not acceptable."""
-        return create(self.plugin, self.options)
+        seed = {} if self.seed is None else {"seed": self.seed}
+        return create(self.plugin, {**self.options, **seed})
+
+    @property
+    def seed(self) -> int | None:
+        """The seed it draws with; None where it draws nothing."""
+        axis: Literal["dataset", "method"] = "dataset" if self.plugin.kind == "dataset" else "method"
+        return seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
 
     @property
     def files(self) -> tuple[Path, ...]:
@@ -118,10 +155,15 @@ class MetricChoice:
 
 @dataclass(frozen=True)
 class Job:
-    """One dataset, one method, some metrics: what one Hydra job does. degrade: what is done to the dataset first."""
+    """One dataset, one method, some metrics: what one Hydra job does.
+
+    degrade: what is done to the dataset first; shard: which part of the views it does.
+    """
 
     dataset: Choice
     degrade: Degradation
+    replicate: int
+    shard: Shard
     method: Choice
     metrics: tuple[MetricChoice, ...]
     out: Path
@@ -134,6 +176,11 @@ class Job:
     report: bool
     tracking: Tracking
     config: str  # as YAML, resolved
+
+    @property
+    def drawn(self) -> Degradation:
+        """The degradation with the draws of this replicate."""
+        return replace(self.degrade, seed=seed_of(self.degrade.seed, "degrade", self.replicate))
 
     @classmethod
     def of(cls, config: DictConfig) -> Job:
@@ -155,12 +202,17 @@ class Job:
             raise InputError(f"every={values['every']}: at least 1; every=5 takes each fifth view")
         if values["first"] is not None and values["first"] < 1:
             raise InputError(f"first={values['first']}: at least 1; first=5 takes the first five views")
+        replicate = values["replicate"]
+        if replicate < 0:
+            raise InputError(f"replicate={replicate}: at least 0; -m 'replicate=range(5)' repeats with other draws")
         degrade = Degradation.of(values["degrade"])
         dataset = _choice("dataset", values["dataset"], values["swept"])
         return cls(
-            dataset=replace(dataset, label=degrade.labelled(dataset.label)),
+            dataset=replace(dataset, label=degrade.labelled(dataset.label), replicate=replicate),
             degrade=degrade,
-            method=_choice("method", values["method"], values["swept"]),
+            replicate=replicate,
+            shard=Shard(**values["shard"]),
+            method=replace(_choice("method", values["method"], values["swept"]), replicate=replicate),
             metrics=_metrics(values["metrics"]),
             out=Path(values["out"]).expanduser(),
             views=_view_names(values["views"]),

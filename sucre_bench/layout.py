@@ -5,7 +5,8 @@ views/<dataset>/[<scene>/]<view stem>.jpg                     the view itself, f
 references/<dataset>/[<scene>/]<view stem>.jpg                the scene without water, where it is known
 logs/failures.log                                            tracebacks
 
-The scene is named where the dataset has several; a view keeps its suffix where another differs in nothing else.
+The scene is named where the dataset has several, below a folder replicate=N for every replicate but the first; a view
+keeps its suffix where another differs in nothing else.
 """
 
 from __future__ import annotations
@@ -18,6 +19,7 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
+from sucre_bench.results import unreplicated
 from sucre_bench.scene import Scene
 
 __all__ = ["Place", "file_name", "find", "log_path", "places"]
@@ -68,11 +70,12 @@ def _inside(folder: Path, name: str) -> Path:
     return path
 
 
-def places(dataset: str, scenes: Sequence[Scene]) -> dict[tuple[str, str], Place]:
+def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tuple[str, str], Place]:
     """Return where each view is kept, by the names of scene and view."""
     found = {}
     for scene in scenes:
         within = PurePosixPath(file_name(scene.name)) if len(scenes) > 1 else PurePosixPath()
+        within = PurePosixPath(f"replicate={replicate}") / within if replicate else within
         stems = Counter(PurePosixPath(view.name).with_suffix("") for view in scene.views)
         for view in scene.views:
             name = PurePosixPath(view.name)
@@ -83,10 +86,11 @@ def places(dataset: str, scenes: Sequence[Scene]) -> dict[tuple[str, str], Place
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     """Return where a view was kept, from what a row says of it; None when it was not."""
-    name = PurePosixPath(view)
-    within = PurePosixPath(file_name(scene))
+    scene, replicate = unreplicated(scene)
+    name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
+    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
     for stem in (name, name.with_suffix(""), within / name, within / name.with_suffix("")):
-        found = Place(file_name(dataset), stem)
+        found = Place(file_name(dataset), first / stem)
         if found.original(out).is_file():
             return found
     return None

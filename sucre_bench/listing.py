@@ -52,7 +52,8 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
         lines[0] += styled(f"  not installed: {about['install']}", fg="red")
     lines += _wrapped("", plugin.summary)
     if plugin.kind == "metric":
-        lines += _wrapped("", f"{plugin.better} is better{', in ' + plugin.unit if plugin.unit else ''}")
+        direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
+        lines += _wrapped("", f"{direction}{', in ' + plugin.unit if plugin.unit else ''}")
     for key in ("needs", "has", "source", "licence", "cites"):
         text = ", ".join(about[key]) if key in ("needs", "has") else about[key]
         lines += _wrapped(f"{key}  ", text) if text else []

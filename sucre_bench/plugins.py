@@ -47,6 +47,7 @@ __all__ = [
     "set_aside",
 ]
 
+Better = Literal["higher", "lower", "none"]
 Kind = Literal["method", "dataset", "metric"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 # What a scene may offer; "restoration" is what a metric needs that makes no sense on just any picture.
@@ -106,7 +107,7 @@ class Plugin:
     source: str = ""
     has: frozenset[str] = frozenset()
     unit: str = ""
-    better: Literal["higher", "lower"] = "higher"
+    better: Better = "higher"
     range: tuple[float, float] = (-math.inf, math.inf)
     variants: Mapping[str, str] = field(default_factory=dict)
     default: tuple[str, ...] = ()
@@ -194,7 +195,7 @@ def metric(
     *,
     variants: Mapping[str, str],
     unit: str,
-    better: Literal["higher", "lower"],
+    better: Better,
     range: tuple[float, float],
     name: str = "",
     needs: Iterable[str] = (),
@@ -206,10 +207,11 @@ def metric(
     """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
 
     variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
-    unit: as printed; better: "higher" or "lower"; range: of possible values.
+    unit: as printed; better: "higher", "lower", or "none" for what describes and nobody wins by; range: of possible
+    values.
     """
-    if better not in ("higher", "lower"):
-        raise PluginError(f"metric: better='{better}'; it is 'higher' or 'lower'")
+    if better not in get_args(Better):
+        raise PluginError(f"metric: better='{better}'; it is 'higher', 'lower' or 'none'")
     chosen = tuple(default) or tuple(variants)[:1]
     about = {"unit": unit, "better": better, "range": range, "variants": dict(variants), "default": chosen}
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)

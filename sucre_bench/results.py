@@ -27,7 +27,20 @@ from sucre_bench.errors import InputError, OutputError
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["COLUMNS", "Part", "Row", "Status", "fingerprint", "frame", "merge", "now", "read", "write_atomically"]
+__all__ = [
+    "COLUMNS",
+    "Part",
+    "Row",
+    "Status",
+    "fingerprint",
+    "frame",
+    "merge",
+    "now",
+    "read",
+    "replicated",
+    "unreplicated",
+    "write_atomically",
+]
 
 Status = Literal["ok", "failed", "skipped"]
 
@@ -76,6 +89,17 @@ class Row:
     code: str = ""
     data_id: str = ""
     time: str = field(default_factory=now)
+
+
+def replicated(scene: str, replicate: int) -> str:
+    """A scene's name as rows keep it: every replicate but the first says which it is."""
+    return f"{scene},replicate={replicate}" if replicate else scene
+
+
+def unreplicated(scene: str) -> tuple[str, int]:
+    """A scene's name as the dataset gives it, and the replicate, from what a row says."""
+    name, found, replicate = scene.rpartition(",replicate=")
+    return (name, int(replicate)) if found and replicate.isdecimal() else (scene, 0)
 
 
 COLUMNS = tuple(f.name for f in fields(Row))

@@ -6,9 +6,8 @@ import importlib
 import io
 import json
 import time
-from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -16,37 +15,17 @@ import numpy as np
 
 from sucre_bench import plugins, progress, results
 from sucre_bench.colour import display, to_8bit
-from sucre_bench.degrade import around, degraded_whole
-from sucre_bench.errors import (
-    ANY_FAULT,
-    InputError,
-    NotApplicableError,
-    OutputError,
-    PluginError,
-    SucreBenchError,
-    did_you_mean,
-    one_line,
-)
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
 from sucre_bench.job import Choice, Job
-from sucre_bench.layout import Place, file_name, log_path, places
+from sucre_bench.layout import file_name, log_path
 from sucre_bench.restoring import measured_restore
 from sucre_bench.results import Part, Row
 from sucre_bench.resume import Done
-from sucre_bench.scene import Array, Restoration, Scene, View, Water
+from sucre_bench.scene import Array, Restoration, Water
 from sucre_bench.scores import keep_traceback, score_rows, without
-from sucre_bench.source import source_hash
+from sucre_bench.tasks import Task, base_row, open_scenes, tasks
 
-__all__ = ["Task", "failed_row", "open_scenes", "run_job", "tasks"]
-
-
-@dataclass(frozen=True)
-class Task:
-    """A view to restore: where its results are kept, and what every row of it says."""
-
-    scene: Scene
-    view: View
-    place: Place
-    base: Row
+__all__ = ["failed_row", "run_job"]
 
 
 def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
@@ -79,72 +58,6 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
     finally:
         part.flush()
     return worked
-
-
-# -- what there is to do -----------------------------------------------------------------------------------
-
-
-def open_scenes(dataset: Choice) -> list[Scene]:
-    """Open every scene of a dataset; pixels stay unread. InputError or PluginError when it cannot be opened."""
-    try:
-        scenes = list(dataset.make().scenes())
-    except SucreBenchError:
-        raise
-    except (ImportError, OSError) as fault:
-        reason = f"dataset '{dataset.label}': {one_line(fault)}"
-        raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
-    except ANY_FAULT as fault:
-        raise PluginError(f"dataset '{dataset.label}': {one_line(fault)}; mend the plugin") from fault
-    for scene in scenes:
-        if not isinstance(scene, Scene):
-            raise PluginError(
-                f"dataset '{dataset.label}': yields {type(scene).__name__}; scenes() yields Scene objects"
-            )
-        name, times = Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
-        if times > 1:
-            raise PluginError(f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique")
-    name, times = Counter(scene.name for scene in scenes).most_common(1)[0] if scenes else ("", 0)
-    if times > 1:
-        raise InputError(f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder")
-    if not any(len(scene) for scene in scenes):
-        raise InputError(f"dataset '{dataset.label}': no views; check its options")
-    return scenes
-
-
-def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
-    """Yield the views a job is to restore, degraded, in the dataset's order.
-
-    Raises InputError for a name that no scene has, and for a scene that lacks what is to be degraded.
-    """
-    base, kept = _base_row(job), places(job.dataset.label, scenes)
-    data_ids = {scene.name: job.degrade.data_id(scene.data_id) for scene in scenes}
-    for scene, view in _selected([degraded_whole(scene, job.degrade) for scene in scenes], job):
-        row = replace(base, scene=scene.name, view=view.name, data_id=data_ids[scene.name])
-        yield Task(around(scene, view, job.degrade), view, kept[scene.name, view.name], row)
-
-
-def _selected(scenes: Sequence[Scene], job: Job) -> list[tuple[Scene, View]]:
-    everything = [(scene, view) for scene in scenes for view in scene.views]
-    if job.views is not None:
-        names = {view.name for _, view in everything}
-        unknown = [name for name in job.views if name not in names]
-        if unknown:
-            hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
-            raise InputError(f"views: no view is called '{unknown[0]}'; {hint}")
-        everything = [(scene, view) for scene, view in everything if view.name in job.views]
-    return everything[:: job.every][: job.first]
-
-
-def _base_row(job: Job) -> Row:
-    options, options_id = results.fingerprint(job.method.record)
-    return Row(
-        dataset=job.dataset.label,
-        method=job.method.label,
-        options=options,
-        options_id=options_id,
-        seed=int(job.method.options.get("seed", job.seed)),
-        code=source_hash(job.dataset.plugin, job.method.plugin, *job.method.methods, files=job.method.files),
-    )
 
 
 def _ready(choice: Choice) -> Any:
@@ -247,7 +160,7 @@ def _plain(value: Any) -> Any:
 
 def failed_row(job: Job, fault: BaseException) -> Row:
     """Say that a whole job failed, and return the row that says why."""
-    return _failed(job, _base_row(job), fault)
+    return _failed(job, base_row(job), fault)
 
 
 def _failed(job: Job, base: Row, fault: BaseException) -> Row:

@@ -30,7 +30,7 @@ def select(overrides: Sequence[str]) -> list[Selection]:
     Raises InputError as `config.jobs` does, for data that are not as expected, and for a name that no view has.
     """
     from sucre_bench import config
-    from sucre_bench.run import open_scenes, tasks
+    from sucre_bench.tasks import open_scenes, tasks
 
     job = config.jobs(overrides, False).jobs[0]
     job = replace(job, degrade=replace(job.degrade, within=None, keep=None))

@@ -116,6 +116,12 @@ class Degradation:
         """Whether any plane of a view is not as it was."""
         return bool(self.identity(without=(*VIEWS, *_POSES)))
 
+    @property
+    def record(self) -> dict[str, Any]:
+        """What is given, as a row keeps it; empty where nothing is done."""
+        values = {name: getattr(self, name) for name in self._given()}
+        return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+
     def needs(self) -> Iterator[tuple[str, str]]:
         """Yield the options that are on and need something, each with what of `Scene.has` that is."""
         for name in self._given():
