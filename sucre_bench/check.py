@@ -124,7 +124,7 @@ def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[tuple[str, s
     whole = known.get(("", ""), ("missing", "did not finish", ""))
     states = []
     for task in plan.tasks:
-        status, reason, when = known.get((task.scene.name, task.view.name), whole)
+        status, reason, when = known.get((task.base.scene, task.view.name), whole)
         is_new = when >= started
         if not is_new and not done.covers(task.base, task.place.restored(job.out, job.method.label)):
             status, reason = "missing", "did not finish"

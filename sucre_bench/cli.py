@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import sys
 from collections.abc import Iterator, Sequence
@@ -13,7 +14,7 @@ import click
 import sucre_bench
 from sucre_bench.charting.command import charts
 from sucre_bench.describe.command import describe
-from sucre_bench.errors import SucreBenchError
+from sucre_bench.errors import OutputError, SucreBenchError, one_line
 from sucre_bench.prepare.command import prepare
 
 if TYPE_CHECKING:
@@ -106,12 +107,13 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
         return
     outcome = sweep.run(overrides, multirun, plugin_files)
     _show_outcome(outcome)
+    sweep.track(outcome)
     sys.exit(outcome.exit_code)
 
 
 def _show_outcome(outcome: Outcome) -> None:
     """Tables, what failed and why, the counts, and where everything is."""
-    from sucre_bench import compare, console, report, tables
+    from sucre_bench import compare, console, report, sweep, tables
 
     if (outcome.rows["status"] == "ok").any():
         for table in compare.compare(outcome.rows, order=outcome.methods):
@@ -134,6 +136,11 @@ def _show_outcome(outcome: Outcome) -> None:
     if outcome.failed or outcome.scores_failed:
         click.echo(f"log      {outcome.out / 'logs' / 'failures.log'}")
     click.echo(f"results  {outcome.out}")
+    written = sweep.write_study(outcome)
+    for note in written.notes:
+        _say(note, "yellow")
+    for folder, own in itertools.groupby(written.paths, lambda path: path.parent):
+        click.echo(f"{folder.name:9}{folder}{os.sep}{{{','.join(sorted(path.name for path in own))}}}")
     if outcome.wants_report and len(outcome.rows):
         click.echo(f"page     {report.write(outcome.out, outcome.rows)}")
 
@@ -221,28 +228,38 @@ def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--by", type=click.Choice(["method", "view", "region"]), default="method", show_default=True)
 @click.option("--metric", "metrics", multiple=True, metavar="NAME[:VARIANT]", help="Only these; may be repeated.")
+@click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this one.")
+@click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
+@click.option("--spread", is_flag=True, help="Show standard deviations too.")
 @click.option(
     "--format",
     "how",
-    type=click.Choice(["terminal", "md", "latex", "csv", "json"]),
+    type=click.Choice(["terminal", "md", "latex", "html", "csv", "json"]),
     default="terminal",
     show_default=True,
 )
-def compare(folders: Sequence[Path], by: Any, metrics: Sequence[str], how: Any) -> None:
+def compare(
+    folders: Sequence[Path], by: Any, metrics: Sequence[str], baseline: str, common: bool, spread: bool, how: Any
+) -> None:
     """One table over one or more output folders, with 95 % intervals.
 
     \b
     sucre-bench compare results
+    sucre-bench compare results --baseline sucre_paper --metric psnr --metric psi
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
+
+    Methods are compared on the same images only. What cannot stand side by side is refused, with the difference said.
     """
     from sucre_bench import compare, console, tables
 
-    compared = compare.compare(compare.load(folders), metrics, by)
+    rows = compare.load(folders)
+    compare.refuse(rows, metrics, common)
+    compared = compare.compare(rows, metrics, by, baseline=baseline)
     if how != "terminal":
-        click.echo(tables.as_text(compared, how), nl=False)
+        click.echo(tables.as_text(compared, how, spread), nl=False)
         return
     for table in compared:
-        console.out.print(tables.as_table(table, console.out.width))
+        console.out.print(tables.as_table(table, console.out.width, spread))
         for line in tables.verdicts(table):
             click.echo(line)
 
@@ -254,6 +271,36 @@ def report_(folder: Path) -> None:
     from sucre_bench import report, results
 
     click.echo(report.write(folder, results.read(folder)))
+
+
+@cli.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI; default: a store in FOLDER.")
+@click.option("--experiment", default="sucre_bench", show_default=True, help="mlflow's experiment.")
+@click.option("--ui", is_flag=True, help="Then open mlflow's page on this machine, until Ctrl-C.")
+@click.option("--port", default=5000, show_default=True, help="Of that page.")
+def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
+    """Tell mlflow what FOLDER holds: after a run on a cluster, or one that was stopped.
+
+    \b
+    sucre-bench track results --uri http://127.0.0.1:5000
+    sucre-bench track results --ui
+
+    What mlflow has been told before is not told again.
+    """
+    from sucre_bench import results, tracking
+
+    uri = uri or tracking.default_uri(folder)
+    try:
+        new = tracking.log(folder, results.read(folder), uri, experiment)
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        raise OutputError(f"{uri}: mlflow cannot be told, {one_line(fault)}; check the URI") from fault
+    click.echo(f"mlflow   {uri}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
+    if ui:
+        click.echo(f"page     http://127.0.0.1:{port}")
+        sys.exit(tracking.open_ui(uri, port))
 
 
 @cli.command()

@@ -14,6 +14,7 @@ from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.options import check_options, create, options_of, typed
 from sucre_bench.plugins import Kind, Plugin
 from sucre_bench.seeds import seed_of
+from sucre_bench.studies.study import Study
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -27,12 +28,11 @@ __all__ = ["Choice", "Job", "MetricChoice", "RunConfig", "Shard", "Tracking", "m
 class Tracking:
     """Where results are logged besides the table.
 
-    uri: an mlflow tracking URI, default a store in the output folder; "off" logs nowhere.
+    uri: an mlflow tracking URI, default a store in the output folder; "off" logs nowhere; experiment: mlflow's.
     """
 
     uri: str = "sqlite:///${out}/mlflow.db"
     experiment: str = "sucre_bench"
-    parent_run: str = ""
 
 
 @dataclass
@@ -66,7 +66,8 @@ class RunConfig:
 
     swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; degrade: what is done to
     the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which repetition, each with other
-    draws, averaged over when methods are compared.
+    draws, averaged over when methods are compared; study: the tables and figures that an experiment makes of its rows,
+    the fields of `sucre_bench.studies.Study`.
     """
 
     dataset: Any = field(default_factory=dict)
@@ -86,6 +87,7 @@ class RunConfig:
     degrade: Any = field(default_factory=_Degrade)
     replicate: int = 0
     shard: Shard = field(default_factory=Shard)
+    study: Any = field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -174,6 +176,7 @@ class Job:
     save: str
     seed: int
     report: bool
+    study: Study | None
     tracking: Tracking
     config: str  # as YAML, resolved
 
@@ -222,6 +225,7 @@ class Job:
             save=values["save"],
             seed=values["seed"],
             report=values["report"],
+            study=Study.of(values["study"]) if values["study"] else None,
             tracking=Tracking(**values["tracking"]),
             config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
         )

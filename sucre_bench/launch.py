@@ -14,14 +14,14 @@ from enum import Enum
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
-from sucre_bench import config, console, plugins, progress, results, tracking
+from sucre_bench import config, console, plugins, progress, results
 from sucre_bench.check import Planned, states
 from sucre_bench.config import CONF, Sweep
 from sucre_bench.errors import PluginError, SucreBenchError, one_line
+from sucre_bench.failures import keep_traceback
 from sucre_bench.job import Job
 from sucre_bench.layout import file_name, log_path
 from sucre_bench.run import failed_row, run_job
-from sucre_bench.scores import keep_traceback
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
@@ -41,16 +41,11 @@ class Ended(Enum):
 _view_done: ContextVar[Callable[[], None] | None] = ContextVar("view_done", default=None)
 
 
-def launch(sweep: Sweep, parent: str, restorations: int) -> Ended:
+def launch(sweep: Sweep, restorations: int) -> Ended:
     """Hand the command to Hydra, whose launchers run `_hydra_job` here or elsewhere; return how that ended."""
     import hydra
 
-    arguments = [
-        *sweep.overrides,
-        *sweep.told,
-        f"tracking.parent_run='{parent}'",
-        *(["--multirun"] if sweep.multirun else []),
-    ]
+    arguments = [*sweep.overrides, *sweep.told, *(["--multirun"] if sweep.multirun else [])]
     config.register()
     main = hydra.main(config_path=f"pkg://{CONF}", config_name="config", version_base="1.3")(_hydra_job)
     with _as_command_line(["sucre-bench run", *arguments]):
@@ -92,7 +87,7 @@ def _run_main(main: Callable[[], None], sweep: Sweep, restorations: int) -> Ende
     return Ended.WELL
 
 
-def rescue(planned: Sequence[Planned], started: str, parent: str) -> None:
+def rescue(planned: Sequence[Planned], started: str) -> None:
     """Run what a dead worker of this machine took with it, each job in a process of its own.
 
     The job that kills its process again gets a row that says so; the others finish.
@@ -104,7 +99,7 @@ def rescue(planned: Sequence[Planned], started: str, parent: str) -> None:
             continue
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
             try:
-                alone.submit(_run_alone, plan.job.config, parent).result()
+                alone.submit(_run_alone, plan.job.config).result()
             except BrokenProcessPool:
                 fault = PluginError("the job's process was killed, for want of memory perhaps; try smaller images")
                 part = results.Part(plan.job.out, file_name(plan.job.method.label))
@@ -112,13 +107,11 @@ def rescue(planned: Sequence[Planned], started: str, parent: str) -> None:
                 part.flush()
 
 
-def _run_alone(configuration: str, parent: str) -> None:
+def _run_alone(configuration: str) -> None:
     import yaml
     from omegaconf import OmegaConf
 
-    settings = OmegaConf.create(yaml.safe_load(configuration))
-    settings.tracking.parent_run = parent
-    _hydra_job(settings)
+    _hydra_job(OmegaConf.create(yaml.safe_load(configuration)))
 
 
 def _hydra_job(settings: DictConfig) -> None:
@@ -127,8 +120,7 @@ def _hydra_job(settings: DictConfig) -> None:
     job = Job.of(settings)
     with nullcontext() if progress.is_watched() else console.plain():
         try:
-            if run_job(job, _view_done.get() or (lambda: None)):
-                tracking.log_job(job)
+            run_job(job, _view_done.get() or (lambda: None))
         except SucreBenchError as fault:
             progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}")
 

@@ -323,7 +323,12 @@ def _where(plugin: Plugin | Broken) -> str:
 def missing_packages(plugin: Plugin) -> str:
     """Return the line that installs what a plugin requires and this machine lacks; empty when nothing is missing."""
     absent = [name for name in plugin.requires if not _is_installed(name)]
-    return f"pip install {' '.join(_PACKAGE.get(name, name) for name in absent)}" if absent else ""
+    return f"pip install {' '.join(map(distribution_of, absent))}" if absent else ""
+
+
+def distribution_of(package: str) -> str:
+    """Return what is installed to import a package."""
+    return _PACKAGE.get(package, package)
 
 
 def _is_installed(package: str) -> bool:

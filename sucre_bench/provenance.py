@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 import importlib.metadata
 import json
 import os
@@ -56,6 +57,7 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
     }
 
 
+@functools.cache
 def version_of(package: str) -> str | None:
     """Return an installed package's version, None when it is not installed."""
     try:

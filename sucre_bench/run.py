@@ -16,13 +16,14 @@ import numpy as np
 from sucre_bench import plugins, progress, results
 from sucre_bench.colour import display, to_8bit
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
+from sucre_bench.failures import keep_traceback
 from sucre_bench.job import Choice, Job
 from sucre_bench.layout import file_name, log_path
 from sucre_bench.restoring import measured_restore
 from sucre_bench.results import Part, Row
 from sucre_bench.resume import Done
 from sucre_bench.scene import Array, Restoration, Water
-from sucre_bench.scores import keep_traceback, score_rows, without
+from sucre_bench.scores import score_rows, without
 from sucre_bench.tasks import Task, base_row, open_scenes, tasks
 
 __all__ = ["failed_row", "run_job"]

@@ -3,21 +3,20 @@
 from __future__ import annotations
 
 import math
-import traceback
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
-from sucre_bench import plugins, results
+from sucre_bench import plugins
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, one_line
+from sucre_bench.failures import keep_traceback
 from sucre_bench.job import MetricChoice
 from sucre_bench.restoring import Measured
-from sucre_bench.results import Row, fingerprint
+from sucre_bench.results import Row, Status, fingerprint
 from sucre_bench.scene import Array, Restoration, View
 from sucre_bench.source import source_hash
 
-__all__ = ["code_of", "keep_traceback", "score_rows", "without"]
+__all__ = ["code_of", "score_rows", "without"]
 
 
 def score_rows(
@@ -61,7 +60,7 @@ def code_of(base: Row, metric: MetricChoice) -> str:
     return f"{base.code.split('.')[0]}.{source_hash(metric.plugin)}{options}"
 
 
-def without(base: Row, status: results.Status, reason: str) -> Row:
+def without(base: Row, status: Status, reason: str) -> Row:
     """Return a row that says why there is no value."""
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
 
@@ -95,13 +94,3 @@ def _offers(view: View, restoration: Restoration) -> frozenset[str]:
         "restoration": True,
     }
     return frozenset(name for name, there in offers.items() if there)
-
-
-def keep_traceback(log: Path | None, where: str) -> None:
-    """Append the exception being handled to a log, if there is one."""
-    if log is None:
-        return
-    with suppress(OSError):  # the log is a courtesy: the row has the reason
-        log.parent.mkdir(parents=True, exist_ok=True)
-        with log.open("a", encoding="utf-8") as file:
-            file.write(f"--- {results.now()} {where}\n{traceback.format_exc()}\n")

@@ -8,7 +8,9 @@ import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from sucre_bench.plugins import Plugin
+import sucre_bench
+from sucre_bench.plugins import Plugin, distribution_of
+from sucre_bench.provenance import version_of
 
 __all__ = ["source_hash"]
 
@@ -27,16 +29,25 @@ _ENGINE = (
 )
 
 
+# What the engine's numerics, or plugins by choice of an option, compute with, beside what plugins require.
+_LIBRARIES = ("cv2", "jax", "numba", "numpy", "scipy", "skimage")
+
+
 def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     """Return a hash of what makes a result: the plugins' files or folders, the engine's numerics, and further files.
+
+    The version of the engine counts, and those of the libraries that it and the plugins compute with.
 
     Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it, but for
     hidden ones and what Python compiles.
     """
     engine = Path(__file__).parent
     source = _hash_files((*(_source_of(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+    libraries = sorted({*_LIBRARIES, *(name for plugin in used for name in plugin.requires)})
+    versions = [(name, version_of(distribution_of(name))) for name in libraries]
     stamps = [stamp for place in files for stamp in _stamps(place)]
-    return hashlib.blake2b(f"{source}{stamps}".encode(), digest_size=6).hexdigest() if stamps else source
+    made_of = (source, sucre_bench.__version__, versions, stamps)
+    return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
 
 
 def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:

@@ -7,10 +7,13 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import config, console, provenance, results, tracking
+from sucre_bench import config, console, progress, provenance, results, studies, tracking
 from sucre_bench.check import Planned, ProblemsError, check, states
 from sucre_bench.config import Sweep
+from sucre_bench.errors import one_line
+from sucre_bench.job import Tracking
 from sucre_bench.launch import Ended, launch, rescue, terminated_as_interrupt
+from sucre_bench.studies import Study, Written
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -31,13 +34,18 @@ class Fault:
 class Outcome:
     """What a command came to. The counts are of restorations: one view by one method.
 
-    methods: the labels in the order they were asked for; crashed: a process ended that should not have.
+    datasets, methods: the labels in the order they were asked for; asked: those of `rows` that are of them and of the
+    views that were asked for; crashed: a process ended that should not have.
     """
 
     rows: pd.DataFrame
+    asked: pd.DataFrame
     out: Path
+    datasets: tuple[str, ...]
     methods: tuple[str, ...]
     wants_report: bool
+    study: Study | None
+    tracking: Tracking
     ok: int
     cached: int
     failed: tuple[Fault, ...]
@@ -70,22 +78,37 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
         planned = check(sweep)
         _write_provenance(sweep, planned)
         started = results.now()
-        parent = tracking.start_sweep(sweep, name=out.name) or ""
         interrupted = crashed = False
         try:
             with terminated_as_interrupt():
-                ended = launch(sweep, parent, sum(len(plan.tasks) for plan in planned))
+                ended = launch(sweep, sum(len(plan.tasks) for plan in planned))
                 crashed = ended is Ended.CRASHED
                 if ended is Ended.WORKER_DIED:
-                    rescue(planned, started, parent)
+                    rescue(planned, started)
         except KeyboardInterrupt:
             interrupted = True
         finally:
             rows = results.merge(out)
-        outcome = _outcome(rows, planned, started, interrupted, crashed)
-        if parent:
-            tracking.finish_sweep(sweep, parent, rows, outcome.exit_code == 0)
-    return outcome
+    return _outcome(rows, planned, started, interrupted, crashed)
+
+
+def write_study(outcome: Outcome) -> Written:
+    """Write the tables and figures that the command's experiment asks for, if it does."""
+    if outcome.study is None:
+        return Written((), ())
+    return studies.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets)
+
+
+def track(outcome: Outcome) -> None:
+    """Tell mlflow, where that is wanted; say in one line what it could not do, and go on."""
+    if outcome.tracking.uri == "off":
+        return
+    with console.live():
+        try:
+            tracking.log(outcome.out, outcome.rows, outcome.tracking.uri, outcome.tracking.experiment)
+        except Exception as fault:
+            reason = f"{type(fault).__name__}: {one_line(fault)[:200]}"
+            progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")
 
 
 def _write_provenance(sweep: Sweep, planned: Sequence[Planned]) -> None:
@@ -124,9 +147,13 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
     first = planned[0].job
     return Outcome(
         rows=rows,
+        asked=_asked(rows, planned),
         out=first.out,
+        datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
         methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
         wants_report=first.report,
+        study=first.study,
+        tracking=first.tracking,
         ok=ok,
         cached=cached,
         failed=tuple(failed),
@@ -137,10 +164,21 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
     )
 
 
+def _asked(rows: pd.DataFrame, planned: Sequence[Planned]) -> pd.DataFrame:
+    """The rows of what this command asked for, among all that the folder holds."""
+    views = {
+        (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name)
+        for plan in planned
+        for task in plan.tasks
+    }
+    keys = zip(rows["dataset"], rows["method"], rows["scene"], rows["view"], strict=True)
+    return rows[[key in views for key in keys]].reset_index(drop=True)
+
+
 def _failed_scores(rows: pd.DataFrame, planned: Sequence[Planned]) -> Iterator[Fault]:
     """The scores among those asked for that a metric failed to give."""
     asked = {
-        (plan.job.dataset.label, plan.job.method.label, task.scene.name, task.view.name, metric.plugin.name)
+        (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name, metric.plugin.name)
         for plan in planned
         for task in plan.tasks
         for metric in plan.job.metrics

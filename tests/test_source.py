@@ -4,6 +4,9 @@ from __future__ import annotations
 
 from pathlib import Path
 
+import pytest
+
+from sucre_bench import source
 from sucre_bench.plugins import find, load_file
 from sucre_bench.source import source_hash
 
@@ -39,6 +42,21 @@ def test_it_follows_files_and_what_is_in_folders_wherever_they_lie(tmp_path: Pat
     assert source_hash(method, files=[tmp_path / "b"]) == folder
     (tmp_path / "b" / "w.pth").write_bytes(b"12")
     assert source_hash(method, files=[tmp_path / "b"]) != folder
+
+
+def test_it_follows_the_libraries_that_compute(monkeypatch: pytest.MonkeyPatch):
+    """Of a method's own libraries and of the engine's; what only draws or logs does not count."""
+    gray_world, sucre = find("method", "gray_world"), find("method", "sucre")
+    installed = source.version_of
+
+    def with_other(name: str):
+        monkeypatch.setattr(source, "version_of", lambda package: "0.0" if package == name else installed(package))
+        return source_hash(gray_world), source_hash(sucre)
+
+    before = with_other("")
+    assert all(a != b for a, b in zip(with_other("numpy"), before, strict=True))
+    assert [a != b for a, b in zip(with_other("torch"), before, strict=True)] == [False, True]
+    assert with_other("mlflow") == before
 
 
 def test_what_python_compiles_and_hidden_files_do_not_count(tmp_path: Path):

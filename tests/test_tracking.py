@@ -13,6 +13,13 @@ from sucre_bench import sweep
 pytestmark = pytest.mark.usefixtures("toys")
 
 
+def track(*overrides: str, multirun: bool = False) -> sweep.Outcome:
+    """Run and log, as the command line does."""
+    outcome = sweep.run(overrides, multirun)
+    sweep.track(outcome)
+    return outcome
+
+
 def runs(uri: str) -> list:
     client = MlflowClient(tracking_uri=uri)
     experiments = [e.experiment_id for e in client.search_experiments() if e.name == "sucre_bench"]
@@ -22,7 +29,7 @@ def runs(uri: str) -> list:
 def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     out = tmp_path / "out"
     arguments = ["dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}"]
-    outcome = sweep.run(arguments, True)
+    outcome = track(*arguments, multirun=True)
     logged = runs(f"sqlite:///{out / 'mlflow.db'}")
     (parent,) = [r for r in logged if "mlflow.parentRunId" not in r.data.tags]
     children = {r.data.tags["method"]: r for r in logged if r is not parent}
@@ -32,6 +39,8 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
 
     gain = children["gain"]
     assert json.loads(gain.data.params["method.gain"]) == 1.0
+    assert gain.data.params["dataset.name"] == "toy"
+    assert [i.dataset.name for i in gain.inputs.dataset_inputs] == ["toy"]
     rows = outcome.rows[(outcome.rows["method"] == "gain") & (outcome.rows["metric"] == "redness")]
     assert gain.data.metrics["redness.plain"] == pytest.approx(rows["value"].mean())
     client = MlflowClient(tracking_uri=f"sqlite:///{out / 'mlflow.db'}")
@@ -40,11 +49,46 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     assert by_step == pytest.approx(rows.sort_values("view")["value"].tolist())
 
     artifacts = Path(gain.info.artifact_uri.removeprefix("file://"))
-    assert {p.name for p in artifacts.iterdir()} == {"config.yaml", "scores.parquet", "restored"}
+    assert {p.name for p in artifacts.iterdir()} == {"scores.parquet", "restored"}
     pictures = {p.name for p in (artifacts / "restored").iterdir()}
     assert pictures == {f"v{n}.{suffix}" for n in range(3) for suffix in ("png", "json")}
     whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
     assert len(pd.read_parquet(whole)) == len(outcome.rows)
+    (model,) = [
+        m for m in client.search_logged_models([gain.info.experiment_id]) if m.source_run_id == gain.info.run_id
+    ]
+    assert {m.key: m.value for m in model.metrics}["redness.plain"] == pytest.approx(rows["value"].mean())
+
+
+def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp_path: Path):
+    """As after a run on a cluster, where nothing was logged."""
+
+    def run(method: str) -> None:
+        bench(
+            "run",
+            "--plugin",
+            toys,
+            "dataset=toy",
+            f"method={method}",
+            "metrics=[redness]",
+            "tracking.uri=off",
+            "out=out",
+        )
+
+    run("gain")
+    said = [bench("track", "out").stdout]
+    said.append(bench("track", "out").stdout)
+    run("gain2")
+    said.append(bench("track", "out").stdout)
+    assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run"]
+    children = [r for r in runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}") if "method" in r.data.tags]
+    assert sorted(r.data.tags["method"] for r in children) == ["gain", "gain2"]
+
+
+def test_a_folder_without_results_is_a_line(bench):
+    done = bench("track", "nowhere")
+    assert done.returncode == 2
+    assert "nowhere: no scores.parquet here" in done.stderr
 
 
 def test_runs_that_start_together_on_a_new_store_are_all_kept(bench, toys: str, tmp_path: Path):
@@ -68,7 +112,7 @@ def test_runs_that_start_together_on_a_new_store_are_all_kept(bench, toys: str, 
 def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     arguments = ["dataset=toy", "method=gain", "metrics=[redness]", f"out={tmp_path / 'out'}"]
-    outcome = sweep.run([*arguments, "tracking.uri=http://127.0.0.1:9"], False)
+    outcome = track(*arguments, "tracking.uri=http://127.0.0.1:9")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert capsys.readouterr().err.count("mlflow: not logged") == 1
 
@@ -80,7 +124,7 @@ def test_means_are_those_of_the_table(tmp_path: Path):
 
     list(Demo(root=tmp_path, width=480, height=360, views=5).scenes())
     demo = ["dataset=demo", f"dataset.root={tmp_path}", "dataset.width=480", "dataset.height=360", "dataset.views=5"]
-    outcome = sweep.run([*demo, "method=underwater", "metrics=[psi]", f"out={tmp_path / 'out'}"], False)
+    outcome = track(*demo, "method=underwater", "metrics=[psi]", f"out={tmp_path / 'out'}")
     (column,) = [c for c in compare.compare(outcome.rows)[0].columns if c.metric == "psi"]
     (child,) = [r for r in runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}") if "method" in r.data.tags]
     assert column.n_units % column.n_views, "the views must differ in their number of charts to show it"
@@ -90,6 +134,6 @@ def test_means_are_those_of_the_table(tmp_path: Path):
 
 def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "50% done"
-    outcome = sweep.run(["dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'"], False)
+    outcome = track("dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert "mlflow: not logged" in capsys.readouterr().err

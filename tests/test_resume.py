@@ -1,0 +1,142 @@
+"""What was killed goes on, and what is run twice says the same."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+from pathlib import Path
+
+import pandas as pd
+
+from sucre_bench import results, sweep
+
+# A plugin file that ends its own process, without a word, at the n-th change of the disk: before it, and from then on
+# after it. What a run changes on the disk it changes by renaming and unlinking.
+KILLER = """
+import os, signal
+from pathlib import Path
+
+left = {moments}
+
+def ticking(change):
+    def changed(*arguments, **options):
+        global left
+        left -= 1
+        if not left:
+            os.kill(os.getpid(), signal.SIGKILL)
+        answer = change(*arguments, **options)
+        if left == 1 and {after}:
+            os.kill(os.getpid(), signal.SIGKILL)
+        return answer
+    return changed
+
+Path.replace, Path.unlink = ticking(Path.replace), ticking(Path.unlink)
+
+
+from dataclasses import dataclass
+from sucre_bench import method
+
+@method()
+@dataclass(frozen=True)
+class Killer:
+    def restore(self, scene, view):
+        raise AssertionError("nobody asks for it")
+"""
+TIMES = ["seconds", "peak_mb", "time"]
+
+
+def but_times(rows: pd.DataFrame) -> pd.DataFrame:
+    """A table without how long things took, and the memory that the process happened to hold."""
+    rows = rows.drop(columns=TIMES).assign(value=rows["value"].where(~rows["metric"].isin(TIMES), 0.0))
+    return rows.sort_values(["dataset", "method", "view", "metric", "variant", "region"]).reset_index(drop=True)
+
+
+def test_a_sweep_killed_again_and_again_ends_with_the_table_of_one_left_alone(tmp_path: Path, toys: str):
+    command = [str(Path(sys.executable).with_name("sucre-bench")), "run", "-m", "dataset=toy", "method=gain,faulty"]
+    command += ["metrics=[psnr,redness]", "tracking.uri=off", "report=false", "--plugin", toys]
+
+    def run(out: str, *more: str) -> int:
+        done = subprocess.run([*command, f"out={out}", *more], cwd=tmp_path, capture_output=True, timeout=120)
+        return done.returncode
+
+    alone = run("alone")
+    killed = 0
+    for after in (False, True):
+        for moments in (3, 8, 13):
+            killer = tmp_path / f"killer{moments}{after}.py"
+            killer.write_text(KILLER.format(moments=moments, after=after))
+            killed += run("killed", "--plugin", str(killer)) == -signal.SIGKILL
+    assert killed == 6, "none of these may come to its end, or nothing is tested"
+    assert run("killed") == alone
+    undisturbed, resumed = (but_times(results.read(tmp_path / out)) for out in ("alone", "killed"))
+    pd.testing.assert_frame_equal(resumed, undisturbed)
+
+
+def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path):
+    """Those that draw at random, work on threads or sum up many numbers, in two processes."""
+    from sucre_bench.datasets.demo import Demo
+
+    size = {"width": 240, "height": 180, "views": 4}
+    list(Demo(root=tmp_path, **size).scenes())
+    demo = ["dataset=demo", f"dataset.root={tmp_path}", *(f"dataset.{name}={value}" for name, value in size.items())]
+    command = [str(Path(sys.executable).with_name("sucre-bench")), "run", "-m", *demo, "first=1"]
+    command += ["method=ibla,haze_lines,gaussian_seathru,seathru,stitching,sucre_paper,sucre,sucre_plus"]
+    tables = []
+    for out in ("first", "second"):
+        done = subprocess.run(
+            [*command, "tracking.uri=off", "report=false", "degrade.noise=0.01", f"out={tmp_path / out}"],
+            capture_output=True, text=True, timeout=300, check=False,
+        )  # fmt: skip
+        assert done.returncode == 0, done.stdout + done.stderr
+        tables.append(but_times(results.read(tmp_path / out)))
+    pd.testing.assert_frame_equal(*tables)
+
+
+# -- shards and replicates ---------------------------------------------------------------------------------
+
+
+def toy(out: Path, *overrides: str) -> sweep.Outcome:
+    base = ["dataset=toy", "dataset.views=7", "dataset.label=toy", "method=gain", "metrics=[psnr,redness]"]
+    return sweep.run([*base, "tracking.uri=off", f"out={out}", *overrides], True)
+
+
+def test_shards_together_are_the_whole(tmp_path: Path, toys: str):
+    whole = toy(tmp_path / "whole")
+    parts = toy(tmp_path / "parts", "shard.count=3", "shard.index=range(3)")
+    assert (parts.ok, parts.exit_code) == (7, 0)
+    pd.testing.assert_frame_equal(but_times(parts.rows), but_times(whole.rows))
+
+
+def test_a_shard_has_neighbours_and_every_view_is_in_one(tmp_path: Path, toys: str):
+    views = [
+        list(dict.fromkeys(toy(tmp_path / str(n), "shard.count=3", f"shard.index={n}").rows["view"])) for n in range(3)
+    ]
+    assert views == [["v0.png", "v1.png"], ["v2.png", "v3.png"], ["v4.png", "v5.png", "v6.png"]]
+
+
+def test_a_shard_that_is_none_is_refused(tmp_path: Path, bench, toys: str):
+    done = bench("run", "--plugin", toys, "dataset=toy", "method=gain", "shard.count=2", "shard.index=2")
+    assert done.returncode == 2
+    assert "shard: block 2 of 2; shard.index goes from 0 to shard.count - 1" in done.stderr
+
+
+def test_replicates_draw_anew_and_are_one_method(tmp_path: Path, toys: str):
+    """Noise of another seed; in the comparison the replicates of a view are averaged, and not taken for more views."""
+    from sucre_bench import compare
+
+    outcome = toy(tmp_path, "degrade.noise=0.1", "replicate=0,1,2")
+    assert (outcome.ok, outcome.exit_code) == (21, 0)
+    scores = outcome.rows[outcome.rows["metric"] == "redness"]
+    assert scores.groupby("view")["value"].nunique().tolist() == [3] * 7
+    assert len(list((tmp_path / "restored").rglob("*.png"))) == 21
+    (table,) = compare.compare(outcome.rows)
+    (column,) = [c for c in table.columns if c.metric == "redness"]
+    assert (column.n_views, table.methods) == (7, ("gain",))
+    assert toy(tmp_path, "degrade.noise=0.1", "replicate=0,1,2").cached == 21
+
+
+def test_data_of_a_replicate_are_the_same_for_every_method(tmp_path: Path, toys: str):
+    rows = toy(tmp_path, "method=gain,gain2", "degrade.noise=0.1", "replicate=1").rows
+    values = rows[rows["metric"] == "redness"].pivot(index="view", columns="method", values="value")
+    assert (values["gain"] == values["gain2"]).all()
