@@ -140,6 +140,8 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
         told = [f"swept=[{','.join(expansion.swept)}]"] if expansion.swept else []
         planned = tuple(Job.of(_compose([*one, *told])) for one in expansion.jobs)
     _distinct(planned)
+    if _pair_alike(planned):
+        told.append("sharing=true")
     return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, expansion.launcher)
 
 
@@ -216,6 +218,12 @@ def _compose(overrides: list[str], hydra: bool = False) -> DictConfig:
         raise in_our_words(fault, overrides) from fault
     assert isinstance(config, DictConfig)
     return config
+
+
+def _pair_alike(planned: Sequence[Job]) -> bool:
+    """Whether several jobs look at the same scenes from several views, and may have pairs to share."""
+    datasets = [job.dataset.label for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
+    return len(set(datasets)) < len(datasets)
 
 
 def _distinct(planned: Sequence[Job]) -> None:

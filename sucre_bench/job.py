@@ -64,10 +64,11 @@ _Degrade = make_dataclass("Degrade", [(f.name, _hints[f.name], field(default=f.d
 class RunConfig:
     """What `sucre-bench run` accepts beside dataset, method and metrics.
 
-    swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; degrade: what is done to
-    the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which repetition, each with other
-    draws, averaged over when methods are compared; study: the tables and figures that an experiment makes of its rows,
-    the fields of `sucre_bench.studies.Study`.
+    swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; sharing: told likewise,
+    whether its jobs share what they pair, on at most pairs_gb of disk while the sweep runs (0: share nothing);
+    degrade: what is done to the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which
+    repetition, each with other draws, averaged over when methods are compared; study: the tables and figures that an
+    experiment makes of its rows, the fields of `sucre_bench.studies.Study`.
     """
 
     dataset: Any = field(default_factory=dict)
@@ -83,6 +84,8 @@ class RunConfig:
     report: bool = True
     plugins: list[str] = field(default_factory=list)
     swept: list[str] = field(default_factory=list)
+    sharing: bool = False
+    pairs_gb: float = 8.0
     tracking: Tracking = field(default_factory=Tracking)
     degrade: Any = field(default_factory=_Degrade)
     replicate: int = 0
@@ -177,6 +180,8 @@ class Job:
     seed: int
     report: bool
     study: Study | None
+    pairs_gb: float
+    sharing: bool
     tracking: Tracking
     config: str  # as YAML, resolved
 
@@ -226,6 +231,8 @@ class Job:
             seed=values["seed"],
             report=values["report"],
             study=Study.of(values["study"]) if values["study"] else None,
+            pairs_gb=values["pairs_gb"],
+            sharing=values["sharing"],
             tracking=Tracking(**values["tracking"]),
             config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
         )

@@ -22,7 +22,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.results import unreplicated
 from sucre_bench.scene import Scene
 
-__all__ = ["Place", "file_name", "find", "log_path", "places"]
+__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places"]
 
 
 def file_name(text: str) -> str:
@@ -41,6 +41,11 @@ def file_name(text: str) -> str:
 def log_path(out: Path) -> Path:
     """Where the tracebacks of a run are kept."""
     return out / "logs" / "failures.log"
+
+
+def pairs_path(out: Path) -> Path:
+    """Where the jobs of a sweep share what they pair, while it runs."""
+    return out / ".pairs"
 
 
 @dataclass(frozen=True)

@@ -7,6 +7,7 @@ import io
 import json
 import time
 from collections.abc import Callable
+from contextlib import nullcontext
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -18,7 +19,8 @@ from sucre_bench.colour import display, to_8bit
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
 from sucre_bench.failures import keep_traceback
 from sucre_bench.job import Choice, Job
-from sucre_bench.layout import file_name, log_path
+from sucre_bench.layout import file_name, log_path, pairs_path
+from sucre_bench.multiview.store import sharing
 from sucre_bench.restoring import measured_restore
 from sucre_bench.results import Part, Row
 from sucre_bench.resume import Done
@@ -29,10 +31,10 @@ from sucre_bench.tasks import Task, base_row, open_scenes, tasks
 __all__ = ["failed_row", "run_job"]
 
 
-def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
+def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> None:
     """Restore and score every selected view that is not done yet, writing rows and pictures under job.out.
 
-    after_view: called when a view is done, computed or not. Returns whether there was anything to do.
+    after_view: called when a view is done, computed or not.
     Raises OutputError where results cannot be written; every other fault becomes a row.
     """
     part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
@@ -42,23 +44,23 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> bool:
     except ANY_FAULT as fault:
         part.add([failed_row(job, fault)])
         part.flush()
-        return True
-    done, worked = Done.of(job), False
+        return
+    done, is_warm = Done.of(job), False
     try:
-        for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
-            if not done.covers(task.base, task.place.restored(job.out, job.method.label)):
-                if not worked:
-                    worked = True
-                    try:
-                        _warm_up(method)
-                    except ANY_FAULT as fault:
-                        part.add([failed_row(job, fault)])
-                        break
-                part.add(_rows(job, method, replace(task, base=replace(task.base, time=results.now()))))
-            after_view()
+        with sharing(pairs_path(job.out), job.pairs_gb * 2**30) if job.sharing else nullcontext():
+            for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
+                if not done.covers(task.base, task.place.restored(job.out, job.method.label)):
+                    if not is_warm:
+                        is_warm = True
+                        try:
+                            _warm_up(method)
+                        except ANY_FAULT as fault:
+                            part.add([failed_row(job, fault)])
+                            break
+                    part.add(_rows(job, method, replace(task, base=replace(task.base, time=results.now()))))
+                after_view()
     finally:
         part.flush()
-    return worked
 
 
 def _ready(choice: Choice) -> Any:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -13,6 +14,7 @@ from sucre_bench.config import Sweep
 from sucre_bench.errors import one_line
 from sucre_bench.job import Tracking
 from sucre_bench.launch import Ended, launch, rescue, terminated_as_interrupt
+from sucre_bench.layout import pairs_path
 from sucre_bench.studies import Study, Written
 
 if TYPE_CHECKING:
@@ -89,6 +91,7 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
             interrupted = True
         finally:
             rows = results.merge(out)
+            shutil.rmtree(pairs_path(out), ignore_errors=True)
     return _outcome(rows, planned, started, interrupted, crashed)
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import signal
 import subprocess
 import sys
@@ -140,3 +141,29 @@ def test_data_of_a_replicate_are_the_same_for_every_method(tmp_path: Path, toys:
     rows = toy(tmp_path, "method=gain,gain2", "degrade.noise=0.1", "replicate=1").rows
     values = rows[rows["metric"] == "redness"].pivot(index="view", columns="method", values="value")
     assert (values["gain"] == values["gain2"]).all()
+
+
+def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_path: Path):
+    """Paired once, on the disk while the sweep runs; each is told to have taken the time of pairing."""
+    from sucre_bench.datasets.demo import Demo
+
+    list(Demo(root=tmp_path, width=160, height=120, views=4).scenes())
+    demo = [f"dataset.root={tmp_path}", "dataset.width=160", "dataset.height=120", "dataset.views=4", "first=1"]
+    outcome = sweep.run(
+        [
+            "dataset=demo",
+            *demo,
+            "method=sucre,sucre_paper",
+            "metrics=[coverage]",
+            "tracking.uri=off",
+            f"out={tmp_path}",
+        ],
+        True,
+    )
+    assert outcome.ok == 2
+    told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("*.json")]
+    pairing = {one["stage_seconds"]["pair"] for one in told}
+    assert len(pairing) == 1
+    taken = outcome.rows[outcome.rows["metric"] == "seconds"]["value"]
+    assert (taken > pairing.pop()).all()
+    assert not list(tmp_path.glob(".pairs"))

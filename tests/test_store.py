@@ -16,7 +16,7 @@ from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.multiview import mapped, store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
-from sucre_bench.multiview.store import paired
+from sucre_bench.multiview.store import paired, sharing
 from sucre_bench.progress import watched_by
 
 FIELDS = ("pixels", "counts", "starts", "distance", "colour", "weight", "view", "ray")
@@ -72,6 +72,28 @@ def test_what_is_kept_equals_what_memory_holds_and_is_reused_without_reading(tmp
 def test_without_a_folder_nothing_is_kept() -> None:
     scene = counted_scene()
     assert_equal(observe(scene["a.png"], scene.views), paired(scene, scene["a.png"], None))
+
+
+def test_methods_share_what_they_pair_while_there_is_room(tmp_path: Path) -> None:
+    def n_read(most_bytes: float, **options: object) -> int:
+        scene = counted_scene()
+        with sharing(tmp_path, most_bytes):
+            paired(scene, scene["a.png"], **options)
+        return n_loads(scene)
+
+    assert n_read(1e9) > 0
+    assert n_read(1e9) == 0
+    assert n_read(1e9, rule="mutual", encoding="view", with_ray=False) == 0  # as it is by default
+    assert n_read(1e9, tolerance=0.1) == 0  # which this rule does not look at
+    assert n_read(1.0, rule="depth") > 0  # the folder is full by now
+    assert n_read(1e9, rule="depth") > 0
+    assert n_read(1e9, rule="depth") == 0
+
+
+def test_how_long_pairing_took_is_told_by_whoever_finds_it(tmp_path: Path) -> None:
+    scene = counted_scene()
+    first, reused = (paired(scene, scene["a.png"], tmp_path) for _ in range(2))
+    assert reused.pair_s == first.pair_s > 0
 
 
 def test_other_data_views_targets_options_or_source_are_made_anew(

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from typing import Any
+from dataclasses import replace
 
 import numpy as np
 
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
+from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.progress import say
@@ -18,7 +19,7 @@ from sucre_bench.scene import Array, Encoding, Restoration, View, Water
 # From this share of an image's colours on it is worth a word.
 _MANY = 0.1
 
-__all__ = ["named", "restoration"]
+__all__ = ["named", "restoration", "with_residuals"]
 
 
 @contextmanager
@@ -30,12 +31,23 @@ def named(view: View) -> Iterator[None]:
         raise SolveError(f"{view.name}: {fault}") from fault
 
 
+def with_residuals(observations: Observations, solution: Solution, seed: int = 0) -> Solution:
+    """Return the solution with what it leaves of its observations, see residuals.py, in what is told about it."""
+    left = residuals(observations, solution.J, solution.water, seed)
+    return replace(solution, about=solution.about | {"residuals": left})
+
+
 def restoration(
-    view: View, observations: Observations, solution: Solution, encoding: Encoding | None = None, **about: Any
+    view: View,
+    observations: Observations,
+    solution: Solution,
+    stage_seconds: Mapping[str, float],
+    encoding: Encoding | None = None,
 ) -> Restoration:
     """Return the image (H, W, 3), NaN where the target has no depth.
 
-    encoding: of the intensities that were fitted, where that is not the view's.
+    stage_seconds: of "pair", whenever that was done and by whichever method, and of "solve"; together they are what the
+    restoration took. encoding: of the intensities that were fitted, where that is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel, which is not physical; condition and standard_error of the water,
@@ -64,7 +76,8 @@ def restoration(
             "standard_error": {name: _numbers(values) for name, values in errors},
             "limits": limits,
             **solution.about,
-            **about,
+            "stage_seconds": dict(stage_seconds),
+            "seconds": stage_seconds["pair"] + stage_seconds["solve"],
         },
     )
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from dataclasses import dataclass
 from typing import Literal
 
@@ -39,6 +40,9 @@ class SucrePaper:
     device: Device = "auto"
     """Where to compute: auto takes a CUDA GPU when PyTorch sees one."""
 
+    residuals: bool = False
+    """Keep what the fit leaves unexplained, and some points over distance, for figures of it (in <view>.json)."""
+
     def __post_init__(self) -> None:
         if self.steps < 1 or not self.lr > 0:
             raise InputError(f"sucre_paper: steps={self.steps}, lr={self.lr}; both must be positive")
@@ -49,12 +53,17 @@ class SucrePaper:
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
-        from sucre_bench.methods.sucre.outcome import named, restoration
+        from sucre_bench.methods.sucre.outcome import named, restoration, with_residuals
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
-        from sucre_bench.multiview.observe import observe
+        from sucre_bench.multiview.store import paired
 
-        observations = observe(view, scene.views)
+        observations = paired(scene, view)
+        started = time.perf_counter()
         own = start_of(observations, view.rgb.reshape(-1, 3))
         with named(view):
             solution = solve_adam(observations, own, self.steps, self.lr, self.objective, "torch", self.device)
-        return restoration(view, observations, solution)
+        solve_s = time.perf_counter() - started
+        if self.residuals:
+            solution = with_residuals(observations, solution)
+        stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
+        return restoration(view, observations, solution, stages)

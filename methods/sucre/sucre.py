@@ -102,6 +102,9 @@ class Sucre:
     seed: int = 0
     """Seed of the sample of pixels that the fit starts on."""
 
+    residuals: bool = False
+    """Keep what the fit leaves unexplained, and some points over distance, for figures of it (in <view>.json)."""
+
     def __post_init__(self) -> None:
         own = getattr(type(self), "__plugin__").name  # noqa: B009, a decorator sets it
         for name in ("tolerance", "shared_views", "steps", "lr"):
@@ -144,13 +147,15 @@ class Sucre:
         Raises NotApplicableError when no pixel has depth, SolveError when none is seen twice, InputError for a water
         that cannot be read.
         """
-        from sucre_bench.methods.sucre.outcome import named, restoration
+        from sucre_bench.methods.sucre.outcome import named, restoration, with_residuals
 
-        started = time.perf_counter()
         observations = self._observe(scene, view)
-        paired = time.perf_counter()
+        stages = {"read": observations.read_s, "pair": observations.pair_s}
+        started = time.perf_counter()
         with named(view):
             observations, solution = self._solve(scene, view, observations)
+            if self.residuals:
+                solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
                 observations, solution = self._alone(view, solution)
         if self.prior:
@@ -158,8 +163,8 @@ class Sucre:
             solution = replace(solution, J=J, deviation=deviation)
         if self._decodes(view):
             solution = _encoded(solution)
-        stages = {"read": observations.read_s, "pair": paired - started, "solve": time.perf_counter() - paired}
-        return restoration(view, observations, solution, self._fitted(view), stage_seconds=stages)
+        stages["solve"] = time.perf_counter() - started
+        return restoration(view, observations, solution, stages, self._fitted(view))
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.store import paired

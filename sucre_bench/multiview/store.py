@@ -10,10 +10,13 @@ from __future__ import annotations
 import dataclasses
 import functools
 import hashlib
+import inspect
 import json
 import os
 import shutil
-import time
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import Any, BinaryIO, Unpack
 
@@ -26,19 +29,50 @@ from sucre_bench.progress import say
 from sucre_bench.scene import Scene, View
 from sucre_bench.source import source_hash
 
-__all__ = ["paired"]
+__all__ = ["paired", "sharing"]
 
 _PER_OBSERVATION = ("distance", "colour", "view", "ray")
 _PER_PIXEL = ("pixels", "counts", "starts")
 
 
-def paired(scene: Scene, target: View, folder: Path | None, **options: Unpack[Options]) -> Observations:
+_parameters = inspect.signature(observe).parameters
+_DEFAULTS = {name: _parameters[name].default for name in Options.__annotations__}
+
+# Where methods share what they pair, and how many bytes it may fill.
+_shared: ContextVar[tuple[Path, float] | None] = ContextVar("shared", default=None)
+
+
+@contextmanager
+def sharing(folder: Path, most_bytes: float) -> Iterator[None]:
+    """Let methods that are given no folder share this one inside, as long as there is room for more in it."""
+    token = _shared.set((folder, most_bytes))
+    try:
+        yield
+    finally:
+        _shared.reset(token)
+
+
+def _shared_folder() -> Path | None:
+    if (shared := _shared.get()) is None:
+        return None
+    folder, most_bytes = shared
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True)
+        filled = sum(file.stat().st_size for file in folder.rglob("*") if file.is_file())
+        return folder if filled < min(most_bytes, shutil.disk_usage(folder).free / 2) else None
+    return None
+
+
+def paired(scene: Scene, target: View, folder: Path | None = None, **options: Unpack[Options]) -> Observations:
     """Return `observe(target, scene.views, **options)`, from a folder if it is there, and kept there if it is not.
 
-    folder: None keeps nothing. With one, arrays are mapped from files and memory stays small however many there are;
-    what is done to them stays in memory. A scene without a data_id cannot be told from another, and is not kept.
+    folder: None keeps nothing, unless methods share a folder, see `sharing`. With one, arrays are mapped from files and
+    memory stays small however many there are; what is done to them stays in memory; pair_s is how long pairing took,
+    whenever that was. A scene without a data_id cannot be told from another, and is not kept.
     Raises what `observe` raises; InputError when the folder cannot be written.
     """
+    if folder is None and scene.data_id:
+        folder = _shared_folder()
     if folder is None:
         return observe(target, scene.views, **options)
     if not scene.data_id:
@@ -46,14 +80,13 @@ def paired(scene: Scene, target: View, folder: Path | None, **options: Unpack[Op
         return observe(target, scene.views, **options)
     from filelock import FileLock
 
-    began = time.perf_counter()
     entry = Path(folder).expanduser() / f"{Path(target.name).stem}-{_key(scene, target, options)}"
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(f"{entry}.lock"):  # of two processes, the later finds what the first has made
             kept = _read(entry)
             if kept is not None and not kept.unreadable:  # a view that could not be read may be there again
-                return dataclasses.replace(kept, pair_s=time.perf_counter() - began)
+                return kept
             made = _make(entry, scene, target, options)
     except OSError as fault:
         reason = fault.strerror or fault
@@ -68,7 +101,10 @@ def _say_that_nothing_is_kept(scene: str) -> None:
 
 def _key(scene: Scene, target: View, options: Options) -> str:
     names = [view.name for view in scene.views]
-    content = json.dumps([scene.data_id, target.name, names, options, source_hash()], sort_keys=True)
+    decided: dict[str, object] = {**_DEFAULTS, **options}
+    if decided["rule"] == "mutual":
+        del decided["tolerance"]  # of depths, which that rule does not compare
+    content = json.dumps([scene.data_id, target.name, names, decided, source_hash()], sort_keys=True)
     return hashlib.blake2b(content.encode(), digest_size=8).hexdigest()
 
 
@@ -86,7 +122,7 @@ def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observat
         for name in _PER_OBSERVATION:
             if isinstance(values := getattr(made, name), np.memmap):
                 values.flush()  # or a crash of the machine could leave zeros in a file that looks whole
-        meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable}
+        meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable, "pair_s": made.pair_s}
         arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
         with (work / "meta.json").open("wb") as file:
             file.write(json.dumps({**meta, "arrays": arrays}).encode())
@@ -98,7 +134,7 @@ def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observat
         shutil.rmtree(work, ignore_errors=True)
     kept = _read(entry)
     assert kept is not None
-    return dataclasses.replace(kept, read_s=made.read_s, pair_s=made.pair_s)
+    return dataclasses.replace(kept, read_s=made.read_s)
 
 
 def _to_disk(file: BinaryIO) -> None:
@@ -138,7 +174,8 @@ def _read(entry: Path) -> Observations | None:
                 if _layout(arrays[name]) != layout:
                     return None
         height, width = meta["shape"]
-        kept = Observations((height, width), tuple(meta["views"]), unreadable=tuple(meta["unreadable"]), **arrays)
+        about: dict[str, Any] = {"unreadable": tuple(meta["unreadable"]), "pair_s": float(meta["pair_s"])}
+        kept = Observations((height, width), tuple(meta["views"]), **about, **arrays)
         return kept if _is_whole(kept) else None
     except ANY_FAULT:  # NumPy's reader and the JSON of a damaged file raise nearly anything
         return None
