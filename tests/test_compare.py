@@ -1,16 +1,13 @@
 from __future__ import annotations
 
-import io
 import itertools
-import json
 from dataclasses import replace
 
 import numpy as np
 import pandas as pd
 import pytest
-from rich.console import Console
 
-from sucre_bench import InputError, compare, tables
+from sucre_bench import InputError, compare
 from sucre_bench.results import Row, frame
 
 ROW = Row(
@@ -20,8 +17,8 @@ ROW = Row(
 )  # fmt: skip
 
 
-def table(scores: dict[str, list[float | None]], **kind: str) -> compare.Comparison:
-    """A comparison of methods whose values by view are given; None is a failed view."""
+def rows_of(scores: dict[str, list[float | None]], **kind: str) -> pd.DataFrame:
+    """Rows of methods whose values by view are given; None is a failed view."""
     rows = [
         replace(
             ROW, method=method, view=f"v{view:03}", value=np.nan if value is None else value,
@@ -30,7 +27,12 @@ def table(scores: dict[str, list[float | None]], **kind: str) -> compare.Compari
         for order, (method, values) in enumerate(scores.items())
         for view, value in enumerate(values)
     ]  # fmt: skip
-    (comparison,) = compare.compare(frame(rows))
+    return frame(rows)
+
+
+def table(scores: dict[str, list[float | None]], **kind: str) -> compare.Comparison:
+    """A comparison of methods whose values by view are given; None is a failed view."""
+    (comparison,) = compare.compare(rows_of(scores, **kind))
     return comparison
 
 
@@ -79,7 +81,8 @@ def test_a_lead_within_chance_is_a_tie():
     rng = np.random.default_rng(2)
     noisy = cells(table({"a": list(rng.normal(20, 5, 10)), "b": list(rng.normal(20, 5, 10))}))
     assert sorted(c.tie for c in noisy.values()) == [False, True]
-    assert "which may be chance" in tables.verdicts(table({"a": [1, 9, 5], "b": [2, 8, 4.9]}))[0]
+    assert [c.rank for c in noisy.values()] == [1, 1]
+    assert sorted(c.place for c in noisy.values()) == [1, 2]
 
 
 def test_charts_of_one_view_are_not_independent():
@@ -116,46 +119,6 @@ def test_rows_come_in_the_order_they_were_run():
     assert table({"zebra": [1, 2], "ant": [3, 4]}).methods == ("zebra", "ant")
 
 
-def test_every_format_holds_every_method():
-    comparison = table({"plain": [1, 2, 3], "with_under_score": [2, 3, 4]})
-    for how in ("md", "latex", "csv", "json"):
-        text = tables.as_text([comparison], how)
-        assert "plain" in text
-        assert "with_under_score" in text.replace("\\_", "_")
-    assert r"with\_under\_score" in tables.as_text([comparison], "latex")
-    assert "**" in tables.as_text([comparison], "md")
-    assert [line["mean"] for line in json.loads(tables.as_text([comparison], "json"))] == [2, 3]
-
-
-def test_several_tables_are_one_text_a_program_can_read():
-    both = compare.compare(frame([ROW, replace(ROW, dataset="lake")]))
-    assert [line["table"] for line in json.loads(tables.as_text(both, "json"))] == ["sea", "lake"]
-    assert tables.as_text(both, "csv").count("metric,variant") == 1
-    assert "**lake**" in tables.as_text(both, "md")
-
-
-def test_labels_are_shown_as_they_are():
-    """Square brackets mean colours to the terminal's library, backslashes and braces something to LaTeX."""
-    comparison = table({"w=[abc]": [1, 2], "a{b}_[/red]": [3, 4]})
-    console = Console(file=io.StringIO(), width=120)
-    console.print(tables.as_table(comparison, 120))
-    assert "w=[abc]" in console.file.getvalue()
-    assert "a{b}_[/red]" in console.file.getvalue()
-    assert r"a\{b\}\_" in tables.as_text([comparison], "latex")
-
-
-@pytest.mark.parametrize("n", [2, 3, 4, 8])
-def test_equal_methods_are_rarely_told_apart_however_few_the_views(n: int):
-    """95 % intervals: of equal methods, one pair in twenty may be called different."""
-    rng = np.random.default_rng(n)
-    views = pd.MultiIndex.from_tuples([("reef", f"v{i}", "image") for i in range(n)], names=compare._UNIT)
-    told_apart = 0
-    for _ in range(300):
-        values = pd.DataFrame(rng.normal(size=(n, 2)), columns=["a", "b"], index=views)
-        told_apart += not any(cell.tie for cell in compare._cells(values, lower_is_better=False).values())
-    assert told_apart / 300 < 0.1
-
-
 def test_a_mean_lies_in_its_interval_however_many_charts_a_view_has():
     rows = [replace(ROW, view=f"v{v}", region="c0", value=10.0 + v % 3) for v in range(6)]
     rows += [replace(ROW, view="v9", region=f"c{c}", value=40.0) for c in range(20)]
@@ -164,20 +127,11 @@ def test_a_mean_lies_in_its_interval_however_many_charts_a_view_has():
     assert cell.low < cell.mean < cell.high
 
 
-def test_an_infinite_score_is_shown_and_claims_nothing():
-    """A perfect restoration has an infinite PSNR."""
-    comparison = table({"perfect": [np.inf, 30.0], "good": [29.0, 28.0]})
-    assert cells(comparison)["perfect"].mean == np.inf
-    assert not np.isfinite(cells(comparison)["perfect"].low)
-    assert tables.verdicts(comparison) == []
-    assert "inf ± -" in tables._plain(cells(comparison)["perfect"])
-
-
 def test_methods_that_ran_on_older_data_are_left_out_and_named():
     rows = [replace(ROW, method="old", data_id="d1"), replace(ROW, method="new", data_id="d2", time="2026-01-02")]
     (comparison,) = compare.compare(frame(rows))
     assert (comparison.methods, comparison.stale) == (("new",), ("old",))
-    assert "left out, for they ran on other data: old" in tables.as_text([comparison], "md")
+    assert comparison.notes == ("left out, for they ran on other data: old",)
 
 
 def test_by_view_ranks_methods_within_each_view():
@@ -185,17 +139,6 @@ def test_by_view_ranks_methods_within_each_view():
     first, second = compare.compare(frame([replace(ROW, method=m, view=v, value=x) for m, v, x in scores]), by="view")
     assert (first.title, second.title) == ("sea · v0", "sea · v1")
     assert (cells(first)["a"].rank, cells(second)["a"].rank) == (1, 2)
-
-
-@pytest.mark.parametrize(
-    ("value", "text"),
-    [
-        (0, "0"), (0.0002, "0.00020"), (0.02, "0.020"), (0.0312, "0.031"), (0.5, "0.500"), (1.234, "1.23"),
-        (31.74, "31.7"), (123.4, "123"), (np.nan, "-"), (np.inf, "inf"), (-12.34, "-12.3"),
-    ],
-)  # fmt: skip
-def test_numbers_keep_the_figures_that_matter(value: float, text: str):
-    assert tables.number(value) == text
 
 
 def test_folders_of_different_data_are_not_compared(tmp_path):
@@ -212,3 +155,179 @@ def test_one_label_for_two_configurations_is_not_compared(tmp_path):
         frame([replace(ROW, options_id=name)]).to_parquet(tmp_path / name / "scores.parquet")
     with pytest.raises(InputError, match="these folders mean different options by it"):
         compare.load([tmp_path / "one", tmp_path / "two"])
+
+
+def test_ranks_tie_where_chance_cannot_be_told_from_a_lead():
+    """b is a little behind a in every view, c far behind both, d as good as c but for noise."""
+    noise = np.random.default_rng(4).normal(0, 0.1, 12)
+    far = list(np.linspace(10, 20, 12))
+    made = cells(table({"d": list(far + noise - 5), "a": far, "b": [x - 0.5 for x in far], "c": [x - 5 for x in far]}))
+    assert {name: cell.rank for name, cell in made.items()} == {"a": 1, "b": 2, "c": 3, "d": 3}
+    assert {made["c"].place, made["d"].place} == {3, 4}
+    assert not any(cell.tie for cell in made.values())
+
+
+def test_wins_and_effect_are_those_counted_by_hand():
+    made = cells(table({"a": [3, 5, 4, 1], "b": [2, 3, 1, 1], "c": [0, 5, 0, 0]}))
+    assert {name: cell.wins for name, cell in made.items()} == {"a": 1 + 0.5 + 1 + 0.5, "b": 0.5, "c": 0.5}
+    differences = np.array([-1, -2, -3, 0])
+    assert made["b"].effect == pytest.approx(differences.mean() / differences.std(ddof=1))
+    assert np.isnan(made["a"].effect)
+
+
+def test_a_steady_lead_has_no_effect_size():
+    """Differences without spread have no standard deviation to be measured in."""
+    assert np.isnan(cells(table({"a": [1.0, 2.0, 4.0], "b": [0.0, 1.0, 3.0]}))["b"].effect)
+
+
+def test_infinite_scores_are_ranked_and_have_no_interval():
+    """A perfect restoration has an infinite PSNR."""
+    made = cells(table({"perfect": [np.inf, 30.0], "same": [np.inf, 29.0], "good": [29.0, 28.0]}))
+    assert made["perfect"].mean == np.inf
+    assert np.isnan(made["perfect"].low)
+    assert np.isfinite(made["good"].low)
+    assert (made["perfect"].rank, made["good"].rank, made["good"].tie) == (1, 3, False)
+    assert (made["perfect"].wins, made["same"].wins) == (1.5, 0.5)
+
+
+@pytest.mark.parametrize("better", ["higher", "lower"])
+def test_against_a_baseline_differences_are_paired_and_signed_as_the_score_is(better: str):
+    scores = {"base": [1.0, 5, 9, 4], "m": [2.0, 7, 10, 4]}
+    (comparison,) = compare.compare(rows_of(scores, better=better), baseline="base")
+    cell = cells(comparison)["m"]
+    change, low, high = cell.change
+    assert change == 1
+    assert low < change < high
+    assert cell.wins == (3.5 if better == "higher" else 0.5)
+    expected = 1 / np.std([1, 2, 1, 0], ddof=1)
+    assert cell.effect == pytest.approx(expected if better == "higher" else -expected)
+    assert np.isnan(cells(comparison)["base"].change).all()
+    swapped = cells(compare.compare(rows_of(scores, better=better), baseline="m")[0])["base"].change
+    assert swapped == pytest.approx((-change, -high, -low))
+
+
+def test_an_unknown_baseline_gets_the_nearest_name():
+    with pytest.raises(InputError, match="no scores of 'sucr' to compare with; did you mean 'sucre'"):
+        compare.compare(rows_of({"sucre": [1], "underwater": [2]}), baseline="sucr")
+
+
+def test_a_baseline_that_did_not_run_on_a_dataset_is_said():
+    rows = frame([ROW, replace(ROW, method="base"), replace(ROW, dataset="lake")])
+    sea, lake = compare.compare(rows, baseline="base")
+    assert (sea.baseline, lake.baseline) == ("base", "")
+    assert "base was not run here" in lake.notes[0]
+
+
+def test_a_describing_number_is_a_mean_and_nobody_wins_by_it():
+    made = table({"a": [1, 2], "b": [3, 4]}, better="none", metric="hue")
+    cell = cells(made)["b"]
+    assert (cell.mean, cell.place, cell.rank, cell.tie) == (3.5, 0, 0, False)
+    assert np.isnan([*cell.behind, cell.wins, cell.effect]).all()
+
+
+def test_scores_come_before_costs_and_those_before_what_only_describes():
+    kinds = (("hue", "none"), ("seconds", "lower"), ("psnr", "higher"))
+    rows = [replace(ROW, metric=metric, better=better) for metric, better in kinds]
+    (comparison,) = compare.compare(frame(rows))
+    assert [column.metric for column in comparison.columns] == ["psnr", "seconds", "hue"]
+
+
+def test_nobody_wins_or_ties_by_what_a_restoration_takes():
+    made = cells(table({"a": [1.0, 9, 5], "b": [2.0, 8, 5.1]}, metric="seconds", better="lower"))
+    assert not any(cell.tie for cell in made.values())
+
+
+def test_repetitions_of_a_view_are_one_view():
+    """Three repeats of two views: as many views as without, each the mean of its repeats."""
+    rows = [
+        replace(ROW, view=f"v{v}", scene=f"reef,replicate={n}" if n else "reef", value=float(10 * v + n))
+        for v, n in itertools.product(range(2), range(3))
+    ]
+    (comparison,) = compare.compare(frame(rows))
+    assert (comparison.columns[0].n_views, comparison.columns[0].n_scenes) == (2, 1)
+    assert cells(comparison)["m"].mean == np.mean([1, 11])
+    means = cells(table({"m": [1, 11]}))["m"]
+    assert cells(comparison)["m"].low == means.low
+
+
+def test_repetitions_that_failed_are_said():
+    whole = replace(ROW, metric="seconds", variant="wall", better="lower")
+    rows = [whole, replace(whole, scene="reef,replicate=1", status="failed", value=np.nan)]
+    (comparison,) = compare.compare(frame(rows))
+    assert comparison.notes == ("m lacks repetitions of 1 image: their scores are means of the others",)
+
+
+def restored(method: str, view: str, reason: str = "", status: str = "ok", **more: str) -> list[Row]:
+    """A restoration and its score, or why there is none."""
+    row = replace(ROW, method=method, view=view, status=status, reason=reason, **more)
+    row = row if status == "ok" else replace(row, value=np.nan)
+    whole = replace(row, metric="seconds", variant="wall", unit="s", better="lower")
+    return [whole, row] if status == "ok" else [whole]
+
+
+def test_holes_are_counted_and_said_with_their_reasons():
+    views = [f"v{n}" for n in range(8)]
+    rows = [row for view in views for row in restored("a", view)]
+    rows += [row for view in views[3:] for row in restored("b", view)]
+    rows += restored("b", "v0", "v0 has no depth map", "skipped")
+    rows += [row for view in ("v1", "v2") for row in restored("b", view, "ValueError: boom", "failed")]
+    (comparison,) = compare.compare(frame(rows), ["psnr"])
+    assert comparison.notes == (
+        "b has no result in 3 of 8 images (2 failed: ValueError: boom; 1 skipped: has no depth map): "
+        "all are compared on the other 5",
+    )
+    assert (cells(comparison)["a"].holes, cells(comparison)["b"].holes) == (0, 3)
+    assert comparison.columns[0].n_units == 5
+
+
+def test_a_score_that_failed_alone_is_said_for_its_metric():
+    rows = [row for view in ("v0", "v1") for row in (*restored("a", view), *restored("b", view))]
+    rows[-1] = replace(rows[-1], status="failed", reason="ValueError: boom", value=np.nan)
+    (comparison,) = compare.compare(frame(rows))
+    said = "b has no psnr in 1 of 2 images (1 failed: ValueError: boom): all are compared on the other 1"
+    assert comparison.notes == (said,)
+
+
+def test_some_charts_of_a_view_that_lack_a_score_are_counted_as_charts():
+    rows = [replace(ROW, method=m, region=f"c{c}", metric="psi") for m in "ab" for c in range(3)]
+    rows[-1] = replace(rows[-1], status="skipped", reason="no value (NaN)", value=np.nan)
+    (comparison,) = compare.compare(frame(rows))
+    assert "b has no psi in 1 of 3 charts (1 skipped: no value (NaN))" in comparison.notes[0]
+
+
+def test_a_method_that_gave_nothing_is_a_row_of_holes_and_said():
+    rows = [*restored("a", "v0"), *restored("b", "v0", "boom", "failed")]
+    (comparison,) = compare.compare(frame(rows), ["psnr"])
+    assert comparison.methods == ("a", "b")
+    assert comparison.notes == ("b has no result (1 failed: boom)",)
+
+
+def test_methods_without_a_common_view_are_not_compared():
+    comparison = table({"a": [1, None], "b": [None, 2]})
+    assert comparison.cells == {}
+    assert "psnr (masked): no image that a, b all have" in comparison.notes
+
+
+def test_by_region_a_view_that_failed_is_a_hole_of_every_region():
+    charts = [
+        replace(ROW, method=m, view=v, metric="psi", region=c) for m in "ab" for v in ("v0", "v1") for c in ("c0", "c1")
+    ]
+    whole = [row for m in "ab" for v in ("v0", "v1") for row in restored(m, v)[:1]]
+    failed = restored("b", "v1", "boom", "failed")
+    kept = [row for row in (*charts, *whole) if (row.method, row.view) != ("b", "v1")]
+    tables = compare.compare(frame([*kept, *failed]), ["psi"], by="region")
+    assert [t.title for t in tables] == ["sea · c0", "sea · c1"]
+    for comparison in tables:
+        assert "b has no result in 1 of 2 images (1 failed: boom)" in comparison.notes[0]
+        assert cells(comparison)["b"].holes == 1
+
+
+def test_the_order_of_rows_changes_nothing():
+    rng = np.random.default_rng(5)
+    rows = [
+        replace(ROW, method=m, scene=s, view=f"{s}{v}", region=f"c{c}", metric="psi", value=rng.normal())
+        for m, s, v, c in itertools.product("abc", ("x", "y"), range(4), range(3))
+    ]
+    (one,) = compare.compare(frame(rows), order="abc")
+    (other,) = compare.compare(frame([rows[n] for n in rng.permutation(len(rows))]), order="abc")
+    assert one == other

@@ -1,0 +1,24 @@
+"""From the long table to an answer: which method is better, by how much, and whether that is more than chance.
+
+A score's unit is an image, or a chart where the metric scores charts. Methods are compared on the units that all of
+them have (a method without any restricts nobody; what that leaves out is said). A view counts once, with the mean over
+its charts and over its repetitions. Intervals are 95 %, by a hierarchical bootstrap over scenes, views and charts. Two
+methods tie when the interval of their paired difference holds 0.
+"""
+
+from sucre_bench.compare.comparison import COSTS, By, Cell, Column, Comparison
+from sucre_bench.compare.refusals import load, refuse
+from sucre_bench.compare.table import compare, is_fresh, without_replicates
+
+__all__ = [
+    "COSTS",
+    "By",
+    "Cell",
+    "Column",
+    "Comparison",
+    "compare",
+    "is_fresh",
+    "load",
+    "refuse",
+    "without_replicates",
+]

@@ -1,0 +1,147 @@
+"""What may not stand side by side in one table: different images, variants, versions, pictures, data or options."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from itertools import combinations
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
+
+from sucre_bench import results
+from sucre_bench.compare.comparison import COSTS
+from sucre_bench.compare.table import asked_for, is_fresh, without_replicates
+from sucre_bench.errors import InputError
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["load", "refuse"]
+
+T = TypeVar("T")
+
+
+def load(folders: Iterable[str | Path]) -> pd.DataFrame:
+    """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
+
+    Raises InputError when a folder has none, when folders mean different options or code by one method, or hold
+    results on different data.
+    """
+    import pandas as pd
+
+    folders = [Path(f) for f in folders]
+    rows = pd.concat([results.read(f) for f in folders], ignore_index=True)
+    if len(folders) > 1:
+        _refuse_several(
+            rows[rows["scene"] != ""], ["dataset", "scene"], "data_id", "the data differ between these runs"
+        )
+        own = rows.assign(_code=rows["code"].str.split(".").str[0])
+        _refuse_several(own, ["dataset", "method"], "options_id", "these folders mean different options by it")
+        _refuse_several(
+            own, ["dataset", "method"], "_code", "these folders hold it from different versions of its code"
+        )
+    rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
+    score = ["dataset", "method", "metric", "variant", "scene", "view", "region"]
+    return rows.drop_duplicates(score, keep="last").drop(columns="_ok").sort_index(ignore_index=True)
+
+
+def _refuse_several(rows: pd.DataFrame, group: list[str], column: str, fault: str) -> None:
+    several = rows.groupby(group)[column].nunique()
+    if (several > 1).any():
+        names = " / ".join(several[several > 1].index[0])
+        raise InputError(f"{names}: {fault}; run it again, or give it another label")
+
+
+def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
+    """Raise InputError, a line a fault, where methods cannot be compared: the difference in words, and what to do.
+
+    metrics: those to be compared, as in `compare`; common: methods may have run on different images, as long as they
+    share some.
+    """
+    asked = asked_for(rows, metrics)
+    fresh = is_fresh(rows)
+    faults: list[str] = []
+    for dataset, own in without_replicates(rows[fresh]).groupby("dataset", sort=False):
+        scored = own[asked[own.index] & ~own["metric"].isin(COSTS)]
+        ok = scored[scored["status"] == "ok"]
+        found = (*_images(own, common), *_variants(scored), *_versions(ok), *_normalisations(own))
+        faults += [f"{dataset}: {fault}" for fault in found]
+    if faults:
+        raise InputError("\n".join(faults))
+
+
+def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
+    """Methods that ran, well or not, on different images; a job that failed as a whole ran on all."""
+    whole = set(rows.loc[rows["view"] == "", "method"])
+    per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
+    images = {
+        str(name): frozenset(zip(own["scene"], own["view"], strict=True))
+        for name, own in per_view.groupby("method", sort=False)
+    }
+    alike = _inverted(images)
+    if len(alike) < 2:
+        return
+    shared = frozenset.intersection(*alike)
+    if common and shared:
+        return
+    counts = ", ".join(f"{_names(names)} on {len(views)}" for views, names in alike.items())
+    anywhere = frozenset[tuple[str, str]]().union(*alike)
+    lacking, views = next((names[0], views) for views, names in alike.items() if views != anywhere)
+    example = min(anywhere - views)[1]
+    share = f", or --common compares them on the {len(shared)} they share" if shared else ", for they share none"
+    yield f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
+
+
+def _variants(rows: pd.DataFrame) -> Iterator[str]:
+    """Methods that were scored by one metric in different variants only."""
+    for metric, own in rows.groupby("metric", sort=False):
+        variants = {str(name): frozenset(scores["variant"]) for name, scores in own.groupby("method", sort=False)}
+        for (first, names), (second, others) in combinations(_inverted(variants).items(), 2):
+            if not first & second:
+                yield (
+                    f"{metric}: {_names(names)} scored in variant {_names(sorted(first))}, {_names(others)} in "
+                    f"{_names(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]"
+                )
+                break
+
+
+def _versions(rows: pd.DataFrame) -> Iterator[str]:
+    """Scores that versions or options of a metric made that differ; only the newest is what is meant by it."""
+    for (metric, variant), own in rows.groupby(["metric", "variant"], sort=False):
+        made_by = own["code"].map({code: code.partition(".")[2] for code in own["code"].unique()})
+        last = own["time"].groupby(made_by).max().sort_values().index[-1]
+        if (made_by == last).all():
+            continue
+        older = made_by[made_by != last].iloc[0]
+        names = [list(dict.fromkeys(own["method"][made_by == code])) for code in (older, last)]
+        differing = "options" if older.split("-")[0] == last.split("-")[0] else "versions"
+        yield (
+            f"{metric} ({variant}): {_names(names[0])} scored by other {differing} of the metric than "
+            f"{_names(names[1])}; give the run command of {_names(names[0])} again, what is out of date is done anew"
+        )
+
+
+def _normalisations(rows: pd.DataFrame) -> Iterator[str]:
+    """Labels of one method whose pictures are shown in different ways, where no label says so."""
+    known = rows.drop_duplicates("method")[["method", "options"]]
+    options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}
+    for first, second in combinations(options, 2):
+        one, other = options[first], options[second]
+        shown = one.get("display"), other.get("display")
+        if one.get("name") == other.get("name") and shown[0] != shown[1] and "display=" not in first + second:
+            yield (
+                f"{first} and {second} are both {one.get('name')}, shown in different ways, {shown[0]} and {shown[1]}; "
+                f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'"
+            )
+
+
+def _inverted(sets: Mapping[str, frozenset[T]]) -> dict[frozenset[T], list[str]]:
+    """The methods that have the same, by what they have."""
+    alike: dict[frozenset[T], list[str]] = {}
+    for name, own in sets.items():
+        alike.setdefault(own, []).append(name)
+    return alike
+
+
+def _names(names: Sequence[str]) -> str:
+    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

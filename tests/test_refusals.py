@@ -1,0 +1,121 @@
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from click.testing import CliRunner
+
+from sucre_bench import InputError, compare
+from sucre_bench.cli import cli
+from sucre_bench.results import Row, frame
+
+ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", value=1.0, better="higher", data_id="d")
+
+
+def run_of(method: str, views: str = "abcd", **kind: Any) -> list[Row]:
+    """A method's restorations of views, and their scores."""
+    rows = [replace(ROW, method=method, view=f"{view}.png", **kind) for view in views]
+    return [replace(row, metric="seconds", variant="wall", better="lower") for row in rows] + rows
+
+
+def refused(rows: list[Row], **how: Any) -> str:
+    with pytest.raises(InputError) as fault:
+        compare.refuse(frame(rows), **how)
+    return str(fault.value)
+
+
+def test_methods_that_ran_on_different_images_are_refused_and_the_difference_said():
+    rows = [*run_of("sucre"), *run_of("underwater", "ab"), *run_of("gray_world", "ab")]
+    assert refused(rows) == (
+        "sea: methods ran on different images: sucre on 4, underwater and gray_world on 2 (underwater not on c.png); "
+        "run them on the same ones, or --common compares them on the 2 they share"
+    )
+    compare.refuse(frame(rows), common=True)
+
+
+def test_as_many_but_other_images_are_different_images():
+    assert "a on 2, b on 2 (a not on d.png)" in refused([*run_of("a", "bc"), *run_of("b", "cd")])
+
+
+def test_nothing_in_common_is_refused_even_so():
+    assert "they share none" in refused([*run_of("a", "ab"), *run_of("b", "cd")], common=True)
+
+
+def test_an_image_that_failed_was_run_on():
+    rows = [*run_of("a"), *run_of("b", "abc"), replace(run_of("b", "d")[0], status="failed")]
+    compare.refuse(frame(rows))
+
+
+def test_a_job_that_failed_as_a_whole_was_run_on_everything():
+    compare.refuse(frame([*run_of("a"), replace(ROW, method="b", scene="", view="", status="failed")]))
+
+
+def test_repetitions_are_the_same_images():
+    compare.refuse(frame([*run_of("a"), *run_of("b"), *run_of("b", scene="reef,replicate=1")]))
+
+
+def test_other_datasets_are_other_tables():
+    compare.refuse(frame([*run_of("a"), *run_of("b", "ab", dataset="lake")]))
+
+
+def test_methods_scored_in_different_variants_only_are_refused():
+    rows = [replace(ROW, method=m, view="a.png", metric="uciqe", variant=v) for m, v in (("a", "x"), ("b", "y"))]
+    assert "uciqe: a scored in variant x, b in y; score all in one, metrics.uciqe.variants=[x]" in refused(rows)
+    compare.refuse(frame([*rows, replace(rows[1], variant="x")]))
+
+
+def test_scores_of_different_versions_of_a_metric_are_refused():
+    rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", code="s.two", time="2026-01-02")]
+    said = refused(rows)
+    assert "psnr (masked): a scored by other versions of the metric than b; give the run command of a again" in said
+    compare.refuse(frame([*run_of("a", code="r.one"), *run_of("b", code="s.one")]))
+
+
+def test_scores_of_different_options_of_a_metric_are_refused():
+    rows = [*run_of("a", code="r.one-x", time="2026-01-01"), *run_of("b", code="s.one-y", time="2026-01-02")]
+    assert "other options of the metric" in refused(rows)
+
+
+def test_metrics_that_are_not_asked_for_refuse_nothing():
+    rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", code="s.two", time="2026-01-02")]
+    rows += [replace(row, metric="ssim", code="r.one") for row in rows if row.metric == "psnr"]
+    compare.refuse(frame(rows), metrics=["ssim"])
+
+
+def shown(label: str, name: str, display: str) -> list[Row]:
+    return run_of(label, options=json.dumps({"name": name, "display": display}))
+
+
+def test_one_method_shown_in_two_ways_is_refused_unless_a_label_says_so():
+    plain, stretched = shown("sucre", "sucre", "none"), shown("mine", "sucre", "stretch-1-99")
+    said = refused([*plain, *stretched])
+    assert "sucre and mine are both sucre, shown in different ways, none and stretch-1-99" in said
+    compare.refuse(frame([*plain, *shown("sucre,display=stretch-1-99", "sucre", "stretch-1-99")]))
+    compare.refuse(frame([*plain, *shown("other", "other", "stretch-1-99")]))
+
+
+def test_every_fault_is_a_line():
+    rows = [*run_of("a", code="r.one", time="2026-01-01"), *run_of("b", "ab", code="s.two", time="2026-01-02")]
+    assert len(refused(rows).splitlines()) == 2
+
+
+def test_the_command_refuses_and_compares_what_is_common(tmp_path):
+    frame([*run_of("a"), *run_of("b", "ab")]).to_parquet(tmp_path / "scores.parquet")
+    done = CliRunner().invoke(cli, ["compare", str(tmp_path)])
+    assert isinstance(done.exception, InputError)
+    done = CliRunner().invoke(cli, ["compare", str(tmp_path), "--common", "--metric", "psnr", "--format", "md"])
+    assert done.exit_code == 0
+    assert "b has no result in 2 of 4 images (2 not run): all are compared on the other 2" in done.output
+
+
+def test_the_command_compares_with_a_baseline_in_every_format(tmp_path):
+    rows = [*run_of("a"), *[replace(row, value=row.value + 1) for row in run_of("b")]]
+    frame(rows).to_parquet(tmp_path / "scores.parquet")
+    arguments = ["compare", str(tmp_path), "--metric", "psnr", "--baseline", "a", "--spread"]
+    for how in ("terminal", "md", "latex", "html", "csv", "json"):
+        done = CliRunner().invoke(cli, [*arguments, "--format", how])
+        assert done.exit_code == 0, done.output
+        assert "1.00" in done.output or "1.0" in done.output
+    assert done.output.count('"baseline": "a"') == 2

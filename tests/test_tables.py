@@ -1,0 +1,233 @@
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import re
+from dataclasses import replace
+from xml.etree import ElementTree
+
+import numpy as np
+import pandas as pd
+import pytest
+from rich.console import Console
+
+from sucre_bench import compare, tables
+from sucre_bench.results import Row, frame
+
+ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
+FORMATS = ("md", "latex", "html", "csv", "json")
+
+
+def table(scores: dict[str, list[float | None]], baseline: str = "", **kind: str) -> compare.Comparison:
+    """A comparison of methods whose values by view are given; None is a failed view."""
+    rows = [
+        replace(ROW, method=method, view=f"v{view:03}", value=np.nan, status="failed", reason="boom", **kind)
+        if value is None
+        else replace(ROW, method=method, view=f"v{view:03}", value=value, **kind)
+        for method, values in scores.items()
+        for view, value in enumerate(values)
+    ]
+    (comparison,) = compare.compare(frame(rows), order=list(scores), baseline=baseline)
+    return comparison
+
+
+def terminal(comparison: compare.Comparison, width: int = 120, colours: bool = False, spread: bool = False) -> str:
+    console = Console(
+        file=io.StringIO(), width=width, force_terminal=colours, color_system="standard" if colours else None
+    )
+    console.print(tables.as_table(comparison, width, spread))
+    return console.file.getvalue()
+
+
+def test_every_format_holds_every_method():
+    comparison = table({"plain": [1, 2, 3], "with_under_score": [2, 3, 4]})
+    for how in FORMATS:
+        text = tables.as_text([comparison], how)
+        assert "plain" in text
+        assert "with_under_score" in text.replace("\\_", "_")
+    assert [line["mean"] for line in json.loads(tables.as_text([comparison], "json"))] == [2, 3]
+
+
+def test_several_tables_are_one_text_a_program_can_read():
+    both = compare.compare(frame([replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")]))
+    assert [line["table"] for line in json.loads(tables.as_text(both, "json"))] == ["sea", "lake"]
+    assert tables.as_text(both, "csv").count("metric,variant") == 1
+    assert "**lake**" in tables.as_text(both, "md")
+    assert "<caption>lake</caption>" in tables.as_text(both, "html")
+
+
+def test_records_hold_all_that_is_known_of_a_cell():
+    comparison = table({"a": [1.0, 2, 4], "b": [3.0, 2, None]}, baseline="a")
+    read = pd.read_csv(io.StringIO(tables.as_text([comparison], "csv"))).set_index("method")
+    column = comparison.columns[0]
+    for name in comparison.methods:
+        cell = comparison.cells[name, column]
+        for field in ("mean", "std", "low", "high", "place", "rank", "wins", "effect", "holes"):
+            assert read.loc[name, field] == pytest.approx(getattr(cell, field), nan_ok=True)
+        found = [read.loc[name, f"change{end}"] for end in ("", "_low", "_high")]
+        assert found == pytest.approx(cell.change, nan_ok=True)
+    assert read.loc["b", "holes"] == 1
+    assert set(read["baseline"]) == {"a"}
+
+
+def test_json_has_no_number_that_json_does_not_know():
+    text = tables.as_text([table({"perfect": [np.inf, 1.0], "good": [2.0, 1.0]})], "json")
+    json.loads(text, parse_constant=lambda name: pytest.fail(name))
+
+
+def test_labels_are_shown_as_they_are():
+    """Square brackets mean colours to the terminal's library, backslashes and braces something to LaTeX."""
+    comparison = table({"w=[abc]": [1, 2], "a{b}_[/red]": [3, 4]})
+    assert "w=[abc]" in terminal(comparison)
+    assert "a{b}_[/red]" in terminal(comparison)
+    assert r"a\{b\}\_" in tables.as_text([comparison], "latex")
+    html = tables.as_text([table({"<script>&": [1, 2]})], "html")
+    assert "&lt;script&gt;&amp;" in html
+
+
+def test_html_is_well_formed():
+    text = tables.as_text([table({"a<b": [1, 5, 9], "c": [2, None, 8], "d&": [1, 2, 3]})], "html")
+    root = ElementTree.fromstring(f"<div>{text}</div>")
+    assert [row[0].text for row in root.findall(".//tbody/tr")] == ["a<b", "c", "d&"]
+
+
+@pytest.mark.parametrize("baseline", ["", "a"])
+def test_latex_sets_every_sign_and_closes_every_brace(baseline: str):
+    labels = ["a", "b\\{}_%&#$~^", "[c] *d*", "naïve β 水"]
+    scores = {label: [n + 1.0, n * n + 0.5, 7.0 - n] for n, label in enumerate(labels)}
+    text = tables.as_text([table(scores, baseline=baseline)], "latex", spread=True)
+    body = text.partition(r"\end{tabular}")[0]
+    bare = re.sub(r"\\.", "", body)
+    assert bare.count("{") == bare.count("}")
+    assert not re.search(r"[_%#~^]", bare)
+    assert bare.count("$") % 2 == 0
+    assert bare.count("&") == (len(labels) + 1) * 1
+    assert all(ord(sign) < 0x180 for sign in body)
+    assert set(re.findall(r"\\([a-zA-Z]+)", body)) <= {
+        "begin", "toprule", "midrule", "bottomrule", "textbf", "underline", "textbackslash", "textasciitilde",
+        "textasciicircum", "uparrow", "approx", "pm", "beta", "circ",
+    }  # fmt: skip
+    for line in body.splitlines():  # after \\ a bracket would be taken for a length
+        assert not line.startswith(("[", "*"))
+    assert all(line.startswith("%") for line in text.partition("\\end{tabular}\n")[2].splitlines())
+
+
+def test_cells_show_mean_interval_tie_and_holes():
+    comparison = table({"a": [20.0, 25, 30, None], "b": [21.0, 24, 31, 9]})
+    assert re.search(r"a +≈ 25\.0 \[\d+\.\d, \d+\.\d\] ○1", terminal(comparison))
+    assert re.search(r"b +25\.3 \[", terminal(comparison))
+    assert "±" not in terminal(comparison)
+    assert re.search(r"≈ 25\.0 ± 4\.08 \[", terminal(comparison, spread=True))
+    for how in ("md", "latex", "html"):
+        assert "4.08" in tables.as_text([comparison], how, spread=True)
+        assert "4.08" not in tables.as_text([comparison], how)
+
+
+def test_parts_of_cells_stand_below_each_other():
+    comparison = table({"a": [20.0, 25, 30, None], "bb": [121.0, 140, 99, 9], "c": [1.0, 2.0, 2.5, 1.0]})
+    lines = terminal(comparison).splitlines()[3:6]
+    assert len({line.index("[") for line in lines}) == 1
+    assert [line.split()[0] for line in lines] == ["a", "bb", "c"]
+
+
+@pytest.mark.parametrize("width", [60, 80, 140])
+def test_a_table_fits_the_terminal(width: int):
+    rows = [
+        replace(ROW, method=m, metric=f"metric{n}", view=f"v{v}", value=float(n + v))
+        for m, n, v in itertools.product(("one", "two"), range(9), range(3))
+    ]
+    (comparison,) = compare.compare(frame(rows))
+    lines = terminal(comparison, width).splitlines()
+    assert max(map(len, lines)) <= width
+    assert all(f"metric{n} ↑ dB" in "".join(lines) for n in range(9))
+
+
+def test_the_best_is_bold_and_green_the_second_underlined():
+    text = terminal(table({"a": [1.0, 2, 4], "b": [3.0, 5, 6], "c": [0.0, 0, 0]}), colours=True)
+    assert re.search(r"\x1b\[1;32m\S*4\.67", text)
+    assert re.search(r"\x1b\[4m\S*2\.33", text.replace("≈ ", "≈"))
+
+
+def test_nothing_is_best_among_equals_or_alone():
+    for scores in ({"a": [1.0, 2], "b": [1.0, 2]}, {"a": [1.0, 2]}):
+        assert "**" not in tables.as_text([table(scores)], "md")
+
+
+def test_against_a_baseline_better_is_green_worse_red_and_chance_marked():
+    noise = [0.01, -0.01, 0.02, 0.0]
+    base = [20.0, 25, 30, 27]
+    scores = {
+        "base": base,
+        "better": [x + 1 + e for x, e in zip(base, noise, strict=True)],
+        "worse": [x - 1 + e for x, e in zip(base, noise, strict=True)],
+        "same": [21.0, 24, 31, 26.5],
+    }
+    text = terminal(table(scores, baseline="base"), colours=True)
+    assert re.search(r"\x1b\[32m\+1\.0", text)
+    assert re.search(r"\x1b\[31m-0\.99", text)
+    assert re.search(r"≈ \+0\.125", text)
+    lower = terminal(table(scores, baseline="base", better="lower"), colours=True)
+    assert re.search(r"\x1b\[31m\+1\.0", lower)
+
+
+def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
+    rows = [
+        replace(ROW, method=m, scene=s, view=f"v{v}", value=float(v + n))
+        for n, (m, s, v) in enumerate(itertools.product("ab", ("x", "y"), range(3)))
+    ]
+    (comparison,) = compare.compare(frame(rows))
+    said = tables.legend(comparison)
+    assert "over 6 views of 2 scenes" in said
+    assert "hierarchical bootstrap over scenes, views" in said
+    assert "○" not in said
+    assert "○n" in tables.legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
+    assert "no intervals" in tables.legend(table({"a": [1], "b": [2]}))
+
+
+def test_charts_are_counted_in_the_legend():
+    rows = [
+        replace(ROW, method="a", metric=m, region=r, view=v, value=1.0)
+        for (m, r), v in itertools.product((("psi", "c0"), ("psi", "c1"), ("psnr", "image")), ("v0", "v1"))
+    ]
+    (comparison,) = compare.compare(frame(rows))
+    assert "2 views (4 charts)" in tables.legend(comparison)
+
+
+def test_a_verdict_says_gap_interval_wins_effect_and_chance():
+    (said,) = tables.verdicts(table({"a": [1.0, 9, 5], "b": [2.0, 8, 4.9]}))
+    assert re.fullmatch(
+        r"psnr: a leads b by 0\.033 dB \[-\S+, \S+\], best in 2 of 3 views, effect 0\.0, which may be chance", said
+    )
+
+
+def test_a_verdict_against_a_baseline_is_a_sentence_a_method():
+    comparison = table({"base": [1.0, 2, 3], "m": [2.0, 3.1, 3.9], "n": [1.0, 2, 3]}, baseline="base", better="lower")
+    first, second = tables.verdicts(comparison)
+    assert re.fullmatch(r"psnr: m is worse than base by 1\.00 dB \[.*\], better in 0 of 3 views, effect 10\.0", first)
+    assert second == "psnr: n equals base"
+
+
+def test_nobody_is_said_to_lead_by_what_only_describes_or_by_infinity():
+    assert tables.verdicts(table({"a": [1.0, 2], "b": [2.0, 3]}, better="none")) == []
+    assert tables.verdicts(table({"perfect": [np.inf, 30.0], "good": [29.0, 28.0]})) == []
+
+
+def test_a_number_that_only_describes_has_no_arrow():
+    comparison = table({"a": [1.0, 2]}, better="none", metric="hue", unit="deg")
+    assert tables.title(comparison.columns[0]) == "hue deg"
+
+
+@pytest.mark.parametrize(
+    ("value", "text"),
+    [
+        (0, "0"), (0.0002, "0.00020"), (0.02, "0.020"), (0.0312, "0.031"), (0.5, "0.500"), (1.234, "1.23"),
+        (31.74, "31.7"), (123.4, "123"), (np.nan, "-"), (np.inf, "inf"), (-12.34, "-12.3"),
+    ],
+)  # fmt: skip
+def test_numbers_keep_the_figures_that_matter(value: float, text: str):
+    assert tables.number(value) == text
+
+
+def test_differences_carry_their_sign():
+    assert [tables.signed(x) for x in (0.312, -0.312, 0.0)] == ["+0.312", "-0.312", "0"]
