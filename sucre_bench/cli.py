@@ -16,6 +16,8 @@ from sucre_bench.charting.command import charts
 from sucre_bench.describe.command import describe
 from sucre_bench.errors import OutputError, SucreBenchError, one_line
 from sucre_bench.prepare.command import prepare
+from sucre_bench.texture.command import texture
+from sucre_bench.video.command import video
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -311,5 +313,5 @@ def doctor() -> None:
     sys.exit(doctor.show())
 
 
-for command in (prepare, charts, describe):
+for command in (prepare, charts, describe, texture, video):
     cli.add_command(command)

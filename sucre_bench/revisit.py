@@ -159,7 +159,7 @@ def _job(out: Path, dataset: str, scene: str) -> Job:
 def _jobs(path: Path) -> Iterator[Job]:
     """The jobs that a run wrote down: see `sweep`."""
     import yaml
-    from omegaconf import OmegaConf
+    from omegaconf import DictConfig, OmegaConf
 
     from sucre_bench import plugins
     from sucre_bench.job import Job, RunConfig
@@ -173,4 +173,6 @@ def _jobs(path: Path) -> Iterator[Job]:
     for file in told.get("plugins") or ():
         plugins.load_file(file)
     for one in each:
-        yield Job.of(OmegaConf.merge(OmegaConf.structured(RunConfig), {**told, **one}))
+        config = OmegaConf.merge(OmegaConf.structured(RunConfig), OmegaConf.create({**told, **one}))
+        assert isinstance(config, DictConfig)
+        yield Job.of(config)
