@@ -18,7 +18,7 @@ from sucre_bench.cielab import lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins import metric
 from sucre_bench.scene import Array, Chart, Restoration, Score, View
 
-__all__ = ["De00", "Psi", "angle_deg", "ciede2000", "lab_d50", "srgb_of_lab_d50"]
+__all__ = ["De00", "Psi", "angle_deg", "chart_scores", "ciede2000", "lab_d50", "patch_region", "srgb_of_lab_d50"]
 
 
 @metric(
@@ -47,7 +47,7 @@ class Psi:
         for chart in view.charts:
             readings = [r for r in measure(shown, chart) if variant == "all" or r.patch.colour != (variant == "gray")]
             expected = np.array([_expected_rgb(r.patch, variant) for r in readings])
-            yield from _scores(chart, readings, angle_deg(np.array([r.rgb for r in readings]), expected))
+            yield from chart_scores(chart, readings, angle_deg(np.array([r.rgb for r in readings]), expected))
 
 
 @metric(
@@ -77,7 +77,7 @@ class De00:
             readings = [r for r in measure(shown, chart) if r.patch.colour]
             expected = [r.patch.lab if variant == "lab" else lab_d50(np.array(r.patch.srgb)) for r in readings]
             measured = lab_d50(np.array([r.rgb for r in readings]))
-            yield from _scores(chart, readings, ciede2000(measured, np.array(expected)))
+            yield from chart_scores(chart, readings, ciede2000(measured, np.array(expected)))
 
 
 def angle_deg(a: Array, b: Array) -> Array:
@@ -97,19 +97,23 @@ def ciede2000(a: Array, b: Array) -> Array:
     return np.asarray(colour.delta_E(a, b, method="CIE 2000"))
 
 
-def _expected_rgb(patch: Patch, variant: str) -> Array:
-    if variant == "gray":
-        return np.ones(3)
-    return srgb_of_lab_d50(np.array(patch.lab)) if variant == "colour-lab" else np.array(patch.srgb)
+def patch_region(chart: Chart, patch: Patch) -> str:
+    """Return the region of a patch's scores, "<chart>/<number>-<name>"."""
+    return f"{chart.name}/{patch.number}-{patch.name}"
 
 
-def _scores(chart: Chart, readings: Sequence[PatchReading], values: Array) -> Iterator[Score]:
-    """One score for the chart, then one for each patch."""
+def chart_scores(chart: Chart, readings: Sequence[PatchReading], values: Array) -> Iterator[Score]:
+    """Yield a score for the chart, the mean of its patches' values (P,), then one for each patch."""
     known = np.isfinite(values)
     used = np.array([r.n_pixels for r in readings]) * known
     seen = np.array([r.coverage for r in readings]) * known
     value = float(values[known].mean()) if known.any() else np.nan
     yield Score(value, chart.name, int(used.sum()), float(seen.mean()))
     for reading, score, n, coverage in zip(readings, values, used, seen, strict=True):
-        region = f"{chart.name}/{reading.patch.number}-{reading.patch.name}"
-        yield Score(float(score), region, int(n), float(coverage))
+        yield Score(float(score), patch_region(chart, reading.patch), int(n), float(coverage))
+
+
+def _expected_rgb(patch: Patch, variant: str) -> Array:
+    if variant == "gray":
+        return np.ones(3)
+    return srgb_of_lab_d50(np.array(patch.lab)) if variant == "colour-lab" else np.array(patch.srgb)

@@ -12,6 +12,7 @@ from test_charts import TILTED, painted
 from sucre_bench.charts import KINDS
 from sucre_bench.colour import stretch
 from sucre_bench.metrics.charts import De00, Psi, angle_deg, ciede2000, lab_d50, srgb_of_lab_d50
+from sucre_bench.metrics.patch_colour import PatchColour
 from sucre_bench.scene import Array, Arrays, Chart, Restoration, Score, View
 
 D5 = Path(__file__).resolve().parents[2] / "shared" / "data" / "seathru_d5_charts"
@@ -37,7 +38,7 @@ SHARMA = [
 
 
 def scores(
-    metric: Psi | De00, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
+    metric: Psi | De00 | PatchColour, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
 ) -> dict[str, Score]:
     view = View("a.png", Arrays(shown), charts=charts or [Chart("c", kind, TILTED)])
     return {s.region: s for s in metric.score(Restoration(shown), shown, view, variant)}
@@ -165,6 +166,17 @@ def test_the_reference_list_shifts_psi() -> None:
     by_lab = scores(Psi(), shown, "colour-lab")
     assert by_lab["c/12-magenta"].value == pytest.approx(13.8, abs=0.1)  # the lists' largest disagreement
     assert by_lab["c/13-brick"].value < 0.5
+
+
+def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> None:
+    shown = painted(KINDS["dgk"], TILTED) * np.float32([0.5, 0.25, 1])
+    for c, channel in enumerate(("red", "green", "blue")):
+        measured, expected = (scores(PatchColour(), shown, f"{channel}{end}") for end in ("", "-expected"))
+        assert len(measured) == 18
+        assert "c/7-red" in measured
+        listed = np.array([expected[region].value for region in measured])
+        np.testing.assert_allclose(listed, [p.srgb[c] for p in KINDS["dgk"].patches])
+        np.testing.assert_allclose([s.value for s in measured.values()], listed * (0.5, 0.25, 1)[c], atol=1e-6)
 
 
 @pytest.mark.skipif(not D5.is_dir(), reason="the Sea-thru D5 charts are not at hand")

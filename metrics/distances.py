@@ -1,0 +1,84 @@
+"""How far away colour charts are (chart_distance), and how much distances vary over a view (distance_variance).
+
+Both are of the view, whatever the method. Distances are Euclidean, from the camera's centre, as the water has them.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.charts import image_from_chart
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.multiview.geometry import distance_map, unproject
+from sucre_bench.plugins import metric
+from sucre_bench.scene import Array, Camera, Chart, Restoration, Score, View
+
+__all__ = ["ChartDistance", "DistanceVariance"]
+
+Indices = npt.NDArray[np.int64]
+
+
+@metric(
+    needs={"charts", "depth"},
+    requires=["cv2"],
+    unit="m",
+    better="none",
+    range=(0, np.inf),
+    variants={"median": "over the chart's pixels with depth"},
+)
+@dataclass(frozen=True)
+class ChartDistance:
+    """Distance of each colour chart from the camera, metres."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per chart, NaN where no pixel of it has depth. NotApplicableError without a camera."""
+        camera = _camera(view)
+        for chart in view.charts:
+            u, v = _pixels_inside(chart, view.depth.shape)
+            depth = view.depth[v, u].astype(np.float64)
+            known = np.linalg.norm(unproject(camera, u + 0.5, v + 0.5, depth), axis=0)[depth > 0]
+            value = float(np.median(known)) if known.size else np.nan
+            yield Score(value, chart.name, known.size, known.size / max(u.size, 1))
+
+
+@metric(
+    needs={"depth"},
+    unit="m^2",
+    better="none",
+    range=(0, np.inf),
+    cites="Boittiaux et al. 2024",
+    variants={"image": "over the pixels with depth"},
+)
+@dataclass(frozen=True)
+class DistanceVariance:
+    """Variance of a view's distances, square metres: where it is small, the water can hardly be told."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield one score, NaN where no pixel has depth. NotApplicableError without a camera."""
+        distance = distance_map(_camera(view), view.depth)
+        known = distance[distance > 0].astype(np.float64)
+        value = float(known.var()) if known.size else np.nan
+        yield Score(value, n_pixels=known.size, coverage=known.size / distance.size)
+
+
+def _camera(view: View) -> Camera:
+    if view.camera is None:
+        raise NotApplicableError(f"{view.name}: no camera, so that its depth is no distance; give its calibration")
+    return view.camera
+
+
+def _pixels_inside(chart: Chart, shape: tuple[int, ...]) -> tuple[Indices, Indices]:
+    """Column and row of the image's pixels whose centre lies within the chart's frame."""
+    end = np.array(shape[::-1])
+    (u0, v0), (u1, v1) = (
+        np.clip(rounded, 0, end).astype(int)
+        for rounded in (np.floor(chart.corners.min(axis=0)), np.ceil(chart.corners.max(axis=0)))
+    )
+    u, v = (a.ravel() for a in np.meshgrid(np.arange(u0, u1), np.arange(v0, v1)))
+    x, y, w = np.linalg.inv(image_from_chart(chart.corners)) @ np.stack([u + 0.5, v + 0.5, np.ones(u.size)])
+    inside = (w > 0) & (x >= 0) & (x <= w) & (y >= 0) & (y <= w)
+    return u[inside], v[inside]

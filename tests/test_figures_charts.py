@@ -1,0 +1,262 @@
+"""The figures charts, swatches, hue and water: what is drawn is what the rows say."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator
+from dataclasses import replace
+from itertools import product
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pytest
+
+from sucre_bench import figures, layout, results
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.figures import style
+from sucre_bench.figures.charts import seen_charts, with_places
+from sucre_bench.results import Row
+from sucre_bench.studies import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+METHODS = ("underwater", "sucre")
+VIEWS = ("a.png", "b.png", "c.png")
+CHARTS = ("near", "far")
+PATCHES = ("7-red", "8-yellow", "9-green")
+DISTANCE = {(view, chart): 1.5 + v + 4.1 * c for v, view in enumerate(VIEWS) for c, chart in enumerate(CHARTS)}
+EXPECTED = {"7-red": (0.9, 0.1, 0.1), "8-yellow": (1.0, 0.9, 0.0), "9-green": (0.4, 0.7, 0.3)}
+EXPECTED_HUE = {"7-red": 0.0, "8-yellow": 54.0, "9-green": 105.0}
+MEASURED = (0.25, 0.5, 0.75)
+
+
+def error(method: str, view: str, chart: str, patch: str) -> float:
+    """A number that tells method, view, chart and patch."""
+    return (
+        100 * METHODS.index(method) + 10 * VIEWS.index(view) + 5 * CHARTS.index(chart) + 0.5 * PATCHES.index(patch) + 1
+    )
+
+
+def chart_rows(hue: float = 0.0, dataset: str = "dive") -> Iterator[Row]:
+    """Scores of two charts in three views; sucre's hues are off by `hue`, underwater's by none."""
+    for method, view, chart in product(METHODS, VIEWS, CHARTS):
+        own = {"dataset": dataset, "scene": "s", "view": view, "method": method}
+        yield Row(**own, metric="seconds", value=1)
+        yield Row(
+            **own, metric="chart_distance", variant="median", region=chart, value=DISTANCE[view, chart], better="none"
+        )
+        for metric in ("psi", "de00"):
+            values = [error(method, view, chart, patch) for patch in PATCHES]
+            yield Row(**own, metric=metric, variant="v", region=chart, value=float(np.mean(values)))
+            for patch, value in zip(PATCHES, values, strict=True):
+                yield Row(**own, metric=metric, variant="v", region=f"{chart}/{patch}", value=value)
+        for patch in PATCHES:
+            about = {**own, "region": f"{chart}/{patch}", "better": "none"}
+            measured = EXPECTED_HUE[patch] + hue * (method == "sucre")
+            yield Row(**about, metric="hue", variant="hsv", value=measured % 360)
+            yield Row(**about, metric="hue", variant="hsv-expected", value=EXPECTED_HUE[patch])
+            for channel, shown, listed in zip(("red", "green", "blue"), MEASURED, EXPECTED[patch], strict=True):
+                yield Row(**about, metric="patch_colour", variant=channel, value=shown)
+                yield Row(**about, metric="patch_colour", variant=f"{channel}-expected", value=listed)
+
+
+def drawn(name: str, rows: pd.DataFrame, out: Path = Path("nowhere")) -> dict[str, Figure]:
+    with style.look():
+        return dict(figures.find(name)(rows, Study("s"), out))
+
+
+def lines(axes: Axes, label: str) -> np.ndarray:
+    """x and y (2, N) of the line of that label."""
+    (line,) = [line for line in axes.lines if line.get_label() == label]
+    return np.array(line.get_data(), dtype=float)
+
+
+def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_patches() -> None:
+    (figure,) = drawn("charts", results.frame(chart_rows())).values()
+    psi = figure.axes[0]
+    by_distance = sorted(DISTANCE, key=lambda site: DISTANCE[site])
+    for method in METHODS:
+        x, y = lines(psi, method)
+        np.testing.assert_allclose(x, [DISTANCE[site] for site in by_distance], atol=0.05)
+        np.testing.assert_allclose(y, [error(method, *site, PATCHES[1]) for site in by_distance])
+    bars = psi.collections[0].get_segments()
+    spread = np.std([0, 0.5, 1])
+    np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 2 * spread)
+    assert len(figure.axes) == 2
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == list(METHODS)
+
+
+def test_charts_has_a_panel_for_each_error_or_for_those_the_study_names() -> None:
+    rows = list(chart_rows())
+    rows += [replace(row, variant="w", value=2 * row.value) for row in rows if row.metric == "de00"]
+    (everything,) = dict(figures.find("charts")(results.frame(rows), Study("s"), Path("nowhere"))).values()
+    (named,) = dict(figures.find("charts")(results.frame(rows), Study("s", ("de00:w",)), Path("nowhere"))).values()
+    assert [axes.get_visible() for axes in everything.axes] == [True, True, True, False]
+    (only,) = named.axes
+    assert lines(only, "sucre")[1][0] == 2 * error("sucre", "a.png", "near", PATCHES[1])
+
+
+def test_swatches_prefer_the_difference_to_the_list_they_are_painted_from() -> None:
+    rows = list(chart_rows())
+    rows += [replace(row, variant="srgb", value=7.0) for row in rows if row.metric == "de00"]
+    (figure,) = drawn("swatches", results.frame(rows)).values()
+    assert {text.get_text() for text in figure.axes[0].texts} == {"7"}
+    assert "srgb" in figure.get_supxlabel()
+
+
+def test_many_charts_are_drawn_as_the_means_of_those_about_as_far() -> None:
+    rng = np.random.default_rng(0)
+    distances = rng.uniform(1, 9, 80)
+    rows = results.frame(
+        Row(dataset="d", scene="s", view=f"{k}.png", method="m", metric=metric, variant="v", region="c", value=value)
+        for k, distance in enumerate(distances)
+        for metric, value in (("chart_distance", distance), ("psi", 3 * distance))
+    )
+    places = with_places(seen_charts(rows)).groupby("place")
+    assert list(places["view"].nunique()) == [10] * 8
+    (figure,) = drawn("charts", rows).values()
+    x, y = lines(figure.axes[0], "m")
+    np.testing.assert_allclose(y, 3 * np.sort(distances).reshape(8, 10).mean(axis=1))
+    np.testing.assert_allclose(x, y / 3, atol=1e-9)
+
+
+def test_each_dataset_has_a_figure_of_its_own() -> None:
+    rows = results.frame([*chart_rows(), *chart_rows(dataset="other dive")])
+    assert list(drawn("charts", rows)) == ["dive", "other_dive"]
+    assert list(drawn("hue", rows)) == ["dive", "other_dive"]
+
+
+def test_swatches_show_measured_and_expected_colours_of_the_nearest_and_farthest_chart_with_their_difference() -> None:
+    (figure,) = drawn("swatches", results.frame(chart_rows())).values()
+    near, far = figure.axes
+    assert near.get_title() == "near, 1.5 m"
+    assert far.get_title() == "far, 7.6 m"
+    assert [label.get_text() for label in near.get_yticklabels()] == list(METHODS)
+    assert [label.get_text() for label in near.get_xticklabels()] == ["red", "yellow", "green"]
+    painted = [patch.get_facecolor()[:3] for patch in near.patches]
+    assert painted[::2] == [MEASURED] * 6
+    np.testing.assert_allclose(painted[1::2], [EXPECTED[patch] for patch in PATCHES] * 2)
+    said = [float(text.get_text()) for text in far.texts]
+    truth = [error(method, "c.png", "far", patch) for method in METHODS for patch in PATCHES]
+    np.testing.assert_allclose(said, truth, atol=0.5)
+
+
+def test_swatches_leave_out_charts_that_a_method_does_not_show() -> None:
+    rows = results.frame(chart_rows())
+    hole = (rows["view"] == "c.png") & (rows["method"] == "sucre") & rows["region"].str.startswith("far")
+    rows.loc[hole, "status"] = "skipped"
+    (figure,) = drawn("swatches", rows).values()
+    assert figure.axes[1].get_title() == "far, 6.6 m"
+    rows.loc[rows["metric"].eq("de00") & rows["method"].eq("sucre"), "status"] = "skipped"
+    with pytest.raises(NotApplicableError, match="leave out"):
+        drawn("swatches", rows)
+
+
+@pytest.mark.parametrize("off", [0, 40, -40, 170, -170])
+def test_hue_is_drawn_within_half_a_turn_of_the_expected_one(off: float) -> None:
+    (figure,) = drawn("hue", results.frame(chart_rows(off))).values()
+    assert [axes.get_title() for axes in figure.axes[:3]] == ["red", "yellow", "green"]
+    for axes, patch in zip(figure.axes, PATCHES, strict=False):
+        expected = EXPECTED_HUE[patch]
+        assert lines(axes, "_child0")[1].tolist() == [expected, expected]
+        np.testing.assert_allclose(lines(axes, "sucre")[1], expected + off)
+        np.testing.assert_allclose(lines(axes, "underwater")[1], expected)
+        assert axes.get_ylim() == (expected - 180, expected + 180)
+
+
+def test_a_hue_that_wraps_leaves_at_one_edge_and_comes_back_at_the_other() -> None:
+    rows = results.frame(chart_rows(170))
+    far = (rows["region"].str.startswith("far")) & (rows["method"] == "sucre") & (rows["variant"] == "hsv")
+    rows.loc[far, "value"] = (rows.loc[far, "value"] + 20) % 360
+    (figure,) = drawn("hue", rows).values()
+    again = [line.get_ydata() for line in figure.axes[0].lines if line.get_label() == "_again"]
+    np.testing.assert_allclose(lines(figure.axes[0], "sucre")[1], [170] * 3 + [190] * 3)
+    np.testing.assert_allclose(again, [[-190] * 3 + [-170] * 3])
+
+
+def test_the_mean_of_hues_about_red_is_red() -> None:
+    values = [350.0, 10.0] * 8  # two charts at each of eight places
+    rows = results.frame(
+        Row(dataset="d", scene="s", view=f"{k}.png", method="m", metric=metric, variant=variant, region=region, value=v)
+        for k, value in enumerate(values)
+        for metric, variant, region, v in (
+            ("chart_distance", "median", "c", 1 + k),
+            ("hue", "hsv", "c/7-red", value),
+            ("hue", "hsv-expected", "c/7-red", 0),
+        )
+    )
+    (figure,) = drawn("hue", rows).values()
+    np.testing.assert_allclose(lines(figure.axes[0], "m")[1], 0, atol=1e-9)
+
+
+# -- water -------------------------------------------------------------------------------------------------
+
+PARAMETERS = ("veiling_light", "attenuation", "backscatter")
+TRUE = {"B": [0.1, 0.3, 0.4], "beta": [0.5, 0.2, 0.1], "gamma": [0.3, 0.2, 0.2], "encoding": "gamma"}
+
+
+def water_rows(methods: tuple[str, ...] = METHODS) -> Iterator[Row]:
+    """Parameters 1, 2, 3 ... of a channel in views whose distances vary by 1, 4, 9 ..."""
+    for method, (k, view) in product(methods, enumerate(VIEWS)):
+        own = {"dataset": "dive", "scene": "s", "view": view, "method": method}
+        yield Row(**own, metric="distance_variance", variant="image", value=(k + 1) ** 2)
+        for p, c in product(range(3), range(3)):
+            variant = f"{PARAMETERS[p]}-{('red', 'green', 'blue')[c]}"
+            yield Row(**own, metric="water_parameters", variant=variant, value=100 * p + 10 * c + k + 1)
+
+
+def keep_records(out: Path, encoding: str) -> None:
+    """What a run leaves beside its pictures."""
+    for method, view in product(METHODS, VIEWS):
+        place = layout.Place("dive", layout.PurePosixPath(view).with_suffix(""))
+        record = place.restored(out, method).with_suffix(".json")
+        for path, text in (
+            (place.original(out), ""),
+            (record, json.dumps({"B": [0, 0, 0], "encoding": encoding, "true_water": TRUE})),
+        ):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            path.write_text(text)
+
+
+def test_water_draws_each_views_parameters_over_the_variance_of_its_distances() -> None:
+    (figure,) = drawn("water", results.frame(water_rows())).values()
+    panels = np.array(figure.axes).reshape(3, 2)
+    assert [panel.get_title() for panel in panels[0]] == list(METHODS)
+    for p, m in product(range(3), range(2)):
+        for c, dots in enumerate(panels[p, m].collections):
+            np.testing.assert_allclose(dots.get_offsets(), [[(k + 1) ** 2, 100 * p + 10 * c + k + 1] for k in range(3)])
+    said = [float(text.get_text().removesuffix(" %")) for text in panels[0, 0].texts]
+    np.testing.assert_allclose(said, [100 / 2, 100 / 12, 100 / 22], atol=0.01)
+    assert not panels[0, 0].lines
+
+
+def test_water_draws_the_truth_where_it_explains_the_same_intensities(tmp_path: Path) -> None:
+    keep_records(tmp_path, "gamma")
+    (figure,) = drawn("water", results.frame(water_rows()), tmp_path).values()
+    panels = np.array(figure.axes).reshape(3, 2)
+    for p, name in enumerate(("B", "beta", "gamma")):
+        assert [line.get_ydata()[0] for line in panels[p, 1].lines] == TRUE[name]
+    assert "true" in [text.get_text() for text in figure.legends[0].get_texts()]
+    keep_records(tmp_path, "linear")
+    (figure,) = drawn("water", results.frame(water_rows()), tmp_path).values()
+    assert not any(axes.lines for axes in figure.axes)
+
+
+def test_more_than_four_methods_take_several_pages() -> None:
+    pages = drawn("water", results.frame(water_rows(("a", "b", "c", "d", "e"))))
+    assert [(name, len(figure.axes)) for name, figure in pages.items()] == [("1", 12), ("2", 3)]
+
+
+@pytest.mark.parametrize("name", ["charts", "swatches", "hue", "water"])
+def test_without_anything_to_draw_it_is_said_which_metrics_to_add(name: str) -> None:
+    rows = results.frame([Row(dataset="d", scene="s", view="a.png", method="m", metric="psnr", value=20)])
+    with pytest.raises(NotApplicableError, match=r"; add .*(chart_distance|distance_variance)"):
+        drawn(name, rows)
+    if name != "water":
+        distances = results.frame(row for row in chart_rows() if row.metric == "chart_distance")
+        with pytest.raises(NotApplicableError, match="add metrics="):
+            drawn(name, distances)
