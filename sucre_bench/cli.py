@@ -15,6 +15,7 @@ import sucre_bench
 from sucre_bench.charting.command import charts
 from sucre_bench.describe.command import describe
 from sucre_bench.errors import OutputError, SucreBenchError, one_line
+from sucre_bench.kit.command import check, new
 from sucre_bench.prepare.command import prepare
 from sucre_bench.texture.command import texture
 from sucre_bench.video.command import video
@@ -313,5 +314,5 @@ def doctor() -> None:
     sys.exit(doctor.show())
 
 
-for command in (prepare, charts, describe, texture, video):
+for command in (prepare, charts, describe, texture, video, new, check):
     cli.add_command(command)

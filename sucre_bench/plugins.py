@@ -31,6 +31,7 @@ from sucre_bench.options import unusable
 from sucre_bench.scene import Array, Restoration, Scene, Score, View
 
 __all__ = [
+    "Better",
     "Broken",
     "Dataset",
     "Method",
@@ -38,6 +39,7 @@ __all__ = [
     "Plugin",
     "dataset",
     "discover",
+    "distribution_of",
     "find",
     "load_file",
     "method",
@@ -45,6 +47,7 @@ __all__ = [
     "missing_needs",
     "missing_packages",
     "set_aside",
+    "snake_case",
 ]
 
 Better = Literal["higher", "lower", "none"]
@@ -138,7 +141,7 @@ def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Cal
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
             raise PluginError(f"{cls.__qualname__}: not a frozen dataclass; put @dataclass(frozen=True) under @{kind}")
         cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
-            kind, name or _snake_case(cls.__name__), cls, needs, **about
+            kind, name or snake_case(cls.__name__), cls, needs, **about
         )
         return cls
 
@@ -217,7 +220,7 @@ def metric(
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
-def _snake_case(name: str) -> str:
+def snake_case(name: str) -> str:
     return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()
 
 

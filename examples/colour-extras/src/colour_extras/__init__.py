@@ -1,0 +1,1 @@
+"""Plugins for sucre_bench: a method, a metric and a dataset."""
