@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.errors import SolveError
+from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.methods.sucre.diagnostics import ROUNDING, Trust, judge
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
@@ -73,12 +73,12 @@ def fit(
     """Find the one water that explains the observations of one image, or of several, best.
 
     physical: hold colours above zero, up to the noise that the free fit leaves.
-    Raises SolveError when no pixel is seen twice, or all from one distance each.
+    Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
     images = [observations] if isinstance(observations, Observations) else observations
     images = [one for one in images if one.n_repeated]
     if not images:
-        raise SolveError(_HOPELESS.format("no pixel is seen in two views"))
+        raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
     few = _samples(images, sample, physical, seed)
     _check_spread(few)
     dead = _is_constant(few)
@@ -182,7 +182,7 @@ def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array]
 
 
 def _check_spread(few: Sequence[Observations]) -> None:
-    """Raise SolveError when every pixel is seen from one distance: then any water fits."""
+    """Raise NotApplicableError when every pixel is seen from one distance: then any water fits."""
     for one in few:
         nearest, farthest = np.full((2, len(one.pixels)), one.distance[: len(one.pixels)])
         for n, part in one.slots():
@@ -190,7 +190,7 @@ def _check_spread(few: Sequence[Observations]) -> None:
             np.maximum(farthest[:n], one.distance[part], out=farthest[:n])
         if (farthest > nearest * (1 + _SAME)).any():
             return
-    raise SolveError(_HOPELESS.format("every pixel is seen from one distance only"))
+    raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
 
 
 def _is_constant(few: Sequence[Observations]) -> Mask:

@@ -28,7 +28,7 @@ def named(view: View) -> Iterator[None]:
     try:
         yield
     except SolveError as fault:
-        raise SolveError(f"{view.name}: {fault}") from fault
+        raise type(fault)(f"{view.name}: {fault}") from fault
 
 
 def with_residuals(observations: Observations, solution: Solution, seed: int = 0) -> Solution:
