@@ -144,8 +144,8 @@ class Sucre:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
         info: see `outcome.restoration`; seconds of each stage besides.
-        Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails, InputError for a water
-        that cannot be read.
+        Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
+        InputError for a water that cannot be read.
         """
         from sucre_bench.methods.sucre.outcome import named, restoration, with_residuals
 

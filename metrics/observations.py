@@ -1,0 +1,36 @@
+"""How much a method had to go by: observations of the view's pixels in all views."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from sucre_bench.plugins import metric
+from sucre_bench.scene import Array, Restoration, Score, View
+
+__all__ = ["Observations"]
+
+_KEYS = {"all": "n_observations", "repeated": "n_repeated", "views": "n_views"}
+
+
+@metric(
+    needs={"restoration"},
+    unit="count",
+    better="none",
+    range=(0, float("inf")),
+    variants={
+        "all": "observations of the view's pixels, in all views",
+        "repeated": "pixels that are seen more than once",
+        "views": "views with an observation, the view itself among them",
+    },
+)
+@dataclass(frozen=True)
+class Observations:
+    """Number of observations that a multi-view method used, as it tells (n_observations and the like in its info)."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield one score; nothing where the method does not tell."""
+        count = restored.info.get(_KEYS[variant])
+        if count is not None:
+            valid = restored.valid
+            yield Score(float(count), n_pixels=int(valid.sum()), coverage=float(valid.mean()))
