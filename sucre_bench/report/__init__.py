@@ -1,147 +1,153 @@
-"""The results page: one static file made from the table and the pictures, which opens from disk without a network."""
+"""The results page: one static file made from the table and the pictures, which opens from disk without a network.
+
+Values are embedded as JSON, a block a dataset, read when that dataset is chosen; scripts and styles are the files
+beside this one, put into the page as they are. The page allows itself no connection at all (its
+Content-Security-Policy).
+"""
 
 from __future__ import annotations
 
 import base64
+import gzip
+import json
+import math
 import shlex
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote
 
 from sucre_bench import compare, layout, provenance, results
-from sucre_bench.compare import Comparison
-from sucre_bench.tables import ARROW, left_out, number, title
+from sucre_bench.figures import style
+from sucre_bench.report.pictures import Gallery
+from sucre_bench.report.section import Section, cell_of, column_of, key_of
 
 if TYPE_CHECKING:
     import pandas as pd
 
+    from sucre_bench.compare import Comparison
+
 __all__ = ["write"]
 
-_THUMBNAIL = 420  # pixels wide
-_QUALITY = 82
-_MOST_VIEWS = 100  # of a dataset; a page of more would be slow to open
+# In the order in which they build on one another.
+_STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
+_SCRIPTS = (
+    *("page", "words", "sheet", "scores", "zoom", "pictures", "detail", "grid", "charts", "plots", "cost", "distances"),
+    *("water", "sweep", "keys"),
+)
+_HUGE = 1e308  # what JSON has for infinity
 
 
 def write(out: Path, rows: pd.DataFrame) -> Path:
     """Write ``out/report/index.html`` and return its path.
 
-    Thumbnails are embedded; a click opens the full picture under `out`.
+    Thumbnails are embedded; full pictures are read from `out` where they lie.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
 
     pages = Environment(loader=PackageLoader("sucre_bench", "report"), autoescape=True, undefined=StrictUndefined)
-    pages.filters |= {"number": number, "title": title, "shell": shlex.join}
+    pages.filters["shell"] = shlex.join
     ok = rows[rows["status"] == "ok"]
+    compared = compare.compare(rows) if len(ok) else []
+    gallery = Gallery(out, _most_pictures(rows))
+    config = _read(out / "config.yaml")
+    sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in compared]
+    told = [_json(section.content()) for section in sections]
     page = pages.get_template("page.html.j2").render(
-        datasets=[_Section.of(out, rows, table) for table in (compare.compare(rows) if len(ok) else [])],
+        style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
+        scripts=Markup("\n".join(_source(f"{name}.js") for name in _SCRIPTS)),
+        summary=Markup(_json(_summary(rows, compared))),
+        datasets=[Markup(text) for text in told],
+        blocks=gallery.blocks(),
+        plotly=_plotly() if compared else "",
         failed=_reasons(rows, "failed"),
         skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
-        environment=provenance.read(out / "environment.json"),
-        costs=compare.COSTS,
+        unscored=_reasons(rows[rows["metric"] != "seconds"], "skipped"),
         counts=rows.loc[rows["metric"] == "seconds", "status"].value_counts().to_dict(),
+        environment=provenance.read(out / "environment.json"),
+        config=config,
+        log=layout.log_path(out).is_file(),
     )
     path = out / "report" / "index.html"
     results.write_atomically(path, page.encode())
     return path
 
 
-@dataclass(frozen=True)
-class _Picture:
-    """A thumbnail as a data URI, and the path of the full picture from the page."""
-
-    thumbnail: str
-    link: str
+def _most_pictures(rows: pd.DataFrame) -> int:
+    """How many pictures the views and their restorations may have."""
+    views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
+    return 2 * len(views) + int(((rows["metric"] == "seconds") & (rows["status"] == "ok")).sum())
 
 
-@dataclass(frozen=True)
-class _Shown:
-    """A view: the picture of it, of its reference, and by method; or why a method has none."""
-
-    name: str
-    original: _Picture | None
-    reference: _Picture | None
-    restored: dict[str, _Picture | str]
-
-
-@dataclass(frozen=True)
-class _Section:
-    """A dataset on the page. not_shown: how many of its views have no pictures on the page, for there are too many."""
-
-    table: Comparison
-    notes: Sequence[str]
-    views: Sequence[_Shown]
-    not_shown: int
-    charts: Sequence[tuple[str, list[list[Any]]]]
-
-    @classmethod
-    def of(cls, out: Path, rows: pd.DataFrame, table: Comparison) -> _Section:
-        own = rows[rows["dataset"] == table.title]
-        names = own.loc[own["view"] != "", ["scene", "view"]].drop_duplicates().sort_values(["scene", "view"])
-        shown = names.iloc[:: -(-len(names) // _MOST_VIEWS)] if len(names) else names
-        views = [_shown(out, own, table, scene, view) for scene, view in shown.itertuples(index=False)]
-        return cls(table, left_out(table), views, len(names) - len(shown), _charts(own, table.methods))
+def _summary(rows: pd.DataFrame, compared: Sequence[Comparison]) -> dict[str, Any]:
+    """What is known before a dataset is chosen: the methods and their colours, and the means on every dataset."""
+    methods = list(dict.fromkeys(name for table in compared for name in table.methods))
+    columns = {key_of(c.metric, c.variant): column_of(c) for table in compared for c in table.columns}
+    means: dict[str, list[list[Any]]] = {key: [] for key in columns}
+    for table in compared:
+        own = {key_of(c.metric, c.variant): c for c in table.columns}
+        for key, lines in means.items():
+            lines.append([cell_of(table, name, own[key]) if key in own else None for name in methods])
+    looks = style.looks(methods)
+    return {
+        "datasets": [table.title for table in compared],
+        "methods": methods,
+        "colours": {name: look.colour for name, look in looks.items()},
+        "columns": list(columns.values()),
+        "means": means,
+    }
 
 
-def _shown(out: Path, rows: pd.DataFrame, table: Comparison, scene: str, view: str) -> _Shown:
-    whole = rows[(rows["metric"] == "seconds") & (rows["scene"] == scene) & (rows["view"] == view)]
-    state = {r.method: (r.status, r.reason) for r in whole.itertuples()}
-    place = layout.find(table.title, scene, view, out)
-    restored: dict[str, _Picture | str] = {}
-    for method in table.methods:
-        status, reason = state.get(method, ("not run", ""))
-        picture = _picture(out, place.restored(out, method)) if place and status == "ok" else None
-        restored[method] = picture or f"{status}: {reason}".rstrip(": ")
-    original = _picture(out, place.original(out)) if place else None
-    reference = _picture(out, place.reference(out)) if place else None
-    return _Shown(_name(rows, scene, view), original, reference, restored)
-
-
-def _name(rows: pd.DataFrame, scene: str, view: str) -> str:
-    """A view's name, with its scene where there are several."""
-    return f"{scene} · {view}" if len(set(rows["scene"]) - {""}) > 1 else view
-
-
-def _picture(out: Path, path: Path) -> _Picture | None:
-    import cv2
-
-    image = cv2.imread(str(path)) if path.is_file() else None
-    if image is None:
-        return None
-    height = max(1, round(image.shape[0] * _THUMBNAIL / image.shape[1]))
-    small = cv2.resize(image, (_THUMBNAIL, height), interpolation=cv2.INTER_AREA)
-    _, encoded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, _QUALITY])
-    data = base64.b64encode(encoded.tobytes()).decode()
-    link = "../" + quote("/".join(path.relative_to(out).parts))
-    return _Picture(f"data:image/jpeg;base64,{data}", link)
-
-
-def _charts(rows: pd.DataFrame, methods: Sequence[str]) -> list[tuple[str, list[list[Any]]]]:
-    """For every metric that scores charts: its title, and a line a chart with a value a method (None: a hole)."""
-    charts = rows[
-        (rows["status"] == "ok") & (rows["region"] != "image") & ~rows["region"].str.contains("/", regex=False)
-    ]
-    tables = []
-    for (metric, variant), own in charts.groupby(["metric", "variant"], sort=False):
-        wide = own.pivot_table(index=["scene", "view", "region"], columns="method", values="value", aggfunc="first")
-        wide = wide.reindex(columns=list(methods))
-        unit = own["unit"].iloc[0]
-        lines = [
-            [f"{_name(rows, scene, view)} · {region}", *(None if value != value else value for value in line)]
-            for (scene, view, region), line in zip(wide.index, wide.to_numpy().tolist(), strict=True)
-        ]
-        tables.append((f"{metric} ({variant}) {ARROW[own['better'].iloc[0]]} {unit}", lines))
-    return tables
-
-
-def _reasons(rows: pd.DataFrame, status: str) -> list[tuple[str, str]]:
-    """Where and why, the same fault of one method said once with its views counted."""
+def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
+    """Where and why, the same fault of one method said once with its views."""
     own = rows[rows["status"] == status]
     said = []
     for (dataset, method, metric, reason), same in own.groupby(["dataset", "method", "metric", "reason"], sort=False):
         views = sorted(set(same["view"]) - {""})
-        which = views[0] if len(views) == 1 else f"{len(views)} views" if views else "every view"
-        score = "" if metric == "seconds" else f" · {metric}"
-        said.append((f"{dataset} · {method} · {which}{score}", str(reason)))
+        score = "" if metric == "seconds" else metric
+        said.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
     return said
+
+
+def _plugins(config: str) -> tuple[str, ...]:
+    """The files that a run took plugins from."""
+    import yaml
+
+    try:
+        found = (yaml.safe_load(config) or {}).get("plugins")
+    except (yaml.YAMLError, AttributeError):
+        return ()
+    return tuple(map(str, found or ()))
+
+
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+
+
+def _source(name: str) -> str:
+    return files("sucre_bench.report").joinpath(name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    """Plotly's own bundle, compressed: the page unpacks it when the first plot comes into view."""
+    bundle = files("plotly").joinpath("package_data/plotly.min.js").read_bytes()
+    return base64.b64encode(gzip.compress(bundle, mtime=0)).decode()
+
+
+def _json(value: Any) -> str:
+    """As JSON that may stand in a page: nothing in it ends a script, and no number is not a number."""
+    text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(inner) for key, inner in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_finite(inner) for inner in value]
+    if isinstance(value, float):
+        if math.isnan(value):
+            return None
+        return float(f"{value:.6g}") if math.isfinite(value) else math.copysign(_HUGE, value)
+    return value

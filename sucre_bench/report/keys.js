@@ -1,0 +1,154 @@
+// Links, keys, light and dark, and the start.
+
+// -- the address names dataset/view/method/score -------------------------------------------------------------
+
+const named = { dataset: "", view: "", method: "", metric: "" };
+
+function readAddress() {
+  const [dataset, view, method, metric] = location.hash
+    .slice(1)
+    .split("/")
+    .map((part) => {
+      try {
+        return decodeURIComponent(part);
+      } catch {
+        return "";
+      }
+    });
+  if (!summary.datasets.includes(dataset)) return false;
+  choose({ dataset });
+  const found = {};
+  if (viewOf(view)) found.view = view;
+  if (method === VIEW || method === REFERENCE || data.methods.some((m) => m.label === method)) found.method = method;
+  const column = data.columns.find((c) => c.key === metric) || data.columns.find((c) => c.metric === metric);
+  if (column) found.metric = column.key;
+  choose(found);
+  return true;
+}
+
+watch(["dataset", "view", "method", "metric"], () => {
+  const hash = `#${[state.dataset, state.view, state.method, state.metric].map(encodeURIComponent).join("/")}`;
+  if (Object.keys(named).some((key) => named[key] && named[key] !== state[key])) history.replaceState(null, "", hash);
+  for (const key of Object.keys(named)) named[key] = state[key];
+});
+addEventListener("hashchange", () => {
+  if (readAddress()) $("pictures").scrollIntoView();
+});
+
+// Links within the page do not touch the address: it is taken.
+for (const link of document.querySelectorAll("[data-to]")) {
+  link.href = `#${link.dataset.to}`;
+  link.hidden ||= !$(link.dataset.to);
+  if (link.dataset.to === "faults") link.hidden = !$("faults");
+  link.addEventListener("click", (event) => {
+    event.preventDefault();
+    const target = $(link.dataset.to);
+    target.scrollIntoView({ behavior: matchMedia("(prefers-reduced-motion: reduce)").matches ? "auto" : "smooth" });
+    target.setAttribute("tabindex", "-1");
+    target.focus({ preventScroll: true });
+  });
+}
+
+// -- light and dark ---------------------------------------------------------------------------------------------
+
+function setTheme(theme) {
+  if (theme) document.documentElement.dataset.theme = theme;
+  try {
+    localStorage.setItem("sucre_bench theme", theme);
+  } catch {
+    /* a page from disk may keep nothing */
+  }
+  choose({ theme: theme || "system" });
+}
+const switchTheme = () => setTheme(isDark() ? "light" : "dark");
+$("theme").addEventListener("click", switchTheme);
+matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => choose({ theme: String(Date.now()) }));
+
+// -- keys -----------------------------------------------------------------------------------------------------------
+
+$("help").addEventListener("click", () => $("keys").showModal());
+addEventListener("keydown", (event) => {
+  const typing = event.target.closest("input, select, textarea, dialog");
+  if (event.key === "Escape" && event.target === $("filter")) {
+    $("filter").value = "";
+    choose({ filter: "" });
+    $("filter").blur();
+  }
+  if (typing || event.ctrlKey || event.metaKey) return;
+  const digit = /^Digit([1-9])$/.exec(event.code);
+  const keys = {
+    "/": () => {
+      $("scores").scrollIntoView();
+      $("filter").focus();
+    },
+    "?": () => $("keys").showModal(),
+    "[": () => step(-1),
+    "]": () => step(1),
+    x: swap,
+    d: switchTheme,
+    "+": () => zoomAt(1.5),
+    "=": () => zoomAt(1.5),
+    "-": () => zoomAt(1 / 1.5),
+    0: () => setZoom(1, 0, 0),
+  };
+  const act =
+    keys[event.key] ||
+    (digit &&
+      (() => {
+        const method = data.methods[digit[1] - 1];
+        if (method) choose(event.altKey ? { before: method.label } : { method: method.label });
+      }));
+  if (!act) return;
+  event.preventDefault();
+  act();
+});
+addEventListener("click", (event) => {
+  // a menu closes when one goes on elsewhere
+  for (const menu_ of document.querySelectorAll("details.menu[open]"))
+    if (!menu_.contains(event.target)) menu_.open = false;
+});
+// Printed, everything is shown that is folded away.
+addEventListener("beforeprint", () => {
+  for (const folded of document.querySelectorAll("main details:not(.menu)")) folded.open = true;
+});
+
+// -- each method's command -----------------------------------------------------------------------------------------
+
+watch(["dataset"], () =>
+  $("commands").replaceChildren(
+    ...data.methods.map((m) =>
+      h(
+        "div",
+        { class: "again" },
+        h("h4", {}, dot(m.label), m.label),
+        commandBox(commandFor(m, null)),
+        h(
+          "details",
+          {},
+          h("summary", {}, "All its options"),
+          h(
+            "dl",
+            { class: "scores" },
+            Object.entries(m.options).map(([name, value]) =>
+              h("div", {}, h("dt", {}, name), h("dd", {}, briefly(value))),
+            ),
+          ),
+        ),
+      ),
+    ),
+  ),
+);
+
+// -- the start -------------------------------------------------------------------------------------------------------
+
+if (summary.datasets.length) {
+  try {
+    const kept = localStorage.getItem("sucre_bench theme");
+    if (kept) document.documentElement.dataset.theme = kept;
+  } catch {
+    /* as above */
+  }
+  if (!readAddress()) choose({ dataset: summary.datasets[0] });
+  else if (location.hash.includes("/")) $("pictures").scrollIntoView();
+  setZoom(1, 0, 0);
+} else for (const id of ["scores", "pictures", "cost"]) $(id).hidden = true;

@@ -1,0 +1,106 @@
+// What the page knows, what is chosen, and who draws it anew when that changes.
+
+const $ = (id) => document.getElementById(id);
+const summary = JSON.parse($("summary").textContent);
+const blocks = [...document.querySelectorAll("script.dataset")];
+const parsed = new Map();
+
+// Pictures that no method made, beside those that methods did.
+const VIEW = "*view";
+const REFERENCE = "*reference";
+
+// dataset, view: names; method, before: right and left of the slider; metric: the score that pictures and plots speak of.
+const state = {
+  dataset: "",
+  view: "",
+  method: "",
+  before: VIEW,
+  metric: "",
+  chart: "",
+  layer: "picture",
+  rows: "mean",
+  filter: "",
+  unshown: new Set(summary.columns.filter((c) => !c.ranked && !c.cost).map((c) => c.key)), // what only describes
+  hidden: new Set(),
+  theme: "",
+};
+const watchers = [];
+let data = null;
+
+// Draw when one of these changes, and at once.
+function watch(keys, draw) {
+  watchers.push([keys, draw]);
+}
+
+function choose(change) {
+  const changed = new Set(Object.keys(change).filter((key) => state[key] !== change[key]));
+  if (!changed.size) return;
+  Object.assign(state, change);
+  if (changed.has("dataset")) {
+    open(state.dataset);
+    for (const key of Object.keys(state)) changed.add(key);
+  }
+  for (const [keys, draw] of watchers) if (keys.some((key) => changed.has(key))) draw();
+}
+
+// Read a dataset's block, once, and choose what it has of what was chosen before.
+function open(name) {
+  const at = Math.max(0, summary.datasets.indexOf(name));
+  if (!parsed.has(at)) parsed.set(at, JSON.parse(blocks[at].textContent));
+  data = parsed.get(at);
+  state.dataset = data.name;
+  const labels = data.methods.map((m) => m.label);
+  const views = data.views.map((v) => v.name);
+  if (!views.includes(state.view))
+    state.view = views.find((v) => viewOf(v).results.some((r) => r.picture)) || views[0] || "";
+  if (![VIEW, REFERENCE, ...labels].includes(state.method)) state.method = best() || labels[0] || "";
+  if (![VIEW, REFERENCE, ...labels].includes(state.before)) state.before = VIEW;
+  if (!data.columns.some((c) => c.key === state.metric))
+    state.metric = (ranked()[0] || data.columns[0] || { key: "" }).key;
+}
+
+const viewOf = (name) => data.views.find((v) => v.name === name);
+const columnOf = (key) => data.columns.find((c) => c.key === key);
+const ranked = () => data.columns.filter((c) => c.ranked);
+const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));
+
+// The method that is best in most scores: what one wants to see first.
+function best() {
+  const wins = data.methods.map((_, m) => data.cells[m].filter((cell) => cell && cell.look === "best").length);
+  const most = Math.max(...wins);
+  return most > 0 ? data.methods[wins.indexOf(most)].label : "";
+}
+
+// An element. Text stays text: nothing that a label holds is ever read as markup.
+function h(tag, attributes = {}, ...children) {
+  const made = document.createElement(tag);
+  for (const [name, value] of Object.entries(attributes)) {
+    if (typeof value === "function") made.addEventListener(name, value);
+    else if (typeof value === "boolean") made.toggleAttribute(name, value);
+    else if (value !== null && value !== undefined) made.setAttribute(name, value);
+  }
+  made.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== ""));
+  return made;
+}
+
+function fill(select, options, chosen) {
+  select.replaceChildren(...options.map(([value, text]) => h("option", { value, selected: value === chosen }, text)));
+  select.value = chosen;
+}
+
+// -- pictures ---------------------------------------------------------------------------------------------
+
+const urls = new Map();
+
+// The address of a picture in the page, decoded when it is first asked for; null where the page has none.
+function embedded(id) {
+  const block = id && $(id);
+  if (!block) return null;
+  if (!urls.has(id)) {
+    const bytes = Uint8Array.from(atob(block.textContent), (letter) => letter.charCodeAt(0));
+    urls.set(id, URL.createObjectURL(new Blob([bytes], { type: block.dataset.kind })));
+  }
+  return urls.get(id);
+}
+
+const address = (picture) => picture && (embedded(picture.id) || picture.link);

@@ -1,0 +1,129 @@
+// Plots, drawn by Plotly, which is unpacked when the first of them comes into view.
+
+let unpacking = null;
+
+function plotly() {
+  unpacking ??= (async () => {
+    const bytes = Uint8Array.from(atob($("plotly").textContent), (letter) => letter.charCodeAt(0));
+    const stream = new Blob([bytes]).stream().pipeThrough(new DecompressionStream("gzip"));
+    document.head.append(h("script", {}, await new Response(stream).text()));
+    return window.Plotly;
+  })();
+  return unpacking;
+}
+
+const pending = new Map();
+const seen = new IntersectionObserver(
+  (entries) => {
+    for (const { target, isIntersecting } of entries) if (isIntersecting) paint(target);
+  },
+  { rootMargin: "300px" },
+);
+
+// Plot when the place is in view: make() -> {traces, layout}, or null where there is nothing to draw.
+function plot(id, make) {
+  const place = $(id);
+  pending.set(place, make);
+  seen.unobserve(place);
+  seen.observe(place);
+}
+
+async function paint(place) {
+  const make = pending.get(place);
+  if (!make) return;
+  pending.delete(place);
+  const made = make();
+  const part = place.closest("[id$=-part]") || place;
+  part.hidden = !made;
+  if (!made) return;
+  try {
+    const Plotly = await plotly();
+    await Plotly.react(
+      place,
+      made.traces,
+      {
+        ...paper(),
+        ...made.layout,
+        xaxis: { ...axis(), ...made.layout.xaxis },
+        yaxis: { ...axis(), ...made.layout.yaxis },
+      },
+      {
+        displaylogo: false,
+        responsive: true,
+        displayModeBar: !isNarrow(),
+        modeBarButtons: [["toImage", "zoom2d", "pan2d", "resetScale2d"]],
+      },
+    );
+  } catch (fault) {
+    place.replaceChildren(h("p", { class: "note" }, `This browser cannot draw the plot (${fault.message}).`));
+  }
+}
+
+const inked = (name) => {
+  const probe = h("span", { style: `color:var(--${name});display:none` });
+  document.body.append(probe);
+  const colour = getComputedStyle(probe).color;
+  probe.remove();
+  return colour;
+};
+const isDark = () =>
+  getComputedStyle(document.documentElement).colorScheme.includes("dark") &&
+  (document.documentElement.dataset.theme === "dark" ||
+    (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches));
+
+function paper() {
+  return {
+    paper_bgcolor: "transparent",
+    plot_bgcolor: "transparent",
+    font: { family: getComputedStyle(document.body).fontFamily, size: 12.5, color: inked("ink") },
+    margin: { l: 58, r: 16, t: 14, b: 56 + legendHeight(shownMethods().map((m) => m.label)) },
+    hovermode: "closest",
+    legend: legendBelow(),
+    colorway: [inked("ink")],
+    modebar: { bgcolor: "transparent", color: inked("dim"), activecolor: inked("accent") },
+    hoverlabel: { bgcolor: inked("raised"), bordercolor: inked("line"), font: { color: inked("ink") } },
+  };
+}
+
+// A legend at the bottom, and about how much of the height it takes.
+const legendBelow = () => ({
+  orientation: "h",
+  yref: "container",
+  y: 0,
+  yanchor: "bottom",
+  x: 0,
+  xref: "container",
+  xanchor: "left",
+});
+const legendHeight = (names) =>
+  22 * Math.ceil(names.reduce((width, name) => width + 55 + 7.5 * name.length, 0) / (Math.min(innerWidth, 1400) - 60));
+const isNarrow = () => innerWidth < 700;
+
+function axis() {
+  return {
+    gridcolor: inked("line"),
+    zeroline: false,
+    linecolor: inked("line"),
+    ticks: "outside",
+    ticklen: 4,
+    tickcolor: inked("line"),
+    automargin: true,
+    title: { standoff: 8 },
+  };
+}
+
+watch(["dataset", "theme"], () =>
+  summary.methods.forEach((own, at) => document.documentElement.style.setProperty(`--m${at}`, ownColour(own))),
+);
+
+// A method's colour, lifted where it would not be seen on dark.
+function ownColour(label) {
+  const hex = summary.colours[label] || "#888888";
+  const rgb = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
+  const light = (0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]) / 255;
+  if (!isDark() || light > 0.3) return hex;
+  return `rgb(${rgb.map((x) => Math.round(x + (255 - x) * 0.6)).join(",")})`;
+}
+
+const SIGNS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "star", "hexagon"];
+const signOf = (label) => SIGNS[summary.methods.indexOf(label) % SIGNS.length];

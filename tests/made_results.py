@@ -1,0 +1,85 @@
+"""A folder of results written by hand: what a run leaves behind, with values that a test knows beforehand.
+
+Two methods restore every view, a third failed on one; each view shows a chart of three patches, farther each time.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+
+from sucre_bench import layout, results
+from sucre_bench.results import Row
+
+# psnr by method and view.
+PSNR = {"plain": (20.0, 22.0, 21.0), "clever": (25.0, 27.0, 26.5), "broken": (18.0, 19.0, None)}
+# Measured and expected, 0 to 255.
+PATCHES = {
+    "1-white": ((200, 210, 255), (255, 255, 255)),
+    "2-red": ((120, 60, 70), (235, 28, 36)),
+    "10-blue": ((40, 60, 90), (1, 27, 84)),
+}
+DE00 = {"1-white": 12.5, "2-red": 33.25, "10-blue": 7.75}
+DISTANCES = (2.0, 4.0, 8.0)
+TRUTH = {"B": [0.1, 0.4, 0.5], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.15]}
+ESTIMATE = {"B": [0.12, 0.41, 0.52], "beta": [0.37, 0.21, 0.11], "gamma": [0.33, 0.22, 0.16]}
+
+
+def made_results(out: Path, datasets: Sequence[str] = ("reef",), size: tuple[int, int] = (96, 64)) -> pd.DataFrame:
+    """Write pictures and what methods tell under `out`; return the rows."""
+    rows = [row for n, name in enumerate(datasets) for row in _rows(out, name, size, 1.5 * n)]
+    return results.frame(rows)
+
+
+def _rows(out: Path, dataset: str, size: tuple[int, int], worse: float) -> Iterator[Row]:
+    rng = np.random.default_rng(7)
+    for method, scores in PSNR.items():
+        options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
+        base = Row(dataset, "cove", method=method, options=options, options_id=method, data_id=dataset)
+        for number, score in enumerate(scores):
+            row = replace(base, view=f"v{number}.png")
+            if score is None:
+                yield replace(row, value=np.nan, status="failed", reason="ValueError: boom <b>bold</b>")
+                continue
+            _write(out, row, size, rng, holes=method == "clever")
+            yield replace(row, value=0.5 + number, coverage=0.75 if method == "clever" else 1.0)
+            psnr = {"metric": "psnr", "variant": "masked", "unit": "dB", "better": "higher"}
+            yield replace(row, **psnr, value=score - worse, coverage=0.75 if method == "clever" else 1.0)
+            yield from _chart_rows(row, number)
+
+
+def _chart_rows(row: Row, number: int) -> Iterator[Row]:
+    away = {"metric": "chart_distance", "variant": "median", "unit": "m", "better": "none"}
+    yield replace(row, **away, region="near", value=DISTANCES[number])
+    de00 = {"metric": "de00", "variant": "lab", "unit": "dE00", "better": "lower"}
+    yield replace(row, **de00, region="near", value=float(np.mean(list(DE00.values()))))
+    hue = {"metric": "hue", "unit": "deg", "better": "none", "region": "near/2-red"}
+    yield replace(row, **hue, variant="hsv", value=10.0)
+    yield replace(row, **hue, variant="hsv-expected", value=350.0)
+    for patch, (measured, expected) in PATCHES.items():
+        here = replace(row, region=f"near/{patch}")
+        yield replace(here, **de00, value=DE00[patch])
+        for c, channel in enumerate(("red", "green", "blue")):
+            colour = {"metric": "patch_colour", "unit": "", "better": "none"}
+            yield replace(here, **colour, variant=channel, value=measured[c] / 255)
+            yield replace(here, **colour, variant=f"{channel}-expected", value=expected[c] / 255)
+
+
+def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator, holes: bool) -> None:
+    place = layout.Place(row.dataset, Path(row.view).with_suffix(""))
+    image = rng.integers(30, 255, (size[1], size[0], 3), dtype=np.uint8)
+    if holes:
+        image[:, : size[0] // 4] = 0
+    told: dict[str, Any] = {**ESTIMATE, "encoding": "gamma", "true_water": TRUTH, "steps": 7, "write_seconds": 0.1}
+    for path in (place.original(out), place.reference(out), place.restored(out, row.method)):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        cv2.imwrite(str(path), image)
+    if holes:
+        place.restored(out, row.method).with_suffix(".json").write_text(json.dumps(told))
