@@ -1,8 +1,9 @@
 # make demo   set-up, then the main job on the built-in scene
 # make test   set-up, then the whole test suite
+# make docs   set-up, then the documentation as a site, outputs/site/index.html
 # make setup  .venv with exact versions; seconds when nothing changed
 
-.PHONY: demo test setup check
+.PHONY: demo test setup check docs
 
 setup:
 	@scripts/setup.sh
@@ -12,6 +13,10 @@ demo: setup
 
 test: setup
 	@.venv/bin/python -m pytest -n auto
+
+docs: setup
+	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet --strict
+	@echo outputs/site/index.html
 
 # What CI runs beside the tests: style and types.
 check: setup

@@ -42,11 +42,13 @@ def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     hidden ones and what Python compiles.
     """
     engine = Path(__file__).parent
-    source = _hash_files((*(_source_of(plugin) for plugin in used), *(engine / name for name in _ENGINE)))
+    typed_in = [_typed_in(plugin) for plugin in used if _source_of(plugin) is None]
+    files_of = [file for plugin in used if (file := _source_of(plugin))]
+    source = _hash_files((*files_of, *(engine / name for name in _ENGINE)))
     libraries = sorted({*_LIBRARIES, *(name for plugin in used for name in plugin.requires)})
     versions = [(name, version_of(distribution_of(name))) for name in libraries]
     stamps = [stamp for place in files for stamp in _stamps(place)]
-    made_of = (source, sucre_bench.__version__, versions, stamps)
+    made_of = (source, typed_in, sucre_bench.__version__, versions, stamps)
     return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
 
 
@@ -58,12 +60,21 @@ def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
             yield str(within), state.st_size, state.st_mtime_ns
 
 
-def _source_of(plugin: Plugin) -> Path:
-    """A plugin's file, or its folder where it has one of its own."""
-    file = Path(inspect.getsourcefile(plugin.cls) or __file__)
+def _source_of(plugin: Plugin) -> Path | None:
+    """A plugin's file, or its folder where it has one of its own; None for one that was typed into a session."""
+    try:
+        file = Path(inspect.getsourcefile(plugin.cls) or __file__)
+    except (OSError, TypeError):
+        return None
     shared = (Path(__file__).parent / f"{plugin.kind}s").resolve()
     has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
     return file.parent if has_folder else file
+
+
+def _typed_in(plugin: Plugin) -> list[tuple[str, object]]:
+    """What there is of a plugin without a file: the compiled code of what its class defines."""
+    codes = ((name, getattr(value, "__code__", None)) for name, value in sorted(vars(plugin.cls).items()))
+    return [(name, (code.co_code, repr(code.co_consts), code.co_names)) for name, code in codes if code]
 
 
 @functools.cache

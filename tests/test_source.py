@@ -67,3 +67,15 @@ def test_what_python_compiles_and_hidden_files_do_not_count(tmp_path: Path):
         (tmp_path / name).mkdir()
         (tmp_path / name / "x").write_text("1")
     assert source_hash(files=[tmp_path]) == before
+
+
+def test_a_class_typed_into_a_session_has_a_hash_of_its_own():
+    """As in a notebook, where no file holds it."""
+
+    def typed(factor: float) -> object:
+        space: dict = {"__name__": "__main__"}
+        code = METHOD.format(name="Typed").replace("view.rgb)", f"view.rgb * {factor})")
+        exec(compile(code, "<input>", "exec"), space)
+        return space["Typed"].__plugin__
+
+    assert source_hash(typed(0.5)) == source_hash(typed(0.5)) != source_hash(typed(0.7))
