@@ -73,7 +73,7 @@ def test_a_class_typed_into_a_session_has_a_hash_of_its_own():
     """As in a notebook, where no file holds it."""
 
     def typed(factor: float) -> object:
-        space: dict = {"__name__": "__main__"}
+        space: dict = {"__name__": "typed_into_a_session"}
         code = METHOD.format(name="Typed").replace("view.rgb)", f"view.rgb * {factor})")
         exec(compile(code, "<input>", "exec"), space)
         return space["Typed"].__plugin__
