@@ -13,7 +13,7 @@ from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin
 
-from sucre_bench import plugins
+from sucre_bench import plugins, slurm
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.job import Job, RunConfig
 from sucre_bench.layout import file_name
@@ -38,6 +38,7 @@ def register() -> None:
     from hydra.core.config_store import ConfigStore
     from omegaconf import OmegaConf
 
+    slurm.register()
     store = ConfigStore.instance()
     store.store(name="base_run", node=RunConfig)
     for group, kind in GROUPS.items():
@@ -192,6 +193,8 @@ def _expand(parsed: list[Override], multirun: bool) -> _Expansion:
         for override in parsed:
             if override.is_sweep_override():
                 raise InputError(f"{override.input_line}: several values; add -m to run them all")
+            if override.key_or_group == "hydra/launcher":
+                raise InputError(f"{override.input_line}: hands out the jobs of a sweep; add -m")
         return _Expansion([fixed], (), False, launcher)
     everything = [*_parse([f"{k}={v}" for k, v in (base.hydra.sweeper.get("params") or {}).items()]), *parsed]
     swept = tuple(dict.fromkeys(o.key_or_group for o in everything if o.is_sweep_override()))

@@ -82,7 +82,8 @@ def _run_main(main: Callable[[], None], sweep: Sweep, restorations: int) -> Ende
         keep_traceback(log_path(sweep.jobs[0].out), "launcher")
         if type(fault).__name__ == "TerminatedWorkerError":  # joblib's, of a copy of loky that it hides
             return Ended.WORKER_DIED
-        progress.say(f"failed  the launcher: {one_line(fault)[:160]}")
+        reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
+        progress.say(f"failed  the launcher: {reason}")
         return Ended.CRASHED
     return Ended.WELL
 

@@ -1,7 +1,8 @@
 """The long table: one row a score, kept as parquet. Everything people see is made from it.
 
-A job writes its rows to a part of its own, ``parts/<job>.parquet``, whole and atomically each time; `merge` joins
-the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses nothing that was written.
+A job writes its rows to a part of its own, ``parts/<job>.parquet``, whole and atomically each time, and waits for
+nobody; `merge` joins the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses
+nothing that was written.
 """
 
 from __future__ import annotations
@@ -47,6 +48,8 @@ Status = Literal["ok", "failed", "skipped"]
 TABLE = "scores.parquet"
 PARTS = "parts"
 _FLUSH_SECONDS = 1.0
+_TAKEN = "taken-"
+_ATTEMPTS = 5  # to read parts that are merged meanwhile
 
 
 def now() -> str:
@@ -135,19 +138,33 @@ def read(out: str | Path) -> pd.DataFrame:
 
 def _read(out: Path) -> pd.DataFrame:
     import pandas as pd
+
+    tables = _tables(out)
+    rows = pd.concat([t for t in tables if len(t)] or [frame([])], ignore_index=True)
+    return _newest(rows)
+
+
+def _tables(out: Path) -> list[pd.DataFrame]:
+    """The table and the parts, read anew where a part goes meanwhile: it may not have been in the table yet."""
+    for _ in range(_ATTEMPTS):
+        parts = [_table(path) for path in sorted((out / PARTS).glob("*.parquet"))]
+        found = [_table(out / TABLE), *parts]  # the table last: what a merge took from the parts by now is in it
+        if all(part is not None for part in parts):
+            break
+    return [table for table in found if table is not None]
+
+
+def _table(path: Path) -> pd.DataFrame | None:
+    import pandas as pd
     import pyarrow
 
-    tables = [frame([])]
-    for path in [out / TABLE, *sorted((out / PARTS).glob("*.parquet"))]:
-        try:
-            content = io.BytesIO(path.read_bytes())  # whole: the file may be replaced while it is read
-            tables.append(pd.read_parquet(content)[list(COLUMNS)])
-        except FileNotFoundError:
-            continue  # merged by another process just now, or never written
-        except (pyarrow.ArrowInvalid, KeyError, OSError) as fault:
-            raise InputError(f"{path}: not a table of scores ({fault}); delete it and run again") from fault
-    rows = pd.concat([t for t in tables if len(t)] or tables[:1], ignore_index=True)
-    return _newest(rows)
+    try:
+        content = io.BytesIO(path.read_bytes())  # whole: the file may be replaced while it is read
+        return pd.read_parquet(content)[list(COLUMNS)]
+    except FileNotFoundError:
+        return None  # merged by another process just now, or never written
+    except (pyarrow.ArrowInvalid, KeyError, OSError) as fault:
+        raise InputError(f"{path}: not a table of scores ({fault}); delete it and run again") from fault
 
 
 def _newest(rows: pd.DataFrame) -> pd.DataFrame:
@@ -189,30 +206,42 @@ class Part:
     def flush(self) -> None:
         """Write everything to the disk now."""
         if self._rows:
-            with _locked(self._path.parent.parent):
-                _write_table(frame(self._rows), self._path)
+            table = frame(self._rows)
+            try:
+                _write_table(table, self._path)
+            except OutputError:  # a merge may have removed the empty folder at that moment
+                _write_table(table, self._path)
         self._written = time.monotonic()
 
 
 def merge(out: Path) -> pd.DataFrame:
-    """Join the parts into the table, and return it. Safe beside other processes that do the same."""
+    """Join the parts into the table, and return it. Safe beside jobs at work and other processes that do the same.
+
+    A part is taken by another name first: what its job writes from then on is a new part, with every row of the job.
+    """
     if not out.is_dir():
         return frame([])
     with _locked(out):
-        parts = list((out / PARTS).glob("*.parquet"))
+        taken = [_take(part) for part in (out / PARTS).glob("*.parquet")]
         rows = _read(out)
-        if parts:
+        if taken:
             _write_table(rows, out / TABLE)
-            for part in parts:
+            for part in taken:
                 part.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):
+            with contextlib.suppress(OSError):  # a job has written a new part
                 (out / PARTS).rmdir()
     return rows
 
 
+def _take(part: Path) -> Path:
+    if part.name.startswith(_TAKEN):  # by a merge that was killed
+        return part
+    return part.rename(part.with_name(f"{_TAKEN}{uuid.uuid4().hex}.parquet"))
+
+
 @contextlib.contextmanager
 def _locked(out: Path) -> Iterator[None]:
-    """Keep other processes from joining parts while one is written, or the other way round."""
+    """Keep other processes from joining parts at the same time."""
     from filelock import FileLock
 
     try:

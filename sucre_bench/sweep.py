@@ -91,7 +91,8 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
             interrupted = True
         finally:
             rows = results.merge(out)
-            shutil.rmtree(pairs_path(out), ignore_errors=True)
+            if not crashed:  # else jobs may still be at work on a cluster
+                shutil.rmtree(pairs_path(out), ignore_errors=True)
     return _outcome(rows, planned, started, interrupted, crashed)
 
 

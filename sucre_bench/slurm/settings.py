@@ -1,0 +1,41 @@
+"""What may be asked of SLURM for each job of a sweep."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+__all__ = ["Settings"]
+
+
+@dataclass
+class Settings:
+    """Options of ``hydra.launcher``, named as in Hydra's own launcher for SLURM.
+
+    timeout_min: time limit of a job; cpus_per_task: processors of a job, and so its threads; mem_gb: memory of a job,
+    default the cluster's; array_parallelism: most jobs at work at once; setup: shell lines before the job;
+    additional_parameters: any other of sbatch's, by its long name; signal_delay_s: how long before its time limit a
+    job is told to stop (a quarter of the limit at most); latency_s: how long a result may take to be seen through a
+    shared file system: a job that has ended, says SLURM, and left none by then is lost. The others are sbatch's.
+    """
+
+    _target_: str = "hydra_plugins.sucre_bench.slurm"  # Hydra makes plugins only of what is called so
+    timeout_min: int = 60
+    cpus_per_task: int = 1
+    mem_gb: float | None = None
+    partition: str | None = None
+    account: str | None = None
+    qos: str | None = None
+    constraint: str | None = None
+    exclude: str | None = None
+    gres: str | None = None
+    gpus_per_node: int | None = None
+    mem_per_cpu: str | None = None
+    comment: str | None = None
+    name: str = "sucre_bench"
+    array_parallelism: int = 256
+    setup: list[str] = field(default_factory=list)
+    additional_parameters: dict[str, Any] = field(default_factory=dict)
+    signal_delay_s: int = 120
+    latency_s: float = 30.0
+    submitit_folder: str = "${hydra.sweep.dir}/slurm"

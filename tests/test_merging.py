@@ -1,0 +1,83 @@
+from __future__ import annotations
+
+import threading
+from pathlib import Path
+
+import pytest
+
+from sucre_bench import results
+from sucre_bench.results import Part, Row
+
+
+def row(view: str, **other) -> Row:
+    return Row(dataset="d", scene="s", view=view, method="m", value=1.0, **other)
+
+
+def test_a_job_that_writes_while_parts_are_joined_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    """Whatever moment it writes at: here each of the steps of a merge."""
+    part = Part(tmp_path, "job")
+    for step in ("_take", "_read", "_write_table"):
+        part.add([row(f"before {step}")])
+        part.flush()
+        original = getattr(results, step)
+
+        def late(*given, step=step, original=original):
+            monkeypatch.setattr(results, step, original)
+            done = original(*given)
+            part.add([row(f"after {step}")])
+            part.flush()
+            return done
+
+        monkeypatch.setattr(results, step, late)
+        results.merge(tmp_path)
+    views = {f"{when} {step}" for when in ("before", "after") for step in ("_take", "_read", "_write_table")}
+    assert set(results.read(tmp_path)["view"]) == views
+    assert set(results.merge(tmp_path)["view"]) == views
+    assert not list((tmp_path / "parts").glob("*.parquet"))
+
+
+def test_who_reads_while_parts_are_joined_sees_every_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    for number in range(3):
+        part = Part(tmp_path, f"job{number}")
+        part.add([row(f"{number}.png")])
+        part.flush()
+    original = results._table
+
+    def merged_before(path: Path):
+        monkeypatch.setattr(results, "_table", original)
+        results.merge(tmp_path)
+        return original(path)
+
+    monkeypatch.setattr(results, "_table", merged_before)
+    assert set(results.read(tmp_path)["view"]) == {"0.png", "1.png", "2.png"}
+
+
+def test_a_merge_that_was_killed_leaves_what_it_took_to_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    part = Part(tmp_path, "job")
+    part.add([row("a.png")])
+    part.flush()
+
+    def killed(*_):
+        raise KeyboardInterrupt
+
+    with monkeypatch.context() as patch:
+        patch.setattr(results, "_write_table", killed)
+        with pytest.raises(KeyboardInterrupt):
+            results.merge(tmp_path)
+    assert list(results.read(tmp_path)["view"]) == ["a.png"]
+    assert list(results.merge(tmp_path)["view"]) == ["a.png"]
+
+
+def test_a_job_waits_for_nobody_to_write(tmp_path: Path):
+    """Hundreds of jobs that write each second would queue for one lock, and some file systems have none."""
+    done = threading.Event()
+
+    def write() -> None:
+        part = Part(tmp_path, "job")
+        part.add([row("a.png")])
+        part.flush()
+        done.set()
+
+    with results._locked(tmp_path):
+        threading.Thread(target=write, daemon=True).start()
+        assert done.wait(20)
