@@ -1,0 +1,35 @@
+"""Figures of studies, a module each, with ``draw(rows, study, out)``; `sucre_bench.figures.style` is how they look.
+
+``draw(rows, study, out) -> Iterator[tuple[str, Figure]]`` yields a suffix of the file's name (it may be empty) and a
+matplotlib figure. It reads rows, and files that a run keeps under `out` (see `sucre_bench.layout`), nothing else, and
+raises NotApplicableError ("why; what to do") where they hold nothing to draw. It is called with the style switched on.
+"""
+
+from __future__ import annotations
+
+import pkgutil
+from collections.abc import Callable, Iterator
+from importlib import import_module
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from sucre_bench.studies import Study
+
+__all__ = ["Draw", "find", "names"]
+
+Draw = Callable[["pd.DataFrame", "Study", Path], "Iterator[tuple[str, Figure]]"]
+
+
+def names() -> list[str]:
+    """The figures there are."""
+    return sorted(module.name for module in pkgutil.iter_modules(__path__) if module.name != "style")
+
+
+def find(name: str) -> Draw:
+    """Return what draws a figure."""
+    draw: Draw = import_module(f"{__name__}.{name}").draw
+    return draw

@@ -1,0 +1,120 @@
+"""What a study is: its name, and what is made of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import figures, plugins
+from sucre_bench.compare import COSTS, Column, Comparison, compare
+from sucre_bench.degrade import Degradation
+from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.layout import file_name
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Study", "compared", "in_order"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is made of the rows of a sweep.
+
+    name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
+    the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; baseline: the method
+    that the others are measured against, the best when empty; figures: names, see `sucre_bench.figures`; spread: tables
+    show standard deviations too.
+    """
+
+    name: str
+    metrics: tuple[str, ...] = ()
+    along: str = ""
+    baseline: str = ""
+    figures: tuple[str, ...] = ()
+    spread: bool = False
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Study:
+        """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
+        for name in values:
+            _known("study", str(name), [f.name for f in fields(cls)], "option of study")
+        given = {name: value for name, value in values.items() if value is not None}
+        spread = given.get("spread", False)
+        if not isinstance(spread, bool):
+            raise InputError(f"study.spread: '{spread}' is neither true nor false; give one")
+        study = cls(
+            name=_word(given, "name"),
+            metrics=_words(given, "metrics"),
+            along=_word(given, "along"),
+            baseline=_word(given, "baseline"),
+            figures=_words(given, "figures"),
+            spread=spread,
+        )
+        if not study.name or file_name(study.name) != study.name:
+            raise InputError(f"study.name: '{study.name}' is no name for files; give study.name=WORD")
+        for metric in study.metrics:
+            _check_metric(metric)
+        for figure in study.figures:
+            _known("study.figures", figure, figures.names(), "figure")
+        if study.along:
+            _check_along(study.along)
+        return study
+
+
+def _word(values: Mapping[str, Any], key: str) -> str:
+    value = values.get(key, "")
+    if not isinstance(value, str):
+        raise InputError(f"study.{key}: {value!r} is not a word; give one")
+    return value
+
+
+def _words(values: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    value = values.get(key, [])
+    words = [value] if isinstance(value, str) else value
+    if not isinstance(words, (list, tuple)) or not all(isinstance(word, str) for word in words):
+        raise InputError(f"study.{key}: {value!r} is not a list of words; write study.{key}=[a,b]")
+    return tuple(dict.fromkeys(words))
+
+
+def _check_metric(text: str) -> None:
+    name, _, variant = text.partition(":")
+    if name in COSTS:
+        return
+    try:
+        plugin = plugins.find("metric", name)
+    except InputError as fault:
+        raise InputError(f"study.metrics: {fault}") from fault
+    if variant:
+        _known("study.metrics", variant, plugin.variants, f"variant of {name}")
+
+
+def _check_along(along: str) -> None:
+    group, dot, option = along.partition(".")
+    if not (dot and option and group in ("degrade", "dataset", "method")):
+        raise InputError(f"study.along: '{along}' is no option; give degrade.NAME, dataset.NAME or method.NAME")
+    if group == "degrade":
+        _known("study.along", option, [f.name for f in fields(Degradation)], "option of degrade")
+
+
+def _known(place: str, name: str, known: Collection[str], what: str) -> None:
+    if name not in known:
+        raise InputError(f"{place}: no {what} is called '{name}'; {did_you_mean(name, known)}")
+
+
+def compared(rows: pd.DataFrame, study: Study) -> list[Comparison]:
+    """Return the study's comparison of methods, a table a dataset, methods in the order of rows."""
+    order = list(dict.fromkeys(rows["method"]))
+    comparisons = compare(rows, study.metrics, order=order, baseline=study.baseline)
+    return [in_order(comparison, study.metrics) for comparison in comparisons]
+
+
+def in_order(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
+    """Return a comparison with its columns in the order in which `metrics` names them."""
+
+    def place(column: Column) -> int:
+        names = (column.metric, f"{column.metric}:{column.variant}")
+        return next((n for n, metric in enumerate(metrics) if metric in names), len(metrics))
+
+    return replace(comparison, columns=tuple(sorted(comparison.columns, key=place)))

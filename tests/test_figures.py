@@ -1,0 +1,286 @@
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+import pandas as pd
+import pytest
+from PIL import Image
+
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.figures import against, pictures, scores, style
+from sucre_bench.results import Row, frame
+from sucre_bench.studies import Study
+from sucre_bench.studies.along import Value
+
+ROW = Row(
+    dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d",
+    time="2026-01-01",
+)  # fmt: skip
+NAMES = [f"method_{n}" for n in range(60)]
+
+
+def table(values: dict[str, Sequence[float]], **about: Any) -> list[Row]:
+    return [
+        replace(ROW, method=m, view=f"v{n}.png", value=v, **about)
+        for m, own in values.items()
+        for n, v in enumerate(own)
+    ]
+
+
+# -- style -------------------------------------------------------------------------------------------------
+
+
+def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
+    """Only methods that would share a colour give way, and to nobody else's cost."""
+    own = {name: style.Look(style.colour(name), style.marker(name)) for name in NAMES}
+    assert all(style.looks([name]) == {name: own[name]} for name in NAMES)
+    wanted = [own[name].colour for name in NAMES[:12]]
+    for name, look in style.looks(NAMES[:12]).items():
+        assert look == own[name] or wanted.count(own[name].colour) > 1
+    assert sum(look == own[name] for name, look in style.looks(NAMES[:12]).items()) == len(set(wanted))
+
+
+def test_the_order_of_methods_changes_no_look():
+    assert style.looks(NAMES[:12]) == style.looks(reversed(NAMES[:12]))
+
+
+def test_methods_of_one_figure_have_colours_of_their_own_while_there_are_enough():
+    twenty = style.looks(NAMES[:20])
+    assert len({own.colour for own in twenty.values()}) == 20
+    sixty = style.looks(NAMES)
+    assert len({(own.colour, own.marker) for own in sixty.values()}) == 60
+
+
+def test_colours_are_told_apart_by_colour_blind_people_too():
+    """CIEDE2000 under Machado's simulations: 2 is just visible side by side; Okabe & Ito alone reach 12."""
+    import colour
+
+    hexes = np.array([[int(h[i : i + 2], 16) / 255 for i in (1, 3, 5)] for h in style.PALETTE])
+    linear = colour.models.eotf_sRGB(hexes)
+    for kind, everyone, first in ((None, 16, 20), ("Deuteranomaly", 9, 12), ("Protanomaly", 9, 12)):
+        matrix = np.eye(3) if kind is None else colour.blindness.matrix_cvd_Machado2009(kind, 1.0)
+        lab = colour.XYZ_to_Lab(colour.RGB_to_XYZ((linear @ matrix.T).clip(0, 1), "sRGB"), [0.3127, 0.329])
+        apart = colour.delta_E(lab[:, None], lab[None], method="CIE 2000")
+        np.fill_diagonal(apart, np.inf)
+        assert apart.min() > everyone, kind
+        assert apart[:7, :7].min() > first, kind
+        assert lab[:, 0].max() < 82  # seen on white paper
+
+
+def test_figures_have_the_width_of_a_paper_and_keep_their_text(tmp_path: Path):
+    figure, axes = style.figure(1, 1.0, 1, 2)
+    assert axes.shape == (1, 2)
+    axes[0, 0].set_title("a b")
+    written = style.save(figure, tmp_path / "within=1.5", svg=True)
+    assert [path.name for path in written] == ["within=1.5.png", "within=1.5.pdf", "within=1.5.svg"]
+    with Image.open(written[0]) as png:
+        assert png.size == (1005, 300)  # 3.35 inches at 300 dpi
+    pdf = written[1].read_bytes()
+    assert b"/Type3" not in pdf  # glyphs as drawings
+    assert b"/TrueType" in pdf or b"/CIDFontType2" in pdf
+    assert b">a b<" in written[2].read_bytes()
+
+
+def test_equal_figures_are_equal_files(tmp_path: Path):
+    for name in "ab":
+        figure, axes = style.figure()
+        axes[0, 0].plot([1, 2], [3, 4])
+        style.save(figure, tmp_path / name, svg=True)
+    for suffix in ("png", "pdf", "svg"):
+        assert (tmp_path / f"a.{suffix}").read_bytes() == (tmp_path / f"b.{suffix}").read_bytes()
+
+
+def test_the_look_leaves_no_trace():
+    before = dict(mpl.rcParams)
+    with style.look():
+        assert mpl.rcParams["font.size"] == 7
+        style.figure()
+    assert dict(mpl.rcParams) == before
+
+
+# -- scores ------------------------------------------------------------------------------------------------
+
+
+def drawn(module: Any, rows: pd.DataFrame, out: Path = Path(), **study: Any) -> dict[str, Any]:
+    with style.look():
+        return dict(module.draw(rows, Study(name="s", **study), out))
+
+
+def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():
+    noise = np.random.default_rng(0).normal(0, 1, 8)
+    values = {"low": 10 + noise, "top": 20 + noise, "near": 19.9 + noise[::-1]}
+    (figure,) = drawn(scores, frame(table(values))).values()
+    (panel,) = figure.axes
+    assert [tick.get_text() for tick in panel.get_yticklabels()] == ["top", "near", "low"]
+    dots = [line for line in panel.lines if len(line.get_xdata()) == 1]
+    assert [float(dot.get_xdata()[0]) for dot in dots] == pytest.approx(
+        [values[name].mean() for name in ("top", "near", "low")]
+    )
+    assert [dot.get_markerfacecolor() == "white" for dot in dots] == [False, True, False]
+    bars = [line.get_xdata() for line in panel.lines if len(line.get_xdata()) == 2]
+    assert all(low < float(dot.get_xdata()[0]) < high for (low, high), dot in zip(bars, dots, strict=True))
+
+
+def test_of_errors_the_least_is_on_top():
+    (figure,) = drawn(scores, frame(table({"a": [9, 8], "b": [1, 2]}, metric="psi", better="lower"))).values()
+    assert [tick.get_text() for tick in figure.axes[0].get_yticklabels()] == ["b", "a"]
+
+
+def test_only_scores_that_tell_methods_apart_have_panels_and_costs_that_are_asked_for():
+    values = {"a": [1, 2], "b": [3, 4]}
+    cost = {"metric": "seconds", "variant": "wall", "unit": "s", "better": "lower"}
+    same = table({"a": [1, 1], "b": [1, 1]}, metric="coverage")
+    rows = frame([*table(values), *same, *table(values, metric="hue", better="none"), *table(values, **cost)])
+
+    def shown(**study: Any) -> list[str]:
+        (figure,) = drawn(scores, rows, **study).values()
+        return [panel.get_xlabel().split()[0] for panel in figure.axes if panel.get_visible()]
+
+    assert shown() == ["psnr"]
+    assert shown(metrics=("seconds", "psnr")) == ["seconds", "psnr"]
+
+
+def test_panels_that_do_not_fit_go_on_another_page():
+    names = [f"m{n}" for n in range(30)]
+    rows = frame(
+        [row for v in "abcdef" for row in table({name: [n, n + 1] for n, name in enumerate(names)}, variant=v)]
+    )
+    pages = drawn(scores, rows)
+    assert list(pages) == ["1", "2", "3"]
+    assert all(figure.get_figheight() <= 9.5 for figure in pages.values())
+
+
+def test_nothing_restored_is_nothing_to_draw():
+    rows = frame([replace(ROW, method="a", view="v", status="failed")])
+    with pytest.raises(NotApplicableError):
+        drawn(scores, rows)
+
+
+# -- against a value ---------------------------------------------------------------------------------------
+
+
+def values(*numbers: float | None) -> list[Value]:
+    return [Value(str(n), n, n is not None) for n in numbers]
+
+
+def test_values_lie_where_their_numbers_are_and_the_unlimited_one_step_beyond():
+    assert against.positions(values(1, 2, 4, None)) == ([1, 2, 4, 6], False)
+    assert against.positions(values(50, 500, 3000, None)) == ([50, 500, 3000, 18000], True)
+    assert against.positions(values(0, 0.01, 0.1)) == ([0, 0.01, 0.1], False)  # nought is on no logarithmic axis
+
+
+def test_words_stand_side_by_side():
+    words = [Value("clear", None), Value("turbid", None), Value("none", None, False)]
+    assert against.positions(words) == ([0, 1, 2], False)
+
+
+def test_lines_go_through_the_means_and_bands_through_the_intervals():
+    said = {"": '{"name": "a"}', ",within=2": '{"name": "a", "degrade": {"within": 2}}'}
+    rows = frame(
+        [
+            replace(row, dataset=f"sea{label}", options=options, value=row.value - 3 * bool(label))
+            for label, options in said.items()
+            for row in table({"a": [20, 24, 28], "b": [10, 14, 18]})
+        ]
+    )
+    (figure,) = drawn(against, rows, along="degrade.within").values()
+    (panel,) = figure.axes
+    assert [tick.get_text() for tick in panel.get_xticklabels()] == ["2", "all"]
+    assert {line.get_label(): list(line.get_ydata()) for line in panel.lines} == {"a": [21, 24], "b": [11, 14]}
+    low, high = (f(panel.collections[0].get_paths()[0].vertices[:, 1]) for f in (np.min, np.max))
+    assert low < 21 - 4 / np.sqrt(3)
+    assert high > 24 + 4 / np.sqrt(3)
+
+
+def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():
+    rows = frame(table({"a": [20, 24]}))
+    with pytest.raises(NotApplicableError, match=r"study\.along"):
+        drawn(against, rows)
+    with pytest.raises(NotApplicableError, match="one value"):
+        drawn(against, rows, along="degrade.within")
+
+
+# -- pictures ----------------------------------------------------------------------------------------------
+
+
+def kept(out: Path, views: int, methods: Sequence[str], size: tuple[int, int] = (40, 30)) -> pd.DataFrame:
+    """A run's pictures, each of one gray that tells which it is: views 10, methods 100 + n, references 200."""
+
+    def paint(path: Path, gray: int) -> None:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        Image.new("RGB", size, (gray, gray, gray)).save(path)
+
+    for n in range(views):
+        paint(out / "views/sea" / f"v{n}.jpg", 10 + n)
+        paint(out / "references/sea" / f"v{n}.jpg", 200 + n)
+        for m, method in enumerate(methods):
+            paint(out / "restored/sea" / method / f"v{n}.png", 100 + 10 * m + n)
+    return frame(table({method: [20] * views for method in methods}))
+
+
+def grays(figure: Any) -> list[list[int | None]]:
+    """The gray of every picture, by rows; None where it says that there is none."""
+    rows: dict[float, list[tuple[float, int | None]]] = {}
+    for panel in figure.axes:
+        place = panel.get_position()
+        gray = int(panel.images[0].get_array()[0, 0, 0]) if panel.images else None
+        rows.setdefault(round(-place.y0, 3), []).append((place.x0, gray))
+    return [[gray for _, gray in sorted(own, key=lambda one: one[0])] for _, own in sorted(rows.items())]
+
+
+def test_each_picture_stands_by_its_view_and_method(tmp_path: Path):
+    rows = kept(tmp_path, 2, ["b", "a"])
+    (tmp_path / "restored/sea/a/v1.png").unlink()
+    (figure,) = drawn(pictures, rows, tmp_path).values()
+    assert grays(figure) == [[10, 100, 110, 200], [11, 101, None, 201]]
+    heads = [panel.get_title() for panel in figure.axes[:4]]
+    assert heads == ["input", "b", "a", "reference"]
+
+
+def test_at_most_four_views_evenly_spread(tmp_path: Path):
+    (figure,) = drawn(pictures, kept(tmp_path, 10, ["a"]), tmp_path).values()
+    assert [row[0] for row in grays(figure)] == [10, 13, 16, 19]
+
+
+def test_many_methods_go_on_in_further_figures(tmp_path: Path):
+    names = [f"m{n}" for n in range(8)]
+    pages = drawn(pictures, kept(tmp_path, 1, names), tmp_path)
+    assert {page: grays(figure) for page, figure in pages.items()} == {
+        "1": [[10, 100, 110, 120, 130, 200]],
+        "2": [[10, 140, 150, 160, 170, 200]],
+    }
+
+
+def test_pages_are_as_few_and_as_equal_as_can_be():
+    assert [len(page) for page in pictures.pages([str(n) for n in range(18)], 7)] == [6, 6, 6]
+    assert [len(page) for page in pictures.pages([str(n) for n in range(8)], 7)] == [4, 4]
+    assert pictures.pages(["a"], 7) == [["a"]]
+
+
+def test_pictures_of_another_shape_are_cropped_about_their_middle(tmp_path: Path):
+    rows = kept(tmp_path, 2, ["a"], size=(40, 20))
+    tall = np.zeros((60, 40, 3), np.uint8)
+    tall[20:40] = 250  # the middle 20 rows
+    Image.fromarray(tall).save(tmp_path / "restored/sea/a/v1.png")
+    (figure,) = drawn(pictures, rows, tmp_path).values()
+    (image,) = (p.images[0].get_array() for p in figure.axes if p.images and p.images[0].get_array().max() == 250)
+    assert image.shape == (20, 40, 3)
+    assert (image == 250).all()
+
+
+def test_pictures_of_repetitions_and_runs_without_any_are_not_drawn(tmp_path: Path):
+    rows = kept(tmp_path, 1, ["a"])
+    again = rows.assign(scene="reef,replicate=1")
+    for tree in ("views/sea", "restored/sea/a"):
+        (tmp_path / tree / "replicate=1").mkdir()
+        for path in list((tmp_path / tree).glob("v0.*")):
+            (tmp_path / tree / "replicate=1" / path.name).write_bytes(path.read_bytes())
+    (figure,) = drawn(pictures, pd.concat([rows, again]), tmp_path).values()
+    assert len(grays(figure)) == 1
+    with pytest.raises(NotApplicableError, match="no pictures"):
+        drawn(pictures, rows, tmp_path / "elsewhere")
