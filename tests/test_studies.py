@@ -186,6 +186,25 @@ def test_spread_shows_standard_deviations(tmp_path: Path):
     assert "21.0 ± 1.00" in (tmp_path / "tables/s.md").read_text()
 
 
+def test_a_table_for_each_chart_stands_beside_their_mean(tmp_path: Path):
+    values = {"near": 10.0, "far": 30.0}
+    charts = [row("a", "v0", v, metric="psi", unit="deg", better="lower", region=c) for c, v in values.items()]
+    write(Study("s", by="region"), frame(charts), tmp_path)
+    assert csv(tmp_path).set_index("table")["mean"].to_dict() == {"sea": 20.0, "sea · near": 10.0, "sea · far": 30.0}
+    with pytest.raises(InputError, match=r"study.by: no grouping is called 'regoin'; did you mean 'region'"):
+        Study.of({"name": "s", "by": "regoin"})
+
+
+def test_figures_of_a_time_with_more_pages_are_cleared_away(tmp_path: Path):
+    old, other = tmp_path / "figures/s-scores-9.png", tmp_path / "figures/s-pictures-1.png"
+    old.parent.mkdir()
+    old.touch()
+    other.touch()
+    write(Study("s", figures=("scores",)), frame([row(m, f"v{n}", n) for m in "ab" for n in range(3)]), tmp_path)
+    assert not old.exists()
+    assert other.exists()
+
+
 def test_metrics_and_baselines_that_are_not_there_are_notes(tmp_path: Path):
     rows = frame([row("a", "v0", 20.0), row("b", "v0", 21.0)])
     written = write(Study("s", metrics=("psnr", "psi"), baseline="c"), rows, tmp_path)

@@ -14,16 +14,14 @@ import numpy as np
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.figures import style
-from sucre_bench.layout import file_name
 
 if TYPE_CHECKING:
     import pandas as pd
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from sucre_bench.studies import Study
 
-__all__ = ["PLACES", "draw", "each_dataset", "legend_above", "seen_charts", "with_places"]
+__all__ = ["PLACES", "draw", "seen_charts", "with_places"]
 
 _ERRORS = {"psi": "mean angle $\\bar\\psi$ (°)", "de00": "$\\Delta E_{00}$"}
 _CHART = ["dataset", "scene", "view", "chart"]
@@ -39,7 +37,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
     charts = charts[named] if named.any() else charts
     if charts.empty:
         raise NotApplicableError("no errors of colour charts; add metrics=[psi,de00,chart_distance]")
-    for name, own in each_dataset(charts):
+    for name, own in style.each_dataset(charts):
         yield name, _against_distance(with_places(own))
 
 
@@ -58,13 +56,6 @@ def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
     return ok.merge(distances[[*_CHART, "distance"]], on=_CHART)
 
 
-def each_dataset(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """Yield each dataset's rows with a suffix for its figures, empty where there is but one dataset."""
-    datasets = list(dict.fromkeys(rows["dataset"]))
-    for dataset in datasets:
-        yield file_name(dataset) if len(datasets) > 1 else "", rows[rows["dataset"] == dataset]
-
-
 def with_places(charts: pd.DataFrame) -> pd.DataFrame:
     """Add the column place: the mean distance of the charts that are about as far, equally many at each place."""
     sites = charts.drop_duplicates(_CHART)["distance"].to_numpy()
@@ -72,12 +63,6 @@ def with_places(charts: pd.DataFrame) -> pd.DataFrame:
     edges = np.quantile(sites, np.arange(1, n) / n)  # of as many charts as places, each is one
     middles = np.array([sites[np.searchsorted(edges, sites, "right") == k].mean() for k in range(n)])
     return charts.assign(place=middles[np.searchsorted(edges, charts["distance"], "right")])
-
-
-def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
-    """Name the methods once, above all panels."""
-    handles, labels = axes.get_legend_handles_labels()
-    figure.legend(handles, labels, loc="outside upper center", ncols=min(columns, len(labels)))
 
 
 def _against_distance(charts: pd.DataFrame) -> Figure:
@@ -105,5 +90,5 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
     for panel in axes.flat[len(panels) :]:
         panel.set_visible(False)
     figure.supxlabel("distance of the chart (m)", fontsize=7)
-    legend_above(figure, axes[0, 0], 5 if width == 2 else 3)
+    style.legend_above(figure, axes[0, 0], 5 if width == 2 else 3)
     return figure

@@ -16,7 +16,7 @@ import numpy as np
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.figures import style
-from sucre_bench.figures.charts import PLACES, each_dataset, legend_above, seen_charts, with_places
+from sucre_bench.figures.charts import PLACES, seen_charts, with_places
 from sucre_bench.layout import file_name
 from sucre_bench.scene import Array
 
@@ -41,7 +41,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
     if not forms:
         raise NotApplicableError("no hues of chart patches; add metrics=[hue,chart_distance]")
     hues = hues.assign(patch=hues["region"].str.partition("/")[2])
-    for name, own in each_dataset(hues):
+    for name, own in style.each_dataset(hues):
         kinds = list(_by_kind(own))
         for kind, charts in kinds:
             for form in forms:
@@ -81,7 +81,7 @@ def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
         panel.set_visible(False)
     figure.supxlabel("distance of the chart (m)", fontsize=7)
     figure.supylabel({"hsv": "hue (HSV, °)", "lab": "hue $h_{ab}$ (CIE Lab, °)"}.get(form, form), fontsize=7)
-    legend_above(figure, axes[0, 0], 5)
+    style.legend_above(figure, axes[0, 0], 5)
     return figure
 
 

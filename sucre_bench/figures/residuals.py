@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 __all__ = ["draw"]
 
-_CHANNELS = {"red": "#D55E00", "green": "#009E73", "blue": "#0072B2"}
 
 # Views drawn of each dataset and method; points, and colours of the model's curves, in the figure over distance.
 _VIEWS, _POINTS, _CURVES = 2, 12, 6
@@ -65,7 +64,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
 def _panels(title: str, xlabel: str, ylabel: str, **subplots: Any) -> tuple[Figure, list[Axes]]:
     figure, axes = style.figure(columns=2, height=2.2, ncols=3, **subplots)
     figure.suptitle(title)
-    for axis, name in zip(axes[0], _CHANNELS, strict=True):
+    for axis, name in zip(axes[0], style.CHANNELS, strict=True):
         axis.set_title(name)
         axis.set_xlabel(xlabel)
         axis.locator_params(axis="x", nbins=5)
@@ -77,7 +76,7 @@ def _histogram(known: Mapping[str, Any], title: str) -> Figure:
     left = known["residuals"]
     told_of = f"{title}: residuals of {left['observations']:,} observations"
     figure, axes = _panels(told_of, "residual, intensity", "density")
-    for c, (axis, colour) in enumerate(zip(axes, _CHANNELS.values(), strict=True)):
+    for c, (axis, colour) in enumerate(zip(axes, style.CHANNELS.values(), strict=True)):
         counts, width = np.array(left["histogram"]["counts"][c]), left["histogram"]["width"]
         edges = (np.arange(len(counts) + 1) - len(counts) / 2) * width
         total = counts.sum() + left["histogram"]["beyond"][c]
@@ -102,7 +101,7 @@ def _normal(known: Mapping[str, Any], title: str) -> Figure:
     left = known["residuals"]
     figure, axes = _panels(f"{title}: normal plots", "normal quantile", "residual, intensity", sharey=True)
     z = np.array(left["normal"]["z"])
-    for c, (axis, colour) in enumerate(zip(axes, _CHANNELS.values(), strict=True)):
+    for c, (axis, colour) in enumerate(zip(axes, style.CHANNELS.values(), strict=True)):
         quantiles = np.array(left["normal"]["quantiles"][c])
         low, high = np.interp((-0.6745, 0.6745), z, quantiles)
         axis.plot(z, (low + high) / 2 + z * (high - low) / 1.349, "k--", linewidth=0.9)
@@ -115,7 +114,7 @@ def _fits(known: Mapping[str, Any], title: str) -> Figure:
 
     left = known["residuals"]["against_fit"]
     figure, axes = _panels(f"{title}: residuals over fits", "fitted intensity", "residual, intensity")
-    for axis, name in zip(axes, _CHANNELS, strict=True):
+    for axis, name in zip(axes, style.CHANNELS, strict=True):
         one = left[name]
         counts = np.array(one["counts"], dtype=float).T
         heights, fits = _edges(one["residual"], len(counts)), _edges(one["fit"], counts.shape[1])
@@ -123,8 +122,8 @@ def _fits(known: Mapping[str, Any], title: str) -> Figure:
         axis.pcolormesh(fits, heights, shown, norm=LogNorm(1, max(counts.max(), 2)), cmap="Greys", rasterized=True)
         middle = (fits[:-1] + fits[1:]) / 2
         low, median, high = (np.array(one[key], dtype=float) for key in ("low", "median", "high"))
-        axis.plot(middle, median, color=_CHANNELS[name])
-        axis.plot(middle, low, middle, high, color=_CHANNELS[name], linewidth=0.7, linestyle="--")
+        axis.plot(middle, median, color=style.CHANNELS[name])
+        axis.plot(middle, low, middle, high, color=style.CHANNELS[name], linewidth=0.7, linestyle="--")
         axis.axhline(0, color="k", linewidth=0.5)
     return figure
 
@@ -139,7 +138,7 @@ def _distance(known: Mapping[str, Any], title: str) -> Figure:
     figure, axes = _panels(f"{title}: points over distance, and the model (dotted)", "distance, m", "intensity")
     nearest, farthest = (pick(at for point in chosen for at in point["distance"]) for pick in (min, max))
     z = np.linspace(nearest, farthest, 100)
-    for c, (axis, colour) in enumerate(zip(axes, _CHANNELS.values(), strict=True)):
+    for c, (axis, colour) in enumerate(zip(axes, style.CHANNELS.values(), strict=True)):
         for point in chosen:
             axis.plot(
                 point["distance"], point["intensity"][c], ".-", color=colour, alpha=0.5, linewidth=0.7, markersize=2

@@ -17,13 +17,28 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.layout import file_name
 from sucre_bench.results import write_atomically
 
 if TYPE_CHECKING:
+    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = ["MARKERS", "PALETTE", "Look", "colour", "figure", "legend_above", "look", "looks", "marker", "save"]
+__all__ = [
+    "CHANNELS",
+    "MARKERS",
+    "PALETTE",
+    "Look",
+    "colour",
+    "each_dataset",
+    "figure",
+    "legend_above",
+    "look",
+    "looks",
+    "marker",
+    "save",
+]
 
 # Width in inches of one column, and of both, of a two-column paper.
 WIDTH = {1: 3.35, 2: 6.9}
@@ -32,6 +47,8 @@ PALETTE = (
     "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#2D0096", "#872D3C", "#B4C387",
     "#006969", "#0F2D00", "#784B00", "#3C1E3C", "#8778FF", "#E1B4B4", "#C30F96", "#D25A5A", "#690FFF", "#00D2D2",
 )  # fmt: skip
+# Of the channels of an image.
+CHANNELS = {"red": "#D55E00", "green": "#009E73", "blue": "#0072B2"}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 # With this one, the labels of well-known methods fall on colours of their own.
 _SALT = (5562138).to_bytes(4, "little")
@@ -133,6 +150,13 @@ def figure(
     with look():
         made = Figure(figsize=(WIDTH[columns], height), layout="constrained")
         return made, made.subplots(nrows, ncols, squeeze=False, **subplots)
+
+
+def each_dataset(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield each dataset's rows with a suffix for its figures, empty where there is but one dataset."""
+    datasets = list(dict.fromkeys(rows["dataset"]))
+    for dataset in datasets:
+        yield file_name(dataset) if len(datasets) > 1 else "", rows[rows["dataset"] == dataset]
 
 
 def legend_above(figure: Figure, axes: Axes, columns: int) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from sucre_bench.describe.evenly import evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.figures import style
-from sucre_bench.figures.charts import each_dataset, seen_charts
+from sucre_bench.figures.charts import seen_charts
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,7 +36,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
     charts = seen_charts(rows)
     if not {"patch_colour", "de00"} <= set(charts["metric"]):
         raise NotApplicableError("no colours of chart patches; add metrics=[patch_colour,de00,chart_distance]")
-    for name, own in each_dataset(charts[charts["metric"].isin(("patch_colour", "de00"))]):
+    for name, own in style.each_dataset(charts[charts["metric"].isin(("patch_colour", "de00"))]):
         yield name, _swatches(own)
 
 

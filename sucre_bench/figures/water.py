@@ -14,7 +14,6 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.figures import style
-from sucre_bench.figures.charts import each_dataset
 from sucre_bench.tables import number
 from sucre_bench.told import told
 
@@ -33,7 +32,7 @@ _PARAMETERS = {
     "attenuation": ("beta", "attenuation $\\beta$ (1/m)"),
     "backscatter": ("gamma", "backscatter $\\gamma$ (1/m)"),
 }
-_CHANNELS = {"red": ("#D55E00", "o"), "green": ("#009E73", "s"), "blue": ("#0072B2", "^")}
+_MARKERS = {"red": "o", "green": "s", "blue": "^"}
 _VIEW = ["dataset", "scene", "view"]
 _METHODS = 4
 
@@ -49,7 +48,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
             "no water beside a variance of distances; add metrics=[water_parameters,distance_variance], with a method "
             "that estimates water, on images with depth"
         )
-    for name, own in each_dataset(water):
+    for name, own in style.each_dataset(water):
         methods = list(dict.fromkeys(own["method"]))
         pages = [methods[start : start + _METHODS] for start in range(0, len(methods), _METHODS)]
         for k, page in enumerate(pages, 1):
@@ -81,8 +80,8 @@ def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
 
 
 def _panel(panel: Axes, estimates: pd.DataFrame, parameter: str, truth: Any) -> None:
-    for place, (channel, (colour, marker)) in enumerate(_CHANNELS.items()):
-        own = estimates[estimates["variant"] == f"{parameter}-{channel}"]
+    for place, (channel, marker) in enumerate(_MARKERS.items()):
+        own, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
         panel.scatter(own["variance"], own["value"], s=9, color=colour, marker=marker, linewidths=0, label=channel)
         if truth is not None:
             panel.axhline(truth[place], color=colour, linewidth=0.8, linestyle="--", zorder=0)

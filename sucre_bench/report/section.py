@@ -15,7 +15,7 @@ from sucre_bench.compare import COSTS, Column, Comparison
 from sucre_bench.errors import InputError
 from sucre_bench.report.commands import Command, metric_words, shell, value_of
 from sucre_bench.report.pictures import Gallery
-from sucre_bench.tables.words import shown
+from sucre_bench.tables import shown
 from sucre_bench.told import told
 
 if TYPE_CHECKING:

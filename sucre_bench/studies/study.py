@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, fields, replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_args
 
 from sucre_bench import figures, plugins
-from sucre_bench.compare import COSTS, Column, Comparison, compare
+from sucre_bench.compare import COSTS, By, Column, Comparison, compare
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.layout import file_name
@@ -25,7 +25,7 @@ class Study:
     name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
     the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; baseline: the method
     that the others are measured against, the best when empty; figures: names, see `sucre_bench.figures`; spread: tables
-    show standard deviations too.
+    show standard deviations too; by: "view" or "region" adds a table for each of those.
     """
 
     name: str
@@ -34,6 +34,7 @@ class Study:
     baseline: str = ""
     figures: tuple[str, ...] = ()
     spread: bool = False
+    by: By = "method"
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Study:
@@ -44,6 +45,8 @@ class Study:
         spread = given.get("spread", False)
         if not isinstance(spread, bool):
             raise InputError(f"study.spread: '{spread}' is neither true nor false; give one")
+        by = given.get("by", "method")
+        _known("study.by", str(by), get_args(By), "grouping")
         study = cls(
             name=_word(given, "name"),
             metrics=_words(given, "metrics"),
@@ -51,6 +54,7 @@ class Study:
             baseline=_word(given, "baseline"),
             figures=_words(given, "figures"),
             spread=spread,
+            by=by,
         )
         if not study.name or file_name(study.name) != study.name:
             raise InputError(f"study.name: '{study.name}' is no name for files; give study.name=WORD")
@@ -103,10 +107,10 @@ def _known(place: str, name: str, known: Collection[str], what: str) -> None:
         raise InputError(f"{place}: no {what} is called '{name}'; {did_you_mean(name, known)}")
 
 
-def compared(rows: pd.DataFrame, study: Study) -> list[Comparison]:
-    """Return the study's comparison of methods, a table a dataset, methods in the order of rows."""
+def compared(rows: pd.DataFrame, study: Study, by: By = "method") -> list[Comparison]:
+    """Return the study's comparison of methods, a table a dataset (or a view or region of it), in the order of rows."""
     order = list(dict.fromkeys(rows["method"]))
-    comparisons = compare(rows, study.metrics, order=order, baseline=study.baseline)
+    comparisons = compare(rows, study.metrics, by, order, study.baseline)
     return [in_order(comparison, study.metrics) for comparison in comparisons]
 
 

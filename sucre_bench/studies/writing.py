@@ -103,20 +103,25 @@ def _tables(study: Study, rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
         shown = compared(rows, replace(study, baseline=""))
         said = "".join(f"- {line}\n" for table in shown for line in tables.verdicts(table))
         against = compared(rows, study) if study.baseline else shown
-        csv = tables.as_text(against, "csv", study.spread)
+        each = compared(rows, replace(study, baseline=""), study.by) if study.by != "method" else []
+        csv = tables.as_text([*against, *each], "csv", study.spread)
         if study.baseline:
             titled = [replace(table, title=f"{table.title}, against {study.baseline}") for table in against]
             shown = [*itertools.chain(*zip(shown, titled, strict=True))]
+        shown += each
     yield "md", tables.as_text(shown, "md", study.spread) + (f"\n{said}" if said else "")
     yield "tex", tables.as_text(shown, "latex", study.spread)
     yield "csv", csv
 
 
 def _figures(name: str, study: Study, rows: pd.DataFrame, out: Path) -> list[Path]:
-    """Draw one figure, in as many files as it has pages."""
+    """Draw one figure, in as many files as it has pages; those of a time when it had more are cleared away."""
     written: list[Path] = []
     with style.look():
         for suffix, figure in figures.find(name)(rows, study, out):
             stem = "-".join(filter(None, [study.name, name, file_name(suffix) if suffix else ""]))
             written += style.save(figure, out / "figures" / stem)
+    whole = f"{study.name}-{name}"
+    for old in {*(out / "figures").glob(f"{whole}.*"), *(out / "figures").glob(f"{whole}-*")} - {*written}:
+        old.unlink()
     return written

@@ -2,6 +2,18 @@
 
 from sucre_bench.tables.papers import Format, as_text
 from sucre_bench.tables.terminal import as_table
-from sucre_bench.tables.words import ARROW, left_out, legend, number, signed, title, verdicts
+from sucre_bench.tables.words import ARROW, left_out, legend, number, shown, signed, title, verdicts
 
-__all__ = ["ARROW", "Format", "as_table", "as_text", "left_out", "legend", "number", "signed", "title", "verdicts"]
+__all__ = [
+    "ARROW",
+    "Format",
+    "as_table",
+    "as_text",
+    "left_out",
+    "legend",
+    "number",
+    "shown",
+    "signed",
+    "title",
+    "verdicts",
+]
