@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import plugins, results
 from sucre_bench.config import Sweep
-from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, did_you_mean, one_line
 from sucre_bench.job import Choice, Job
 from sucre_bench.layout import file_name
 from sucre_bench.plugins import Plugin
@@ -43,6 +43,7 @@ def check(sweep: Sweep) -> list[Planned]:
     for plugin in _plugins_of(sweep.jobs):
         if line := plugins.missing_packages(plugin):
             problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
+    problems += _unknown_baseline(sweep.jobs)
     opened: dict[str, list[Scene]] = {}
     planned: list[Planned] = []
     for job in sweep.jobs:
@@ -60,6 +61,14 @@ def check(sweep: Sweep) -> list[Planned]:
     if problems:
         raise ProblemsError("\n".join(dict.fromkeys(problems)))
     return planned
+
+
+def _unknown_baseline(jobs: Sequence[Job]) -> list[str]:
+    """A baseline that is neither among the sweep's methods nor any method at all; one that does not run is left out."""
+    known = {*(job.method.label for job in jobs), *plugins.discover("method")}
+    asked = jobs[0].study.baseline if jobs[0].study else ""
+    unknown = asked and asked not in known
+    return [f"study.baseline: no method is called '{asked}'; {did_you_mean(asked, known)}"] if unknown else []
 
 
 def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:

@@ -2,16 +2,18 @@
 
 from __future__ import annotations
 
-import itertools
+import contextlib
+import json
 import os
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import click
 
 import sucre_bench
+from sucre_bench import completion
 from sucre_bench.charting.command import charts
 from sucre_bench.describe.command import describe
 from sucre_bench.errors import OutputError, SucreBenchError, one_line
@@ -20,81 +22,142 @@ from sucre_bench.prepare.command import prepare
 from sucre_bench.texture.command import texture
 from sucre_bench.video.command import video
 
-if TYPE_CHECKING:
-    import pandas as pd
-
-    from sucre_bench.sweep import Fault, Outcome
-
 __all__ = ["cli", "main"]
+
+_BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 
 def main() -> None:
-    """Run the command line; an expected fault is one line on stderr and exit code 2."""
+    """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
+    completion.install()
+    try:
+        status = _status()
+        sys.stdout.flush()
+    except BrokenPipeError:
+        status = _BROKEN_PIPE
+    if status == _BROKEN_PIPE:  # who read us (head, say) has enough: what is left in the buffers has nowhere to go
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        with contextlib.suppress(BrokenPipeError):
+            sys.stderr.flush()
+    sys.exit(status)
+
+
+def _status() -> int:
+    """Run the command line and return its exit code."""
     try:
         cli(standalone_mode=False)
-    except click.exceptions.Abort:
-        sys.exit(130)
+    except SystemExit as ended:
+        return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:
         click.echo(fault.format_message())
-    except click.ClickException as fault:
-        _say(f"error: {fault.format_message()}", "red", err=True)
-        sys.exit(fault.exit_code)
     except click.exceptions.Exit as ended:
-        sys.exit(ended.exit_code)
+        return ended.exit_code
+    except click.ClickException as fault:
+        return _fault(fault.format_message(), fault.exit_code)
     except SucreBenchError as fault:
-        for line in str(fault).splitlines():
-            _say(f"error: {line}", "red", err=True)
-        sys.exit(2)
-    except KeyboardInterrupt:
-        sys.exit(130)
-    except BrokenPipeError:
-        sys.stderr.close()
-        sys.exit(141)
+        return _fault(str(fault), 2)
+    except (click.exceptions.Abort, KeyboardInterrupt):
+        return 130
+    return 0
 
 
-def _say(text: str, colour: str, err: bool = False) -> None:
-    """Print a line in colour, where colours are wanted and seen."""
+def _fault(text: str, status: int) -> int:
+    for line in text.splitlines():
+        _say(f"error: {line}", "red")
+    return status
+
+
+def _say(text: str, colour: str) -> None:
+    """Print a line on stderr, in colour where colours are wanted and seen."""
     from rich.text import Text
 
     from sucre_bench import console
 
-    (console.err if err else console.out).print(Text(text, style=colour), soft_wrap=True)
+    console.err.print(Text(text, style=colour), soft_wrap=True)
 
 
-@click.group(context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+class _Grouped(click.Group):
+    """Its help lists the commands by what one does with them."""
+
+    sections: Mapping[str, Sequence[str]] = {
+        "Restore and compare": ("run", "compare", "score"),
+        "Your own data": ("prepare", "describe", "charts"),
+        "Look at results": ("report", "texture", "video", "track"),
+        "Extend": ("list", "new", "check"),
+        "This machine": ("doctor", "completion"),
+    }
+
+    def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write a list a section, as far as they go in one line."""
+        width = max(map(len, self.commands))
+        for title, names in self.sections.items():
+            with formatter.section(title):
+                own = [(name, self.commands[name]) for name in names]
+                formatter.write_dl(
+                    [(name.ljust(width), c.get_short_help_str(formatter.width - width - 6)) for name, c in own]
+                )
+
+
+_JSON = "For programs: one JSON object on stdout, and nothing else there."
+
+
+@click.group(cls=_Grouped, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
 @click.version_option(sucre_bench.__version__, prog_name="sucre-bench")
 def cli() -> None:
     """Compare methods that restore the colours of underwater images.
 
     \b
-    sucre-bench run dataset=demo method=gray_world
-    sucre-bench prepare photos/ dive/
-    sucre-bench describe colmap dataset.root=dive/
-    sucre-bench run -m dataset=colmap dataset.root=dive/ method=underwater,sucre out=results
-    sucre-bench compare results
-    sucre-bench score restored/ --reference truth/
+    sucre-bench run dataset=demo method=gray_world     one method on a made dive
+    sucre-bench run -m dataset=demo method=underwater,gray_world,sucre out=results
+    sucre-bench compare results                        who leads, and by chance?
+    sucre-bench prepare photos/ dive/                  a scene of your own photos
+    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
+
+    Each command's --help begins with examples. `sucre-bench completion --help` tells how <TAB> completes them.
     """
 
 
-@cli.command(context_settings={"ignore_unknown_options": True})
-@click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
+@cli.command(
+    context_settings={"ignore_unknown_options": True}, short_help="Restore a dataset's views with methods, score them."
+)
+@click.argument(
+    "overrides", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...", shell_complete=completion.complete_words
+)
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with plugins of your own.")
 @click.option("--cfg", is_flag=True, help="Print the configuration and stop.")
-def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool) -> None:
+@click.option("--json", "as_json", is_flag=True, help=_JSON)
+def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, as_json: bool) -> None:
     """Restore views of a dataset with a method, and score them.
 
     \b
-    sucre-bench run dataset=colmap dataset.root=DIR method=sucre views=[a.png] out=DIR
-    sucre-bench run -m method=underwater,gray_world,stitching,sucre every=4
-    sucre-bench run -m method=sucre method.pairing=mutual,depth hydra/launcher=joblib
+    sucre-bench run dataset=demo method=gray_world
+    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre views=[a.png]
+    sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
+    sucre-bench run -m method.pairing=mutual,depth hydra/launcher=joblib
+    sucre-bench run -m experiment=table1
+    sucre-bench run --json dataset=demo method=gray_world | jq .table
 
-    Overrides are Hydra's, key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their
-    options follow a dot. Also: out=FOLDER, views=[NAME,...] or a .txt list, every=N, first=N, seed=N,
-    overwrite=missing|always|never, save=display|full, tracking.uri=URI or off, report=false. Any dataset can be made
-    worse in a known way: degrade.noise=0.02, degrade.keep=5 and others, see `sucre-bench list degradations`.
+    Words are Hydra's key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their options
+    follow a dot: method.pairing=depth. With -m, values parted by commas are all run.
+
+    \b
+    out=FOLDER              where results go; the same one again adds to it
+    views=[NAME,...]        only these, or those of a .txt list
+    every=N first=N         each Nth view, the first N
+    metrics=[psnr,psi]      only these; metrics.uciqe.variants=[all]
+    degrade.noise=0.02      worse data: `sucre-bench list degradations`
+    save=full               also J, B, beta and gamma, as .npz
+    overwrite=always        again what is there; never: keep whatever there is
+    seed=N                  other draws
+    report=false            no page
+    tracking.uri=off        no mlflow; or the address of yours
 
     What is done is not done again: the same command goes on where it was stopped.
+
+    The exit code is 0 when all was done or had a reason not to be, 1 when a view or a score failed, 2 for a mistake in
+    the command, 130 after Ctrl-C.
     """
     from sucre_bench import plugins, sweep
 
@@ -108,77 +171,45 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
             plugins.load_file(file)
         click.echo(config.jobs(overrides, multirun).jobs[0].config, nl=False)
         return
-    outcome = sweep.run(overrides, multirun, plugin_files)
-    _show_outcome(outcome)
-    sweep.track(outcome)
+    from sucre_bench import summary
+
+    # What a plugin prints is no part of the object.
+    with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+        outcome = sweep.run(overrides, multirun, plugin_files)
+        try:
+            if as_json:
+                told = summary.as_object(outcome)
+            else:
+                summary.show(outcome)
+        finally:  # also when whoever reads our output has gone
+            sweep.track(outcome)
+    if as_json:
+        click.echo(json.dumps(told, indent=1))
     sys.exit(outcome.exit_code)
 
 
-def _show_outcome(outcome: Outcome) -> None:
-    """Tables, what failed and why, the counts, and where everything is."""
-    from sucre_bench import compare, console, report, sweep, tables
-
-    if (outcome.rows["status"] == "ok").any():
-        for table in compare.compare(outcome.rows, order=outcome.methods):
-            console.out.print(tables.as_table(table, console.out.width))
-            for line in tables.verdicts(table):
-                click.echo(line)
-    for colour, kind, faults in (
-        ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
-        ("yellow", "skipped", outcome.skipped),
-    ):
-        for line in _grouped(faults):
-            _say(f"{kind}  {line}", colour)
-    for line in _not_scored(outcome.rows):
-        _say(f"not scored  {line}", "dim")
-    if outcome.interrupted:
-        click.echo("stopped; the same command goes on from here")
-    made = f" ({outcome.cached} cached)" if outcome.cached else ""
-    scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
-    click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")
-    if outcome.failed or outcome.scores_failed:
-        click.echo(f"log      {outcome.out / 'logs' / 'failures.log'}")
-    click.echo(f"results  {outcome.out}")
-    written = sweep.write_study(outcome)
-    for note in written.notes:
-        _say(note, "yellow")
-    for folder, own in itertools.groupby(written.paths, lambda path: path.parent):
-        click.echo(f"{folder.name:9}{folder}{os.sep}{{{','.join(sorted(path.name for path in own))}}}")
-    if outcome.wants_report and len(outcome.rows):
-        click.echo(f"page     {report.write(outcome.out, outcome.rows)}")
-
-
-def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
-    """A line a reason; many views that share one are counted."""
-    by_reason: dict[tuple[str, str], list[str]] = {}
-    for fault in faults:
-        by_reason.setdefault((fault.where, fault.reason), []).append(fault.view)
-    for (where, reason), views in by_reason.items():
-        which = views[0] if len(views) == 1 else f"{len(views)} views"
-        yield f"{where} / {which}: {reason}"
-
-
-def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
-    """A line a reason for the scores that views could not give."""
-    skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != "seconds")]
-    skipped = skipped[~skipped["reason"].str.startswith("nothing to score")]  # a method without water, say
-    why = skipped["reason"].str.split(",").str[0]
-    for reason, own in skipped.groupby(why, sort=False):
-        views = own[["dataset", "scene", "view"]].drop_duplicates()
-        everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
-        where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
-        yield f"{', '.join(dict.fromkeys(own['metric']))}{where}: {reason}"
-
-
-@cli.command()
+@cli.command(short_help="Score a folder of images with any metric, as published.")
 @click.argument("images", type=click.Path(path_type=Path))
 @click.option("--reference", type=click.Path(path_type=Path), help="Folder with the same names, or one image.")
-@click.option("--metrics", default="", metavar="A,B", help="Names, name:variant or name:all; default all that apply.")
+@click.option(
+    "--metrics",
+    default="",
+    metavar="A,B",
+    shell_complete=completion.complete_metrics,
+    help="Names, name:variant or name:all; default all that apply.",
+)
 @click.option("--format", "how", type=click.Choice(["terminal", "csv", "json"]), default="terminal", show_default=True)
+@click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 @click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
 @click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with metrics of your own.")
 def score(
-    images: Path, reference: Path | None, metrics: str, how: str, file: Path | None, plugin_files: tuple[str, ...]
+    images: Path,
+    reference: Path | None,
+    metrics: str,
+    how: str,
+    as_json: bool,
+    file: Path | None,
+    plugin_files: tuple[str, ...],
 ) -> None:
     """Score a folder of images (or one image) with any metric, in any published variant.
 
@@ -186,6 +217,7 @@ def score(
     sucre-bench score restored/
     sucre-bench score restored/ --reference truth/ --metrics psnr,ssim:all
     sucre-bench score restored/ --metrics uciqe:all,uiqm:all --csv scores.csv
+    sucre-bench score a.png --json | jq '.[] | {metric, variant, value}'
 
     A folder knows no holes: what is black counts as picture. `sucre-bench run` scores only pixels that have a colour.
     """
@@ -197,40 +229,53 @@ def score(
         rows = scoring.score_folder(images, reference, [m.strip() for m in metrics.split(",") if m.strip()])
     if file:
         results.write_atomically(file, rows.to_csv(index=False).encode())
-    if how == "csv":
+    if how == "csv" and not as_json:
         click.echo(rows.to_csv(index=False), nl=False)
-    elif how == "json":
+    elif as_json or how == "json":
         click.echo(rows.to_json(orient="records", indent=1))
     else:
         console.out.print(scoring.summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # unasked, what does not apply is no fault
     for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
-        _say(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", "red", err=True)
+        _say(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
 
 
-@cli.command("list")
+@cli.command("list", short_help="List plugins, their options, and if they can run here.")
 @click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
-@click.option("--json", "as_json", is_flag=True, help="For programs.")
+@click.option("--json", "as_json", is_flag=True, help=_JSON)
 @click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help="A .py file with plugins of your own.")
 def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
-    """List what there is, what it needs, and whether it is installed."""
-    from sucre_bench import listing, plugins
+    """List what there is, what it needs, every option, and whether it is installed.
+
+    \b
+    sucre-bench list methods
+    sucre-bench list metrics --plugin my_metric.py
+    sucre-bench list experiments
+    sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
+    """
+    from sucre_bench import console, listing, plugins
 
     for file in plugin_files:
         plugins.load_file(file)
-    click.echo(
-        listing.as_json(what)
-        if as_json
-        else listing.as_text(what, colour=sys.stdout.isatty() and "NO_COLOR" not in os.environ)
-    )
+    if as_json:
+        click.echo(listing.as_json(what))
+    else:
+        click.echo(listing.as_text(what, colour=console.has_styles()), color=console.has_styles())
 
 
-@cli.command()
+@cli.command(short_help="One table of output folders, with 95 % intervals.")
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--by", type=click.Choice(["method", "view", "region"]), default="method", show_default=True)
-@click.option("--metric", "metrics", multiple=True, metavar="NAME[:VARIANT]", help="Only these; may be repeated.")
+@click.option(
+    "--metric",
+    "metrics",
+    multiple=True,
+    metavar="NAME[:VARIANT]",
+    shell_complete=completion.complete_metrics,
+    help="Only these; may be repeated.",
+)
 @click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this one.")
 @click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
 @click.option("--spread", is_flag=True, help="Show standard deviations too.")
@@ -241,8 +286,16 @@ def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
     default="terminal",
     show_default=True,
 )
+@click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 def compare(
-    folders: Sequence[Path], by: Any, metrics: Sequence[str], baseline: str, common: bool, spread: bool, how: Any
+    folders: Sequence[Path],
+    by: Any,
+    metrics: Sequence[str],
+    baseline: str,
+    common: bool,
+    spread: bool,
+    how: Any,
+    as_json: bool,
 ) -> None:
     """One table over one or more output folders, with 95 % intervals.
 
@@ -250,6 +303,7 @@ def compare(
     sucre-bench compare results
     sucre-bench compare results --baseline sucre_paper --metric psnr --metric psi
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
+    sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
     Methods are compared on the same images only. What cannot stand side by side is refused, with the difference said.
     """
@@ -258,8 +312,8 @@ def compare(
     rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
     compared = compare.compare(rows, metrics, by, baseline=baseline)
-    if how != "terminal":
-        click.echo(tables.as_text(compared, how, spread), nl=False)
+    if as_json or how != "terminal":
+        click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
         return
     for table in compared:
         console.out.print(tables.as_table(table, console.out.width, spread))
@@ -267,16 +321,20 @@ def compare(
             click.echo(line)
 
 
-@cli.command("report")
+@cli.command("report", short_help="Write the page of tables and pictures.")
 @click.argument("folder", type=click.Path(path_type=Path))
 def report_(folder: Path) -> None:
-    """Write FOLDER/report/index.html, a page that opens from disk."""
+    """Write FOLDER/report/index.html, a page of tables, plots and pictures that opens from disk.
+
+    \b
+    sucre-bench report results
+    """
     from sucre_bench import report, results
 
     click.echo(report.write(folder, results.read(folder)))
 
 
-@cli.command()
+@cli.command(short_help="Tell mlflow what a folder holds; open mlflow's page.")
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI; default: a store in FOLDER.")
 @click.option("--experiment", default="sucre_bench", show_default=True, help="mlflow's experiment.")
@@ -302,16 +360,48 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
         raise OutputError(f"{uri}: mlflow cannot be told, {one_line(fault)}; check the URI") from fault
     click.echo(f"mlflow   {uri}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
     if ui:
-        click.echo(f"page     http://127.0.0.1:{port}")
+        click.echo(f"page     {tracking.runs_page(uri, experiment, port)}")
         sys.exit(tracking.open_ui(uri, port))
 
 
-@cli.command()
-def doctor() -> None:
-    """Say what is installed, what is missing, and what that disables."""
+@cli.command("doctor", short_help="Say what can be done here, and how to get the rest.")
+@click.option("--out", default=Path(), type=click.Path(path_type=Path), help="Whose disk to look at.")
+@click.option("--json", "as_json", is_flag=True, help=_JSON)
+def doctor_(out: Path, as_json: bool) -> None:
+    """Say what can be done on this machine, what is missing, and the command that installs it.
+
+    \b
+    sucre-bench doctor
+    sucre-bench doctor --out /scratch/results
+    sucre-bench doctor --json | jq '.features[] | select(.state != "ready")'
+
+    The exit code is 1 where something is broken, or a package that sucre_bench depends on is missing; what is optional
+    does not count.
+    """
     from sucre_bench import doctor
 
-    sys.exit(doctor.show())
+    found = doctor.examine(out)
+    if as_json:
+        click.echo(json.dumps(doctor.as_object(found), indent=1))
+    else:
+        doctor.show(found)
+    sys.exit(1 if found.faults else 0)
+
+
+@cli.command("completion", short_help="Print what makes <TAB> complete in your shell.")
+@click.argument("shell", type=click.Choice(list(completion.SHELLS)))
+def completion_(shell: str) -> None:
+    """Print the script by which a shell completes commands, options and key=value words.
+
+    \b
+    echo 'source <(sucre-bench completion bash)' >> ~/.bashrc
+    echo 'source <(sucre-bench completion zsh)' >> ~/.zshrc
+    sucre-bench completion fish > ~/.config/fish/completions/sucre-bench.fish
+
+    It then holds in every new shell in which sucre-bench is found, as after `source .venv/bin/activate`. In this shell
+    alone, now: source <(sucre-bench completion bash). Bash from 4.4 on; in ~/.zshrc, behind compinit.
+    """
+    click.echo(completion.script(shell, cli), nl=False)
 
 
 for command in (prepare, charts, describe, texture, video, new, check):

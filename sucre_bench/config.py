@@ -20,6 +20,7 @@ from sucre_bench.layout import file_name
 from sucre_bench.mistakes import GROUPS, check_experiment, in_our_words, not_an_override
 from sucre_bench.options import options_of
 from sucre_bench.plugins import Plugin
+from sucre_bench.results import fingerprint
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -96,7 +97,8 @@ class Sweep:
     """What a command asks for.
 
     overrides: the command's, as Hydra takes them; told: what the bench tells each job beside them; multirun: whether it
-    is a sweep; launcher: the class of Hydra's that runs its jobs.
+    is a sweep; launcher: the class of Hydra's that runs its jobs; sharing: where its jobs share what they pair, named
+    alike for the same command, empty where they do not.
     """
 
     jobs: tuple[Job, ...]
@@ -104,6 +106,7 @@ class Sweep:
     told: tuple[str, ...]
     multirun: bool
     launcher: str
+    sharing: str
 
     @property
     def in_process(self) -> bool:
@@ -141,9 +144,9 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
         told = [f"swept=[{','.join(expansion.swept)}]"] if expansion.swept else []
         planned = tuple(Job.of(_compose([*one, *told])) for one in expansion.jobs)
     _distinct(planned)
-    if _pair_alike(planned):
-        told.append("sharing=true")
-    return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, expansion.launcher)
+    sharing = f"x{fingerprint({'command': overrides})[1]}" if _pair_alike(planned) else ""
+    told += [f"sharing={sharing}"] if sharing else []
+    return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, expansion.launcher, sharing)
 
 
 @dataclass(frozen=True)
@@ -224,9 +227,10 @@ def _compose(overrides: list[str], hydra: bool = False) -> DictConfig:
 
 
 def _pair_alike(planned: Sequence[Job]) -> bool:
-    """Whether several jobs look at the same scenes from several views, and may have pairs to share."""
-    datasets = [job.dataset.label for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
-    return len(set(datasets)) < len(datasets)
+    """Whether several methods look at the same views among others, and may have pairs to share."""
+    looking = [job for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
+    views = [(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in looking]
+    return len(set(views)) < len(views)
 
 
 def _distinct(planned: Sequence[Job]) -> None:

@@ -1,4 +1,8 @@
-"""What the terminal shows while work goes on: bars with an estimate, or plain lines where there is no terminal."""
+"""What the terminal shows while work goes on: bars with an estimate, or plain lines where there is no terminal.
+
+Styles are for terminals: NO_COLOR takes the colours away, TERM=dumb or a pipe every escape code, FORCE_COLOR brings
+colours, and never bars, to a pipe (a CI's log, say).
+"""
 
 from __future__ import annotations
 
@@ -22,7 +26,7 @@ from rich.progress import (
 
 from sucre_bench import progress
 
-__all__ = ["err", "live", "out", "plain"]
+__all__ = ["err", "has_styles", "live", "out", "plain"]
 
 _PLAIN_SECONDS = 10.0
 _WORTH_A_LINE = 1.0
@@ -99,10 +103,15 @@ def _painted(text: str) -> str:
     return f"[red]{escape(text)}[/red]" if text.startswith("failed") else escape(text)
 
 
+def has_styles() -> bool:
+    """Whether text on stdout may be styled."""
+    return out.is_terminal and not out.is_dumb_terminal and not out.no_color
+
+
 @contextmanager
 def live() -> Iterator[None]:
     """Show the progress of everything inside: bars in a terminal, lines elsewhere."""
-    if not err.is_terminal:
+    if not sys.stderr.isatty() or err.is_dumb_terminal:
         with plain():
             yield
         return

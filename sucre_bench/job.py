@@ -65,7 +65,7 @@ class RunConfig:
     """What `sucre-bench run` accepts beside dataset, method and metrics.
 
     swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; sharing: told likewise,
-    whether its jobs share what they pair, on at most pairs_gb of disk while the sweep runs (0: share nothing);
+    where its jobs share what they pair, on at most pairs_gb of disk while the sweep runs (0: share nothing);
     degrade: what is done to the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which
     repetition, each with other draws, averaged over when methods are compared; study: the tables and figures that an
     experiment makes of its rows, the fields of `sucre_bench.studies.Study`.
@@ -84,13 +84,13 @@ class RunConfig:
     report: bool = True
     plugins: list[str] = field(default_factory=list)
     swept: list[str] = field(default_factory=list)
-    sharing: bool = False
+    sharing: str = ""
     pairs_gb: float = 8.0
     tracking: Tracking = field(default_factory=Tracking)
     degrade: Any = field(default_factory=_Degrade)
     replicate: int = 0
     shard: Shard = field(default_factory=Shard)
-    study: Any = field(default_factory=dict)
+    study: Any = field(default_factory=Study.defaults)
 
 
 @dataclass(frozen=True)
@@ -181,7 +181,7 @@ class Job:
     report: bool
     study: Study | None
     pairs_gb: float
-    sharing: bool
+    sharing: str
     tracking: Tracking
     config: str  # as YAML, resolved
 
@@ -230,7 +230,7 @@ class Job:
             save=values["save"],
             seed=values["seed"],
             report=values["report"],
-            study=Study.of(values["study"]) if values["study"] else None,
+            study=None if values["study"] in (None, Study.defaults()) else Study.of(values["study"]),
             pairs_gb=values["pairs_gb"],
             sharing=values["sharing"],
             tracking=Tracking(**values["tracking"]),

@@ -39,25 +39,29 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> None:
     """
     part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
     try:
-        todo = list(tasks(job, open_scenes(job.dataset)))
-        method = _ready(job.method)
+        every = list(tasks(job, open_scenes(job.dataset)))
     except ANY_FAULT as fault:
         part.add([failed_row(job, fault)])
         part.flush()
         return
-    done, is_warm = Done.of(job), False
+    done = Done.of(job)
+    todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
+    for _ in range(len(every) - len(todo)):
+        after_view()
+    if not todo:
+        return
     try:
-        with sharing(pairs_path(job.out), job.pairs_gb * 2**30) if job.sharing else nullcontext():
+        method = _ready(job.method)
+        _warm_up(method)
+    except ANY_FAULT as fault:
+        whole = failed_row(job, fault)
+        part.add([replace(whole, scene=t.base.scene, view=t.view.name, data_id=t.base.data_id) for t in todo])
+        part.flush()
+        return
+    try:
+        with sharing(pairs_path(job.out) / job.sharing, job.pairs_gb * 2**30) if job.sharing else nullcontext():
             for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
-                if not done.covers(task.base, task.place.restored(job.out, job.method.label)):
-                    if not is_warm:
-                        is_warm = True
-                        try:
-                            _warm_up(method)
-                        except ANY_FAULT as fault:
-                            part.add([failed_row(job, fault)])
-                            break
-                    part.add(_rows(job, method, replace(task, base=replace(task.base, time=results.now()))))
+                part.add(_rows(job, method, replace(task, base=replace(task.base, time=results.now()))))
                 after_view()
     finally:
         part.flush()

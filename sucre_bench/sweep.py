@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -91,8 +92,10 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
             interrupted = True
         finally:
             rows = results.merge(out)
-            if not crashed:  # else jobs may still be at work on a cluster
-                shutil.rmtree(pairs_path(out), ignore_errors=True)
+            if sweep.sharing and not crashed:  # else jobs may still be at work on a cluster
+                shutil.rmtree(pairs_path(out) / sweep.sharing, ignore_errors=True)
+                with suppress(OSError):  # another command shares there
+                    pairs_path(out).rmdir()
     return _outcome(rows, planned, started, interrupted, crashed)
 
 
@@ -117,7 +120,10 @@ def track(outcome: Outcome) -> None:
 
 def _write_provenance(sweep: Sweep, planned: Sequence[Planned]) -> None:
     first = sweep.jobs[0]
-    data = {plan.job.dataset.label: plan.data_id for plan in planned}
+    ids: dict[str, set[str]] = {}
+    for plan in planned:
+        ids.setdefault(plan.job.dataset.label, set()).add(plan.data_id)
+    data = {label: ",".join(sorted(own)) for label, own in ids.items()}
     command = ["sucre-bench", "run", *(["-m"] if sweep.multirun else []), *sweep.overrides]
     provenance.write(first.out / "environment.json", provenance.environment(command, first.seed, data))
     results.write_atomically(first.out / "config.yaml", _config(sweep).encode())

@@ -43,7 +43,7 @@ def mentioned() -> list[str]:
 def check_options(words: list[str]) -> None:
     """Of a command other than run."""
     command = cli.commands[words[0]]
-    known = {option for p in command.params for option in (*p.opts, *p.secondary_opts)}
+    known = {"-h", "--help", *(option for p in command.params for option in (*p.opts, *p.secondary_opts))}
     assert {word.split("=")[0] for word in words[1:] if word.startswith("--")} <= known
 
 

@@ -200,7 +200,9 @@ def test_figures_of_a_time_with_more_pages_are_cleared_away(tmp_path: Path):
     old.parent.mkdir()
     old.touch()
     other.touch()
-    write(Study("s", figures=("scores",)), frame([row(m, f"v{n}", n) for m in "ab" for n in range(3)]), tmp_path)
+    write(
+        Study("s", figures=("scores",)), frame([row(m, f"v{n}", n + ord(m)) for m in "ab" for n in range(3)]), tmp_path
+    )
     assert not old.exists()
     assert other.exists()
 

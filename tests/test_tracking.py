@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import re
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -9,6 +10,7 @@ import pytest
 from mlflow import MlflowClient
 
 from sucre_bench import sweep
+from sucre_bench.figures import style
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -49,7 +51,7 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     assert by_step == pytest.approx(rows.sort_values("view")["value"].tolist())
 
     artifacts = Path(gain.info.artifact_uri.removeprefix("file://"))
-    assert {p.name for p in artifacts.iterdir()} == {"scores.parquet", "restored"}
+    assert {p.name for p in artifacts.iterdir()} == {"scores.parquet", "restored", "images"}
     pictures = {p.name for p in (artifacts / "restored").iterdir()}
     assert pictures == {f"v{n}.{suffix}" for n in range(3) for suffix in ("png", "json")}
     whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
@@ -58,6 +60,48 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
         m for m in client.search_logged_models([gain.info.experiment_id]) if m.source_run_id == gain.info.run_id
     ]
     assert {m.key: m.value for m in model.metrics}["redness.plain"] == pytest.approx(rows["value"].mean())
+    assert [output.model_id for output in gain.outputs.model_outputs] == [model.model_id]
+
+
+def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
+    out = tmp_path / "out"
+    track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
+    uri = f"sqlite:///{out / 'mlflow.db'}"
+    client = MlflowClient(tracking_uri=uri)
+    (experiment,) = [e for e in client.search_experiments() if e.name == "sucre_bench"]
+    assert experiment.tags["mlflow.experimentKind"] == "custom_model_development"  # runs and models, no chats
+    assert experiment.tags["mlflow.note.content"]
+    logged = {r.info.run_name: r for r in runs(uri)}
+    assert set(logged) == {"out", "gain on toy", "faulty on toy"}
+    colours = [logged[name].data.tags["mlflow.runColor"] for name in ("gain on toy", "faulty on toy")]
+    assert colours == [style.colour("gain"), style.colour("faulty")]  # those of the figures
+    faulty = logged["faulty on toy"]
+    assert "boom" in faulty.data.tags["mlflow.note.content"]
+    assert (faulty.data.metrics["views_ok"], faulty.data.metrics["views_failed"]) == (2, 1)
+    found = client.search_runs([experiment.experiment_id], "metrics.views_failed > 0")
+    assert [r.info.run_name for r in found] == ["faulty on toy"]
+
+
+def test_pictures_have_the_step_of_their_view_in_every_run(tmp_path: Path):
+    """The view that one method failed on leaves a gap; mlflow shows the others beside the right ones."""
+    out = tmp_path / "out"
+    track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
+    steps = {}
+    for run in runs(f"sqlite:///{out / 'mlflow.db'}"):
+        folder = Path(run.info.artifact_uri.removeprefix("file://")) / "images"
+        if folder.is_dir():
+            names = [p.name for p in folder.iterdir() if p.suffix == ".png"]
+            steps[run.data.tags["method"]] = sorted(int(re.findall(r"step\D(\d+)", name)[0]) for name in names)
+    assert steps == {"gain": [0, 1, 2], "faulty": [0, 2]}
+
+
+def test_the_page_opens_on_the_runs(tmp_path: Path):
+    from sucre_bench import tracking
+
+    uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
+    first, second = (tracking.runs_page(uri, name, 5001) for name in ("dives", "others"))
+    assert first == tracking.runs_page(uri, "dives", 5001) != second
+    assert first.startswith("http://127.0.0.1:5001/#/experiments/")
 
 
 def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp_path: Path):

@@ -6,14 +6,24 @@ from typing import TYPE_CHECKING
 
 import click
 
+from sucre_bench import completion
+
 if TYPE_CHECKING:
     from sucre_bench.charting.session import Session
 
 __all__ = ["charts"]
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="VIEW... [OVERRIDES]...")
+@click.command(
+    context_settings={"ignore_unknown_options": True}, short_help="Mark colour charts, in a page of the browser."
+)
+@click.argument(
+    "words",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    metavar="VIEW... [KEY=VALUE]...",
+    shell_complete=completion.complete_views,
+)
 @click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="What new charts are.")
 @click.option("--accept", is_flag=True, help="Open no page: take proposals whose patches are in order.")
 @click.option("--no-browser", is_flag=True, help="Print the page's address, open no browser.")
@@ -23,7 +33,8 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
 
     \b
     sucre-bench charts dive/images/a.png
-    sucre-bench charts dataset=colmap dataset.root=dive/ views=[a.png,b.png] --kind colorchecker24
+    sucre-bench charts dataset=colmap dataset.root=dive/ views=[a.png,b.png]
+    sucre-bench charts dive/images/a.png --kind colorchecker24
     sucre-bench charts dataset=colmap dataset.root=dive/ --accept
 
     VIEW is an image in a folder images/ of the layout that dataset=colmap reads, or a view's name beside dataset=.

@@ -6,13 +6,23 @@ from pathlib import Path
 
 import click
 
+from sucre_bench import completion
+
 __all__ = ["describe"]
 
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
-@click.argument("words", nargs=-1, type=click.UNPROCESSED, metavar="[DATASET] [OVERRIDES]...")
+@click.command(
+    context_settings={"ignore_unknown_options": True}, short_help="What a dataset holds, and what is wrong with it."
+)
+@click.argument(
+    "words",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    metavar="[DATASET] [KEY=VALUE]...",
+    shell_complete=completion.complete_datasets,
+)
 @click.option("--json", "as_json", is_flag=True, help="For programs.")
 @click.option(
     "--sheet",

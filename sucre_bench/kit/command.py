@@ -8,6 +8,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sucre_bench.completion import complete_words
+
 if TYPE_CHECKING:
     from sucre_bench.kit.contract import Outcome, Subject
 
@@ -16,7 +18,7 @@ __all__ = ["check", "new"]
 _KINDS = click.Choice(["method", "dataset", "metric"])  # as in `plugins.KINDS`, which would bring numpy to every --help
 
 
-@click.command()
+@click.command(short_help="A plugin to start from, and its test.")
 @click.argument("kind", type=_KINDS)
 @click.argument("name")
 @click.option(
@@ -46,9 +48,11 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
         click.echo(f"{what:8} {command}")
 
 
-@click.command(context_settings={"ignore_unknown_options": True})
+@click.command(
+    short_help="Does a plugin keep the contract? What to mend.", context_settings={"ignore_unknown_options": True}
+)
 @click.argument("plugin")
-@click.argument("overrides", nargs=-1, type=click.UNPROCESSED)
+@click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=complete_words)
 @click.option("--kind", type=_KINDS, help="Where plugins of two kinds have the name.")
 @click.option("--on", default="demo", show_default=True, metavar="DATASET", help="What a method is tried on at last.")
 @click.option("--quick", is_flag=True, help="Leave out what starts processes or makes scenes.")

@@ -71,8 +71,11 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
     whenever that was. A scene without a data_id cannot be told from another, and is not kept.
     Raises what `observe` raises; InputError when the folder cannot be written.
     """
-    if folder is None and scene.data_id:
-        folder = _shared_folder()
+    if folder is None and scene.data_id and (shared := _shared_folder()):
+        try:
+            return paired(scene, target, shared, **options)
+        except InputError:  # whoever shares it has removed it, or the disk is full: nobody asked for it
+            return observe(target, scene.views, **options)
     if folder is None:
         return observe(target, scene.views, **options)
     if not scene.data_id:

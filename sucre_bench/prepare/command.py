@@ -14,7 +14,7 @@ _CAMERAS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "O
 _MOST_NAMED = 5  # photos that were left out, of a kind
 
 
-@click.command()
+@click.command(short_help="Make a scene of a folder of photos.")
 @click.argument("photos", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(

@@ -98,7 +98,17 @@ def along(rows: pd.DataFrame, study: Study) -> list[Along]:
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
         rows = rows.assign(scene="")  # a scene may be called after the value: views are told by their own names
-    return [_along(str(title), own, name, study, notes) for title, own in rows.groupby("dataset", sort=False)]
+    groups = [(str(title), own) for title, own in rows.groupby("dataset", sort=False)]
+    followed = [_along(title, own, name, study, notes) for title, own in groups if _is_scored(own, study)]
+    if not followed:
+        raise NotApplicableError(f"no scores of {', '.join(study.metrics) or 'anything'}")
+    return followed
+
+
+def _is_scored(rows: pd.DataFrame, study: Study) -> bool:
+    """Whether a dataset has scores of every metric that the study asks for."""
+    ok = rows[rows["status"] == "ok"]
+    return len(ok) > 0 and {metric.partition(":")[0] for metric in study.metrics} <= {*ok["metric"]}
 
 
 def _said(options: dict[str, Any], group: str, name: str) -> Value | None:

@@ -37,6 +37,12 @@ class Study:
     by: By = "method"
 
     @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """The options of no study, as a configuration has them."""
+        values = {"name": "", **{f.name: f.default for f in fields(cls) if f.name != "name"}}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    @classmethod
     def of(cls, values: Mapping[str, Any]) -> Study:
         """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
         for name in values:

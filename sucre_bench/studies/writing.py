@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import figures, tables
-from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.failures import keep_traceback
 from sucre_bench.figures import style
 from sucre_bench.layout import file_name, log_path
@@ -51,8 +51,13 @@ def write(
             path = out / "tables" / f"{study.name}.{suffix}"
             write_atomically(path, text.encode())
             paths.append(path)
-    except NotApplicableError as reason:
+    except OutputError:
+        raise
+    except (NotApplicableError, InputError) as reason:
         notes.append(f"{study.name}: no tables, {one_line(reason)}")
+    except ANY_FAULT as fault:
+        keep_traceback(log_path(out), f"{study.name}, its tables")
+        notes.append(f"{study.name}: its tables failed, {one_line(fault)}; the traceback is in {log_path(out)}")
     for name in study.figures:
         try:
             paths += _figures(name, study, rows, out)

@@ -10,7 +10,7 @@ import click
 __all__ = ["texture"]
 
 
-@click.command()
+@click.command(short_help="A scene as points or a mesh in restored colours.")
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--method", required=True, metavar="LABEL", help='Whose colours; "input" for the views themselves.')

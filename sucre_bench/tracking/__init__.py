@@ -5,6 +5,6 @@ pictures, the dataset as its input and the method as its model. What is there al
 """
 
 from sucre_bench.tracking.runs import log
-from sucre_bench.tracking.store import default_uri, open_ui
+from sucre_bench.tracking.store import default_uri, open_ui, runs_page
 
-__all__ = ["default_uri", "log", "open_ui"]
+__all__ = ["default_uri", "log", "open_ui", "runs_page"]

@@ -10,8 +10,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import compare, provenance, results, tables
+from sucre_bench import compare, layout, plugins, provenance, results, tables
+from sucre_bench.figures import style
 from sucre_bench.layout import file_name
+from sucre_bench.plugins import Plugin
+from sucre_bench.told import restorations
 from sucre_bench.tracking.store import connect
 
 if TYPE_CHECKING:
@@ -22,6 +25,8 @@ if TYPE_CHECKING:
 __all__ = ["log"]
 
 _LONGEST_PARAM = 6000
+_MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its artifacts
+_PICTURE_SIZE = (640, 640)
 
 
 def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
@@ -67,7 +72,8 @@ class _Store:
 
     def start(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> str:
         """Begin a run at the time its rows begin."""
-        own = {"mlflow.source.name": "sucre-bench", "out": str(self.out.resolve()), **tags}
+        about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
+        own = {**about, "out": str(self.out.resolve()), **tags}
         return str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), own, name).info.run_id)
 
     def end(self, run: str, rows: pd.DataFrame) -> None:
@@ -84,9 +90,12 @@ class _Store:
 
 def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame) -> None:
     """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
+    from mlflow.entities import LoggedModelOutput
+
     client, options = store.client, json.loads(rows["options"].iloc[-1])
     tags = {
         "mlflow.parentRunId": parent,
+        "mlflow.runColor": style.colour(method),
         "dataset": dataset,
         "method": method,
         "plugin": str(options.get("name", "")),
@@ -95,17 +104,20 @@ def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.Dat
         "device": ",".join(sorted(set(rows["device"]) - {""})),
         "status": _status(rows),
     }
-    run = store.start(f"{dataset} / {method}", rows, tags)
-    params = dict(_params(options))
+    run = store.start(f"{method} on {dataset}", rows, tags)
+    client.set_tag(run, "mlflow.note.content", _about(options, dataset, method, rows))
+    params = dict(_params(options)) | _replicates(rows)
     data = _dataset(options, dataset, tags["data_id"])
     client.log_inputs(run, [data])
     model = _model(store, run, method, params, tags)
     _log_values(client, run, rows, params, model, data)
+    client.log_outputs(run, [LoggedModelOutput(model.model_id, 0)])
     client.finalize_logged_model(model.model_id, "FAILED" if tags["status"] == "failed" else "READY")
     store.log_table(run, rows)
     pictures = store.out / "restored" / file_name(dataset) / file_name(method)
     if pictures.is_dir():
         client.log_artifacts(run, str(pictures), "restored")
+    _log_pictures(store, run, rows)
     client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
     store.end(run, rows)
 
@@ -130,13 +142,17 @@ def _model(store: _Store, run: str, method: str, params: Mapping[str, Any], tags
     return store.client.create_logged_model(store.experiment, name, run, said, own, "restorer")
 
 
+def _replicates(rows: pd.DataFrame) -> dict[str, str]:
+    """Which repetitions a run holds, where there are several."""
+    numbers = sorted({results.unreplicated(scene)[1] for scene in rows["scene"].unique()})
+    return {"replicates": ",".join(map(str, numbers))} if numbers not in ([0], []) else {}
+
+
 def _params(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
     """Every option of method, dataset and degradation by the name the command line has for it."""
     groups = ("dataset", "degrade")
     for name, value in options.items():
-        if name == "replicate":
-            yield name, value
-        elif name not in groups:
+        if name not in (*groups, "replicate"):
             yield f"method.{name}", value
     for group in groups:
         yield from ((f"{group}.{name}", value) for name, value in options.get(group, {}).items())
@@ -166,7 +182,7 @@ def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Met
 
     ok = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
     ok = ok[ok["value"].notna() & ~ok["value"].isin([float("inf"), float("-inf")])]
-    steps = {view: step for step, view in enumerate(sorted(set(zip(ok["scene"], ok["view"], strict=True))))}
+    steps = _steps(rows)
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
         name, when = f"{metric}.{variant}", _stamp(scores["time"].max())
         by_view = scores.groupby(["scene", "view"])["value"].mean()
@@ -174,10 +190,59 @@ def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Met
         for view, value in by_view.items():
             yield Metric(f"views/{name}", float(value), when, steps[view])
 
+    views = rows[rows["metric"] == "seconds"].drop_duplicates(["scene", "view"])
+    for status in ("ok", "failed", "skipped"):
+        yield Metric(f"views_{status}", float((views["status"] == status).sum()), _stamp(rows["time"].max()), 0)
+
+
+def _steps(rows: pd.DataFrame) -> dict[tuple[str, str], int]:
+    """Each view's step in mlflow's curves and pictures, in order of name, alike for all methods of a dataset."""
+    views = rows[rows["view"] != ""]
+    return {view: step for step, view in enumerate(sorted(set(zip(views["scene"], views["view"], strict=True))))}
+
+
+def _log_pictures(store: _Store, run: str, rows: pd.DataFrame) -> None:
+    """Small pictures by step, which mlflow's chart view shows side by side for the runs that are selected."""
+    from PIL import Image
+
+    steps = _steps(rows)
+    every = -(-len(steps) // _MOST_PICTURES)
+    for row in restorations(rows).itertuples():
+        step = steps[str(row.scene), str(row.view)]
+        place = layout.find(row.dataset, row.scene, row.view, store.out)
+        path = place.restored(store.out, row.method) if place else None
+        if step % every == 0 and path is not None and path.is_file():
+            with Image.open(path) as whole:
+                small = whole.convert("RGB")
+                small.thumbnail(_PICTURE_SIZE)
+            store.client.log_image(
+                run, small, key="restored", step=step, timestamp=_stamp(str(row.time)), synchronous=True
+            )
+
 
 def _status(rows: pd.DataFrame) -> str:
     own = set(rows.loc[rows["metric"] == "seconds", "status"])
     return "failed" if "failed" in own else "skipped" if own == {"skipped"} else "ok"
+
+
+def _user() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # in a container, an id without a name
+        return "unknown"
+
+
+def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataFrame) -> str:
+    """What a child run is of, which mlflow's page shows as its description."""
+    views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
+    head = f"**{method}** on **{dataset}**, {len(views)} view{'' if len(views) == 1 else 's'}."
+    plugin = plugins.discover("method").get(str(options.get("name", "")))
+    said = [plugin.summary, plugin.cites] if isinstance(plugin, Plugin) else []
+    reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)
+    faults = [f"failed: `{reason}`" for reason in reasons]
+    return "\n\n".join(part for part in (head, *said, *faults) if part)
 
 
 def _source(out: Path) -> dict[str, str]:

@@ -15,9 +15,16 @@ from sucre_bench.results import fingerprint
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-__all__ = ["connect", "default_uri", "open_ui"]
+__all__ = ["connect", "default_uri", "open_ui", "runs_page"]
 
 _SQLITE = "sqlite:///"
+# An experiment's tags: its kind, by which mlflow's page opens on runs and models, not on chats; and its description.
+_ABOUT = {
+    "mlflow.experimentKind": "custom_model_development",
+    "mlflow.note.content": "Unfold a run, a command of sucre-bench, to see its own: one for each method and dataset. "
+    "`psnr.masked` is a mean over views, `views/psnr.masked` has a step a view, and so have the pictures `restored`. "
+    "Find runs by ``tags.method = 'sucre'``, ``params.`dataset.water` = 'turbid'`` or ``metrics.views_failed > 0``.",
+}
 
 
 def default_uri(out: Path) -> str:
@@ -46,7 +53,7 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
     with FileLock(lock):
         client = _client(uri)
         there = client.get_experiment_by_name(experiment)
-        return client, there.experiment_id if there else client.create_experiment(experiment, artifacts)
+        return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
 
 
 def _resolved(uri: str) -> str:
@@ -67,8 +74,20 @@ def _client(uri: str) -> MlflowClient:
     return MlflowClient(tracking_uri=uri)
 
 
+def runs_page(uri: str, experiment: str, port: int) -> str:
+    """Return the address of an experiment's runs on the page that `open_ui` serves."""
+    return f"http://127.0.0.1:{port}/#/experiments/{connect(uri, experiment)[1]}/runs"
+
+
 def open_ui(uri: str, port: int) -> int:
     """Serve mlflow's page on this machine alone until it is stopped, and return its exit status."""
+    from sucre_bench.launch import terminated_as_interrupt
+
     serving = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", _resolved(uri), "--host", "127.0.0.1"]
     quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    return subprocess.run([*serving, "--port", str(port)], check=False, env={**os.environ, **quiet}).returncode
+    with subprocess.Popen([*serving, "--port", str(port)], env={**os.environ, **quiet}) as server:
+        try:
+            with terminated_as_interrupt():
+                return server.wait()
+        finally:  # a kill of ours alone would leave it running
+            server.terminate()

@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 __all__ = ["video"]
 
 
-@click.command()
+@click.command(short_help="A dive before and after, as a video; how it flickers.")
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--methods", required=True, metavar="A,B", help="Labels, in the order of their panels.")

@@ -1,0 +1,170 @@
+"""What <TAB> offers: by the protocol between shell and program, and in the shells themselves."""
+
+from __future__ import annotations
+
+import os
+import select
+import shutil
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import pytest
+from click.shell_completion import shell_complete
+
+from sucre_bench import completion
+from sucre_bench.cli import cli
+
+FOLDER = Path(sys.executable).parent
+
+
+@pytest.fixture
+def offered(monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]):
+    """The words offered for a line, as zsh is told them."""
+    completion.install()
+
+    def ask(line: str) -> list[str]:
+        monkeypatch.setenv("COMP_LINE", line)
+        shell_complete(cli, {}, "sucre-bench", "_SUCRE_BENCH_COMPLETE", "zsh_complete")
+        return [answer.split("\t")[1] for answer in capsys.readouterr().out.splitlines() if answer]
+
+    return ask
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("sucre-bench comp", ["compare", "completion"]),
+        ("sucre-bench run --mult", ["--multirun"]),
+        ("sucre-bench run meth", ["method=", "method."]),
+        ("sucre-bench run method=gray_w", ["method=gray_world"]),
+        ("sucre-bench run -m method=gray_world,gray_", []),  # no name twice
+        ("sucre-bench run -m method=clahe,gray_w", ["method=clahe,gray_world"]),
+        ("sucre-bench run experiment=table", ["experiment=table1"]),
+        ("sucre-bench run dataset=colm", ["dataset=colmap"]),
+        ("sucre-bench run metrics=psn", ["metrics=[psnr]"]),
+        ("sucre-bench run 'metrics=[psn", ["metrics=[psnr]"]),
+        ("sucre-bench run metrics=[psi,psn", ["metrics=[psi,psnr]"]),
+        ("sucre-bench run method=sucre method.pairing=", ["method.pairing=mutual", "method.pairing=depth"]),
+        ("sucre-bench run method.physical=t", ["method.physical=true"]),  # of the method that runs by default
+        ("sucre-bench run method=sucre_torch method.toler", ["method.tolerance="]),  # of a preset
+        ("sucre-bench run method=gray_world method.pairing=", []),
+        ("sucre-bench run dataset.water=d", ["dataset.water=deep_sea"]),
+        ("sucre-bench run degrade.jpeg", ["degrade.jpeg_quality="]),
+        ("sucre-bench run shard.", ["shard.index=", "shard.count="]),
+        ("sucre-bench run overwrite=n", ["overwrite=never"]),
+        ("sucre-bench run report=", ["report=true", "report=false"]),
+        ("sucre-bench run nothing.like=", []),
+        ("sucre-bench describe colm", ["colmap"]),
+        ("sucre-bench describe colmap dataset.roo", ["dataset.root="]),
+        ("sucre-bench score x --metrics psi,psn", ["psi,psnr"]),
+        ("sucre-bench score x --metrics ssim:al", ["ssim:all"]),
+        ("sucre-bench compare x --format l", ["latex"]),
+        ("sucre-bench completion ", ["bash", "zsh", "fish"]),
+        ("cd a; X=1 /usr/bin/sucre-bench list degr", ["degradations"]),
+    ],
+)
+def test_words_are_completed(offered, line: str, words: list[str]):
+    assert offered(line) == words
+
+
+def test_every_method_is_offered_with_what_it_is(monkeypatch: pytest.MonkeyPatch, capsys, offered):
+    from sucre_bench import plugins
+
+    names = {word.removeprefix("method=") for word in offered("sucre-bench run method=")}
+    assert set(plugins.discover("method")) <= names
+    monkeypatch.setenv("COMP_LINE", "sucre-bench run method=gray_w")
+    shell_complete(cli, {}, "sucre-bench", "_SUCRE_BENCH_COMPLETE", "fish_complete")
+    name, _, said = capsys.readouterr().out.strip().partition("\t")
+    assert (name, said) == ("method=gray_world", plugins.find("method", "gray_world").summary)
+
+
+def test_paths_are_completed_also_behind_an_equals_sign(offered, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "a dive").mkdir()
+    (tmp_path / "a file.png").write_text("")
+    (tmp_path / ".hidden").write_text("")
+    monkeypatch.chdir(tmp_path)
+    assert offered("sucre-bench run dataset=colmap dataset.root=a") == [
+        "dataset.root=a dive/",
+        "dataset.root=a file.png",
+    ]
+    assert offered(r"sucre-bench run out=a\ d") == ["out=a dive/"]
+    assert offered(f"sucre-bench score {tmp_path}/") == [f"{tmp_path}/a dive/", f"{tmp_path}/a file.png"]
+    assert offered("sucre-bench run out=nowhere/") == []
+
+
+def test_completion_imports_nothing_heavy():
+    code = (
+        "import sys\nfrom sucre_bench.cli import main\n"
+        "try:\n    main()\nexcept SystemExit:\n    pass\n"
+        "print('IMPORTED', *sorted({m.split('.')[0] for m in sys.modules}), file=sys.stderr)"
+    )
+    env = {**os.environ, "_SUCRE_BENCH_COMPLETE": "zsh_complete", "COMP_LINE": "sucre-bench run method="}
+    code = "import sys; sys.argv[0] = 'sucre-bench'\n" + code
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env, check=True)
+    assert "method=sucre" in done.stdout
+    heavy = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
+    assert not heavy & set(done.stderr.split())
+
+
+# Bash hands over what it takes for the word, which begins behind "=" and ":"; COMPREPLY stands in its place.
+@pytest.mark.parametrize(
+    ("line", "word", "reply"),
+    [
+        ("sucre-bench run method=gray_w", "gray_w", "gray_world"),
+        ("sucre-bench run meth", "meth", "method= method."),
+        ("sucre-bench run method.pairing=", "", "mutual depth"),
+        ("sucre-bench run metrics=[psi,psn", "[psi,psn", "[psi,psnr]"),
+        ("sucre-bench run 'metrics=[psn", "'metrics=[psn", "metrics=[psnr]"),
+        ("sucre-bench score x --metrics ssim:al", "al", "all"),
+    ],
+)
+def test_bash_gets_what_stands_for_its_word(line: str, word: str, reply: str):
+    code = """source <(sucre-bench completion bash)
+        COMP_LINE=$1 COMP_POINT=${#1}
+        _sucre_bench_completion sucre-bench "$2" before
+        echo "${COMPREPLY[*]}" """
+    env = {**os.environ, "PATH": f"{FOLDER}:{os.environ['PATH']}"}
+    done = subprocess.run(["bash", "-c", code, "bash", line, word], capture_output=True, text=True, env=env, check=True)
+    assert (done.stdout.strip(), done.stderr) == (reply, "")
+
+
+SHELLS = {
+    "bash": (["bash", "--norc", "--noprofile", "-i"], "source <(sucre-bench completion bash)"),
+    "zsh": (["zsh", "-f", "-i"], "autoload -U compinit; compinit -D; source <(sucre-bench completion zsh)"),
+    "fish": (["fish", "--no-config", "-i"], "sucre-bench completion fish | source"),
+}
+
+
+@pytest.mark.parametrize("shell", SHELLS)
+def test_tab_in_a_real_shell_writes_the_word_and_runs_it(shell: str, tmp_path: Path):
+    import pty
+
+    program, setup = SHELLS[shell]
+    if not shutil.which(program[0]):
+        pytest.skip(f"no {shell} here")
+    pid, terminal = pty.fork()
+    if pid == 0:
+        os.environ.update(TERM="xterm", PS1="> ", HOME=str(tmp_path), PATH=f"{FOLDER}:{os.environ['PATH']}")
+        os.chdir(tmp_path)
+        os.execvp(program[0], program)
+
+    def until(wanted: str, seconds: float = 30) -> None:
+        said, deadline = "", time.monotonic() + seconds
+        while wanted not in said:
+            assert time.monotonic() < deadline, said
+            if select.select([terminal], [], [], 0.1)[0]:
+                said += os.read(terminal, 65536).decode(errors="replace")
+
+    try:
+        os.write(terminal, f"{setup}; echo rea''dy\n".encode())
+        until("ready")
+        os.write(terminal, b"echo sucre-bench; sucre-bench run --cfg method=gray_w\t")
+        until("orld")  # the rest of the name; what else is drawn again is up to the shell
+        os.write(terminal, b"2>&1 | grep name: | tr a-z A-Z\n")
+        until("NAME: GRAY_WORLD")
+    finally:
+        os.kill(pid, 9)
+        os.waitpid(pid, 0)
+        os.close(terminal)
