@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from sucre_bench import InputError, compare
-from sucre_bench.results import Row, frame
+from sucre_bench.results import Row, frame, replicated
 
 ROW = Row(
     dataset="sea", scene="reef", view="a", method="m", options="{}", options_id="o", metric="psnr", variant="masked",
@@ -254,7 +254,57 @@ def test_repetitions_that_failed_are_said():
     whole = replace(ROW, metric="seconds", variant="wall", better="lower")
     rows = [whole, replace(whole, scene="reef,replicate=1", status="failed", value=np.nan)]
     (comparison,) = compare.compare(frame(rows))
-    assert comparison.notes == ("m lacks repetitions of 1 image: their scores are means of the others",)
+    assert comparison.notes == ("m lacks repetitions of 1 image (1 of 2): scores are means of those that all have",)
+
+
+def repeated(method: str, values: dict[int, float], views: str = "ab") -> list[Row]:
+    """A method's restorations and scores in some replicates, by the replicate's number."""
+    return [
+        replace(row, value=row.value if row.metric == "seconds" else value)
+        for (n, value), view in itertools.product(values.items(), views)
+        for row in restored(method, view, scene=replicated("reef", n))
+    ]
+
+
+def test_methods_are_compared_on_the_replicates_that_all_of_them_have():
+    """b never ran the replicate where a is worst: taking each method's own mean would favour b."""
+    rows = [*repeated("a", {0: 10, 1: 12, 2: 0}), *repeated("b", {0: 9, 1: 11})]
+    (comparison,) = compare.compare(frame(rows), ["psnr"])
+    assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 11, "b": 10}
+    assert comparison.notes == ("b lacks repetitions of 2 images (2 of 6): scores are means of those that all have",)
+
+
+def test_a_replicate_that_failed_as_a_whole_is_lost():
+    whole = replace(restored("b", "", "boom", "failed")[0], scene="")
+    rows = [*repeated("a", {0: 10, 1: 0}), *repeated("b", {0: 9}), whole]
+    (comparison,) = compare.compare(frame(rows), ["psnr"])
+    assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 10, "b": 9}
+    assert "b lacks repetitions of 2 images (2 of 4)" in comparison.notes[0]
+
+
+def test_methods_without_a_common_replicate_are_not_compared():
+    (comparison,) = compare.compare(frame([*repeated("a", {0: 10}), *repeated("b", {5: 9})]), ["psnr"])
+    assert comparison.cells == {}
+    assert "psnr (masked): no image that a, b all have" in comparison.notes
+    lost = "has no psnr in 2 of 2 images (2 no repetition that all have): nothing is left to compare"
+    assert {f"a {lost}", f"b {lost}"} < set(comparison.notes)
+
+
+def test_a_view_without_a_common_replicate_is_a_hole():
+    rows = [*repeated("a", {0: 10, 1: 12}, "abc"), *repeated("b", {0: 9, 1: 11}, "ab")]
+    rows += [*repeated("b", {2: 99}, "c"), *repeated("a", {2: 0}, "ab"), *repeated("b", {2: 0}, "ab")]
+    (comparison,) = compare.compare(frame(rows), ["psnr"])
+    assert (comparison.columns[0].n_views, comparison.columns[0].missing) == (2, 1)
+    assert "b has no psnr in 1 of 3 images (1 no repetition that all have)" in " ".join(comparison.notes)
+
+
+def test_a_score_that_one_replicate_lacks_is_said_for_its_metric():
+    rows = [*repeated("a", {0: 10, 1: 0}), *repeated("b", {0: 9, 1: 0})]
+    rows[-1] = replace(rows[-1], status="skipped", reason="no value (NaN)", value=np.nan)
+    (comparison,) = compare.compare(frame(rows), ["psnr"])
+    said = "b lacks psnr in repetitions of 1 image (1 of 4): scores are means of those that all have"
+    assert comparison.notes == (said,)
+    assert {n: c.mean for n, c in cells(comparison).items()} == {"a": 7.5, "b": 6.75}
 
 
 def restored(method: str, view: str, reason: str = "", status: str = "ok", **more: str) -> list[Row]:

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from sucre_bench import InputError, compare
 from sucre_bench.cli import cli
-from sucre_bench.results import Row, frame
+from sucre_bench.results import Row, frame, replicated
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", value=1.0, better="higher", data_id="d")
 
@@ -52,8 +52,37 @@ def test_a_job_that_failed_as_a_whole_was_run_on_everything():
     compare.refuse(frame([*run_of("a"), replace(ROW, method="b", scene="", view="", status="failed")]))
 
 
-def test_repetitions_are_the_same_images():
-    compare.refuse(frame([*run_of("a"), *run_of("b"), *run_of("b", scene="reef,replicate=1")]))
+def repeated(method: str, *replicates: int) -> list[Row]:
+    return [row for n in replicates for row in run_of(method, scene=replicated("reef", n))]
+
+
+def test_methods_that_ran_on_the_same_replicates_are_compared():
+    compare.refuse(frame([*repeated("a", 0, 2), *repeated("b", 2, 0)]))
+
+
+def test_methods_that_ran_on_different_replicates_are_refused_and_the_difference_said():
+    rows = [*repeated("gray_world", 0, 1, 2), *repeated("underwater", 5)]
+    said = (
+        "sea: methods ran on different replicates: gray_world has replicates 0, 1, 2 of reef/a.png, underwater 5; "
+        "run the same ones, for they share none"
+    )
+    assert refused(rows) == refused(rows, common=True) == said
+
+
+def test_replicates_in_common_are_compared_where_that_is_wanted():
+    rows = [*repeated("a", 0, 1, 2), *repeated("b", 0, 2), *repeated("c", 0, 2)]
+    assert refused(rows) == (
+        "sea: methods ran on different replicates: a has replicates 0, 1, 2 of reef/a.png, b and c 0, 2; "
+        "run the same ones, or --common compares them on the 4 images they share"
+    )
+    compare.refuse(frame(rows), common=True)
+
+
+def test_the_command_refuses_different_replicates(tmp_path):
+    frame([*repeated("a", 0), *repeated("b", 1)]).to_parquet(tmp_path / "scores.parquet")
+    done = CliRunner().invoke(cli, ["compare", str(tmp_path)])
+    assert isinstance(done.exception, InputError)
+    assert "a has replicate 0 of reef/a.png, b 1" in str(done.exception)
 
 
 def test_other_datasets_are_other_tables():

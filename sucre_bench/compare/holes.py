@@ -16,14 +16,22 @@ __all__ = ["notes"]
 
 _MOST_NAMES = 4
 
+_REPETITION = ["scene", "view", "_replicate"]
+
 _View = tuple[str, str]  # scene and view
 
 
-def notes(rows: pd.DataFrame, scores: Mapping[Column, pd.DataFrame], methods: Sequence[str]) -> list[str]:
+def notes(
+    rows: pd.DataFrame,
+    scores: Mapping[Column, pd.DataFrame],
+    repetitions: Mapping[Column, pd.DataFrame],
+    methods: Sequence[str],
+) -> list[str]:
     """Say what each method lacks that others have.
 
-    rows: of the table, whatever became of them, with `_fresh` saying which are of the data compared; scores: the values
-    of each column, units (scene, view, region) x methods, NaN = a hole.
+    rows: of the table, whatever became of them, with `_fresh` saying which are of the data compared, and `_replicate`;
+    scores: the values of each column, units (scene, view, region) x methods, NaN = a hole; repetitions: the same before
+    repetitions were averaged, with a level more, `_replicate`.
     """
     restored = _restored(rows)
     some = [name for name in methods if restored.get(name)]
@@ -38,11 +46,11 @@ def notes(rows: pd.DataFrame, scores: Mapping[Column, pd.DataFrame], methods: Se
         elif lost:
             reasons = why.restoration(name, lost)
             said.append(_sentence(name, "result", len(lost), len(anywhere), "image", reasons, len(everywhere)))
-        said += _scores_lost(name, lost, scores, why)
+        said += _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
         if column.n_units == 0:
             said.append(f"{column.metric} ({column.variant}): no {column.of} that {_list(values.columns)} all have")
-    return [*said, *_repeats_lost(rows)]
+    return [*said, *_repeats_lost(rows, repetitions)]
 
 
 def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
@@ -71,9 +79,13 @@ class _Why:
     def restoration(self, method: str, views: Iterable[_View]) -> str:
         return _counted(self._of_restoration(method, view) for view in views)
 
-    def score(self, method: str, column: Column, views: Iterable[_View]) -> str:
-        own = ((self.known.get((method, column.metric, column.variant, view)), view) for view in views)
-        return _counted(text or self._of_restoration(method, view) for text, view in own)
+    def score(self, method: str, column: Column, views: Iterable[tuple[_View, bool]]) -> str:
+        """views: and whether the method has a score there, of repetitions that not all have."""
+        own = ((self.known.get((method, column.metric, column.variant, view)), view, has) for view, has in views)
+        return _counted(
+            "no repetition that all have" if has else text or self._of_restoration(method, view)
+            for text, view, has in own
+        )
 
     def _of_restoration(self, method: str, view: _View) -> str:
         if text := self.known.get((method, "seconds", "wall", view)):
@@ -96,7 +108,13 @@ def _counted(reasons: Iterable[str]) -> str:
     return "; ".join(said)
 
 
-def _scores_lost(name: str, lost: set[_View], scores: Mapping[Column, pd.DataFrame], why: _Why) -> Iterator[str]:
+def _scores_lost(
+    name: str,
+    lost: set[_View],
+    scores: Mapping[Column, pd.DataFrame],
+    repetitions: Mapping[Column, pd.DataFrame],
+    why: _Why,
+) -> Iterator[str]:
     """A sentence for the metrics that lack the same, beyond what was not restored at all."""
     alike: dict[tuple[int, int, str, str, int], list[str]] = {}
     for column, values in scores.items():
@@ -107,7 +125,9 @@ def _scores_lost(name: str, lost: set[_View], scores: Mapping[Column, pd.DataFra
         if not views or views <= lost:
             continue
         there = set(values.index[values[name].notna()].droplevel("region"))
-        reasons = why.score(name, column, missing if views & there else views)
+        own = repetitions[column][name]
+        partly = views & set(own.index[own.notna()].droplevel(["region", "_replicate"])) - there
+        reasons = why.score(name, column, [(v, v in partly) for v in (missing if views & there else views)])
         if views & there:  # some charts of a view, not all
             key = (len(missing), len(values), column.of, reasons, column.n_units)
         else:
@@ -130,10 +150,30 @@ def _list(names: Iterable[str]) -> str:
     return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
 
 
-def _repeats_lost(rows: pd.DataFrame) -> Iterator[str]:
-    """A repetition that failed leaves the mean of the others."""
+def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]) -> Iterator[str]:
+    """Repetitions that a method lacks, failed or never run, of images of which it has others."""
     whole = rows[(rows["metric"] == "seconds") & rows["_fresh"] & (rows["view"] != "")]
-    share = (whole["status"] == "ok").groupby([whole[c] for c in ("method", "scene", "view")]).mean()
-    partly = share[(share > 0) & (share < 1)].groupby(level="method").size()
-    for name, n in partly.items():
-        yield f"{name} lacks repetitions of {n} image{'s' if n > 1 else ''}: their scores are means of the others"
+    keys = [whole[name] for name in (*_REPETITION, "method")]
+    lost = _partly((whole["status"] == "ok").groupby(keys).any().unstack("method", fill_value=False), _REPETITION[:2])
+    for name in lost.columns[lost.any()]:
+        yield f"{name} lacks repetitions of {_of_images(lost[name])}"
+    alike: dict[tuple[str, str], list[str]] = {}
+    for column, values in repetitions.items():
+        if column.metric in COSTS or not values.isna().to_numpy().any():
+            continue
+        own = _partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
+        own &= ~lost.reindex(index=own.index, columns=own.columns, fill_value=False)  # of which it is said already
+        for name in own.columns[own.any()]:
+            alike.setdefault((str(name), _of_images(own[name])), []).append(column.metric)
+    for (method, images), metrics in alike.items():
+        yield f"{method} lacks {_list(dict.fromkeys(metrics))} in repetitions of {images}"
+
+
+def _partly(has: pd.DataFrame, of: list[str]) -> pd.DataFrame:
+    """Tell which repetitions a method lacks while it has others. has: repetitions x methods; of: what is repeated."""
+    return ~has & has.groupby(level=of).transform("any")
+
+
+def _of_images(lost: pd.Series) -> str:
+    n = len(lost.index[lost].droplevel("_replicate").unique())
+    return f"{n} image{'s' * (n > 1)} ({lost.sum()} of {len(lost)}): scores are means of those that all have"

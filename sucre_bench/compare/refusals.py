@@ -1,4 +1,4 @@
-"""What may not stand side by side in one table: different images, variants, versions, pictures, data or options."""
+"""What may not stand side by side in one table: different images, replicates, variants, versions, data or options."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, TypeVar
 
 from sucre_bench import results
 from sucre_bench.compare.comparison import COSTS
-from sucre_bench.compare.table import asked_for, is_fresh, without_replicates
+from sucre_bench.compare.table import asked_for, is_fresh
 from sucre_bench.errors import InputError
 
 if TYPE_CHECKING:
@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 __all__ = ["load", "refuse"]
 
 T = TypeVar("T")
+
+_Image = tuple[str, str]  # scene, with the replicate or without, and view
 
 
 def load(folders: Iterable[str | Path]) -> pd.DataFrame:
@@ -55,13 +57,13 @@ def _refuse_several(rows: pd.DataFrame, group: list[str], column: str, fault: st
 def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
     """Raise InputError, a line a fault, where methods cannot be compared: the difference in words, and what to do.
 
-    metrics: those to be compared, as in `compare`; common: methods may have run on different images, as long as they
-    share some.
+    metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
+    long as they share some.
     """
     asked = asked_for(rows, metrics)
     fresh = is_fresh(rows)
     faults: list[str] = []
-    for dataset, own in without_replicates(rows[fresh]).groupby("dataset", sort=False):
+    for dataset, own in rows[fresh].groupby("dataset", sort=False):
         scored = own[asked[own.index] & ~own["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
         found = (*_images(own, common), *_variants(scored), *_versions(ok), *_normalisations(own))
@@ -71,7 +73,7 @@ def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False
 
 
 def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
-    """Methods that ran, well or not, on different images; a job that failed as a whole ran on all."""
+    """Methods that ran, well or not, on different images or replicates; a job that failed as a whole ran on all."""
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
     images = {
@@ -84,12 +86,49 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     shared = frozenset.intersection(*alike)
     if common and shared:
         return
-    counts = ", ".join(f"{_names(names)} on {len(views)}" for views, names in alike.items())
-    anywhere = frozenset[tuple[str, str]]().union(*alike)
-    lacking, views = next((names[0], views) for views, names in alike.items() if views != anywhere)
+    n = len(_unreplicated(shared))
+    plain = _inverted({name: _unreplicated(own) for name, own in images.items()})
+    if len(plain) < 2:
+        share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
+        yield f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
+        return
+    counts = ", ".join(f"{_names(names)} on {len(views)}" for views, names in plain.items())
+    anywhere = frozenset[_Image]().union(*plain)
+    lacking, views = next((names[0], views) for views, names in plain.items() if views != anywhere)
     example = min(anywhere - views)[1]
-    share = f", or --common compares them on the {len(shared)} they share" if shared else ", for they share none"
+    share = f", or --common compares them on the {n} they share" if n else ", for they share none"
     yield f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
+
+
+def _unreplicated(images: Iterable[_Image]) -> frozenset[_Image]:
+    """The images that replicates are of."""
+    images = list(images)
+    names = {scene: results.unreplicated(scene)[0] for scene in {scene for scene, _ in images}}
+    return frozenset((names[scene], view) for scene, view in images)
+
+
+def _replicates(alike: Mapping[frozenset[_Image], Sequence[str]]) -> str:
+    """Which replicates the methods have of the first image of which they have different ones."""
+    anywhere = frozenset[_Image]().union(*alike)
+    scene, view = min(_unreplicated(anywhere - frozenset.intersection(*alike)))
+    known = [(name, results.unreplicated(name)) for name in {name for name, _ in anywhere}]
+    of_scene = sorted((number, name) for name, (plain, number) in known if plain == scene)
+    have = {
+        name: tuple(number for number, replicate in of_scene if (replicate, view) in own)
+        for own, names in alike.items()
+        for name in names
+    }
+    by_numbers: dict[tuple[int, ...], list[str]] = {}
+    for name, numbers in have.items():
+        by_numbers.setdefault(numbers, []).append(name)
+    (first, names), *others = by_numbers.items()
+    has = "has" if len(names) == 1 else "have"
+    said = [f"{_names(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
+    return ", ".join([*said, *(f"{_names(names)} {_listed(numbers)}" for numbers, names in others)])
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
 
 
 def _variants(rows: pd.DataFrame) -> Iterator[str]:

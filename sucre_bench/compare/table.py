@@ -22,6 +22,7 @@ __all__ = ["asked_for", "compare", "is_fresh", "without_replicates"]
 
 _VIEW = ["scene", "view"]
 _UNIT = [*_VIEW, "region"]
+_REPETITION = [*_UNIT, "_replicate"]
 
 
 def compare(
@@ -41,7 +42,9 @@ def compare(
     order = list(dict.fromkeys([*order, *rows.sort_values("time", kind="stable")["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
-    rows = without_replicates(rows.assign(_fresh=is_fresh(rows), _asked=asked))
+    rows = rows.assign(_fresh=is_fresh(rows), _asked=asked)
+    numbers = {name: results.unreplicated(name)[1] for name in rows["scene"].unique()}
+    rows = without_replicates(rows.assign(_replicate=rows["scene"].map(numbers)))
     rows = rows[~rows["region"].str.contains("/", regex=False)]  # patches are inside their charts' scores
     groups = ["dataset"]
     if by != "method":
@@ -97,9 +100,12 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     stale = tuple(name for name in methods if name not in with_fresh)
     methods = [name for name in methods if name in with_fresh]
     ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
-    scores = dict(_column(own) for _, own in ok.groupby(["metric", "variant"], sort=False))
+    made_of = [(own, _repetitions(own)) for _, own in ok.groupby(["metric", "variant"], sort=False)]
+    of_columns = [(*_column(own, repeats), repeats) for own, repeats in made_of]
+    scores = {column: values for column, values, _ in of_columns}
+    repetitions = {column: repeats for column, _, repeats in of_columns}
     columns = sorted(scores, key=lambda c: (c.better == "none", c.metric in COSTS))  # else as they were run
-    said = notes(rows[rows["method"].isin(methods)], scores, methods)
+    said = notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)
     if stale:
         said.append(f"left out, for they ran on other data: {', '.join(stale)}")
     if baseline and baseline not in methods:
@@ -109,9 +115,25 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     return Comparison(title, tuple(methods), tuple(columns), made, stale, baseline, tuple(said))
 
 
-def _column(scores: pd.DataFrame) -> tuple[Column, pd.DataFrame]:
-    """A metric, and its values: units x methods, both sorted, NaN = a hole; repetitions are averaged."""
-    values = scores.groupby([*_UNIT, "method"])["value"].mean().unstack("method")
+def _repetitions(scores: pd.DataFrame) -> pd.DataFrame:
+    """The values of a metric before they are averaged: repetitions of units x methods, both sorted, NaN = a hole."""
+    return scores.groupby([*_REPETITION, "method"])["value"].mean().unstack("method")
+
+
+def _averaged(repetitions: pd.DataFrame) -> pd.DataFrame:
+    """Means over the repetitions that all methods have: units x methods.
+
+    Of a unit without any such repetition, methods that lack one have a hole.
+    """
+    lacking = repetitions.isna()
+    shared = repetitions[~lacking.any(axis=1)].groupby(level=_UNIT).mean()
+    own = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
+    return shared.reindex(own.index).fillna(own)
+
+
+def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd.DataFrame]:
+    """A metric, and its values: units x methods, both sorted, NaN = a hole."""
+    values = _averaged(repetitions)
     left = values.dropna().index
     first: Any = scores.iloc[0]
     column = Column(
