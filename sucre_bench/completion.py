@@ -268,11 +268,18 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
         return options_of(engine[group])
     kind, _, name = group.partition(".")
     if kind in ("dataset", "method") and not name:
-        name = given.get(kind, {"dataset": "demo", "method": "sucre"}[kind]).split(",")[0]
+        name = given.get(kind, _by_default(kind)).split(",")[0]
     elif kind != "metrics":
         return ()
     plugin = _plugin(kind, name)
     return options_of(plugin.cls) if plugin else ()
+
+
+def _by_default(kind: str) -> str:
+    """What the configuration chooses where nothing is chosen."""
+    chosen = (Path(__file__).parent / "conf" / "config.yaml").read_text(encoding="utf-8")
+    found = re.search(rf"^  - {kind}: (\w+)$", chosen, re.M)
+    return found[1] if found else ""
 
 
 def _option(key: str, given: Mapping[str, str]) -> Option | None:
