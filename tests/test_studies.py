@@ -195,6 +195,13 @@ def test_a_table_for_each_chart_stands_beside_their_mean(tmp_path: Path):
         Study.of({"name": "s", "by": "regoin"})
 
 
+def test_figures_may_be_asked_for_as_svg_too(tmp_path: Path):
+    rows = frame([row(m, f"v{n}", n + ord(m)) for m in "ab" for n in range(3)])
+    for svg, suffixes in ((True, {".png", ".pdf", ".svg"}), (False, {".png", ".pdf"})):
+        write(Study("s", figures=("scores",), svg=svg), rows, tmp_path)
+        assert {path.suffix for path in (tmp_path / "figures").iterdir()} == suffixes
+
+
 def test_figures_of_a_time_with_more_pages_are_cleared_away(tmp_path: Path):
     old, other = tmp_path / "figures/s-scores-9.png", tmp_path / "figures/s-pictures-1.png"
     old.parent.mkdir()

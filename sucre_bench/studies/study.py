@@ -25,7 +25,7 @@ class Study:
     name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
     the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; baseline: the method
     that the others are measured against, the best when empty; figures: names, see `sucre_bench.figures`; spread: tables
-    show standard deviations too; by: "view" or "region" adds a table for each of those.
+    show standard deviations too; svg: figures are written as .svg too; by: "view" or "region" adds a table for each.
     """
 
     name: str
@@ -34,6 +34,7 @@ class Study:
     baseline: str = ""
     figures: tuple[str, ...] = ()
     spread: bool = False
+    svg: bool = False
     by: By = "method"
 
     @classmethod
@@ -48,9 +49,6 @@ class Study:
         for name in values:
             _known("study", str(name), [f.name for f in fields(cls)], "option of study")
         given = {name: value for name, value in values.items() if value is not None}
-        spread = given.get("spread", False)
-        if not isinstance(spread, bool):
-            raise InputError(f"study.spread: '{spread}' is neither true nor false; give one")
         by = given.get("by", "method")
         _known("study.by", str(by), get_args(By), "grouping")
         study = cls(
@@ -59,7 +57,8 @@ class Study:
             along=_word(given, "along"),
             baseline=_word(given, "baseline"),
             figures=_words(given, "figures"),
-            spread=spread,
+            spread=_flag(given, "spread"),
+            svg=_flag(given, "svg"),
             by=by,
         )
         if not study.name or file_name(study.name) != study.name:
@@ -77,6 +76,13 @@ def _word(values: Mapping[str, Any], key: str) -> str:
     value = values.get(key, "")
     if not isinstance(value, str):
         raise InputError(f"study.{key}: {value!r} is not a word; give one")
+    return value
+
+
+def _flag(values: Mapping[str, Any], key: str) -> bool:
+    value = values.get(key, False)
+    if not isinstance(value, bool):
+        raise InputError(f"study.{key}: '{value}' is neither true nor false; give one")
     return value
 
 

@@ -125,7 +125,7 @@ def _figures(name: str, study: Study, rows: pd.DataFrame, out: Path) -> list[Pat
     with style.look():
         for suffix, figure in figures.find(name)(rows, study, out):
             stem = "-".join(filter(None, [study.name, name, file_name(suffix) if suffix else ""]))
-            written += style.save(figure, out / "figures" / stem)
+            written += style.save(figure, out / "figures" / stem, study.svg)
     whole = f"{study.name}-{name}"
     for old in {*(out / "figures").glob(f"{whole}.*"), *(out / "figures").glob(f"{whole}-*")} - {*written}:
         old.unlink()
