@@ -128,6 +128,7 @@ def frame(rows: Iterable[Row]) -> pd.DataFrame:
 def read(out: str | Path) -> pd.DataFrame:
     """Return every row under `out`, table and parts, the newest of each score.
 
+    Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
     Raises InputError when there are none, or a file is damaged.
     """
     out = Path(out)
@@ -183,7 +184,8 @@ def _newest(rows: pd.DataFrame) -> pd.DataFrame:
     rows = rows[~job_failed | (rows["time"] == rows.groupby(["dataset", "method"])["time"].transform("max"))]
     score = [*_RESTORATION, "metric", "variant"]
     rows = rows[rows["time"] == rows.groupby(score)["time"].transform("max")]
-    return rows.drop(columns="_code").drop_duplicates([*score, "region"]).sort_index().reset_index(drop=True)
+    rows = rows.drop(columns="_code").drop_duplicates([*score, "region"]).sort_index()
+    return rows.sort_values(["dataset", "method", "scene", "view"], kind="stable", ignore_index=True)
 
 
 class Part:

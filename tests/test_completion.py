@@ -144,11 +144,12 @@ def test_tab_in_a_real_shell_writes_the_word_and_runs_it(shell: str, tmp_path: P
     program, setup = SHELLS[shell]
     if not shutil.which(program[0]):
         pytest.skip(f"no {shell} here")
-    pid, terminal = pty.fork()
-    if pid == 0:
-        os.environ.update(TERM="xterm", PS1="> ", HOME=str(tmp_path), PATH=f"{FOLDER}:{os.environ['PATH']}")
-        os.chdir(tmp_path)
-        os.execvp(program[0], program)
+    terminal, inside = pty.openpty()
+    env = {**os.environ, "TERM": "xterm", "PS1": "> ", "HOME": str(tmp_path), "PATH": f"{FOLDER}:{os.environ['PATH']}"}
+    running = subprocess.Popen(  # not pty.fork(), which what other tests have loaded does not stand
+        ["setsid", "--ctty", *program], stdin=inside, stdout=inside, stderr=inside, cwd=tmp_path, env=env
+    )
+    os.close(inside)
 
     def until(wanted: str, seconds: float = 30) -> None:
         said, deadline = "", time.monotonic() + seconds
@@ -165,6 +166,6 @@ def test_tab_in_a_real_shell_writes_the_word_and_runs_it(shell: str, tmp_path: P
         os.write(terminal, b"2>&1 | grep name: | tr a-z A-Z\n")
         until("NAME: GRAY_WORLD")
     finally:
-        os.kill(pid, 9)
-        os.waitpid(pid, 0)
+        running.kill()
+        running.wait()
         os.close(terminal)

@@ -16,7 +16,7 @@ from sucre_bench import plugins
 from sucre_bench.kit.contract import Subject, check, rules
 from sucre_bench.kit.elsewhere import imported, restored
 from sucre_bench.kit.methods import alike
-from sucre_bench.kit.scenes import TARGET, wall
+from sucre_bench.kit.scenes import TARGET, submerged, wall
 from sucre_bench.plugins import Plugin, discover
 
 ORDINARY_WORDS = {"command", "photos", "onnx"}  # as plugins' names; the engine may use them for something else
@@ -109,7 +109,7 @@ def test_methods_give_the_same_in_another_process(tmp_path: Path) -> None:
         folder.mkdir()
         subjects.append(Subject(plugin, options_for(plugin, folder)))
     for subject, there in zip(subjects, restored(subjects), strict=True):
-        scene = wall()
+        scene = submerged()
         here = subject.make().restore(scene, scene[TARGET])
         assert alike(here.image, there), subject.plugin.name
 

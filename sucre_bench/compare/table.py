@@ -39,7 +39,8 @@ def compare(
     Raises InputError for a metric or a baseline that the rows do not have.
     """
     asked = asked_for(rows, metrics)
-    order = list(dict.fromkeys([*order, *rows.sort_values("time", kind="stable")["method"].unique()]))
+    rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
+    order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
         raise InputError(f"no scores of '{baseline}' to compare with; {did_you_mean(baseline, order)}")
     rows = rows.assign(_fresh=is_fresh(rows), _asked=asked)

@@ -23,7 +23,7 @@ import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, PluginError, one_line
 from sucre_bench.kit.contract import Subject
-from sucre_bench.kit.scenes import TARGET, wall
+from sucre_bench.kit.scenes import TARGET, submerged
 from sucre_bench.kit.state import changed, snapshot
 from sucre_bench.scene import Array
 
@@ -54,7 +54,7 @@ def imported(subjects: Sequence[Subject]) -> list[Imported]:
 
 
 def restored(subjects: Sequence[Subject]) -> list[Array]:
-    """Restore the wall of noise with methods in a fresh process that has other seeds; PluginError where one fails."""
+    """Restore the wall of noise in water in a fresh process that has other seeds; PluginError where a method fails."""
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as folder:
         methods = [
             {
@@ -131,7 +131,7 @@ def _restore_all(methods: Iterable[Mapping[str, Any]], folder: Path) -> list[str
     for number, method in enumerate(methods):
         try:
             _load(method["place"])
-            scene = wall()
+            scene = submerged()
             image = api.restore(method["name"], scene, scene[TARGET], **method["options"]).image
             np.save(folder / f"{number}.npy", image)
             told.append("")

@@ -11,7 +11,7 @@ import numpy as np
 from sucre_bench import api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.kit.contract import Finding, Subject, breach, doubt, note, raised, rule
-from sucre_bench.kit.scenes import HARD, NOISE, TARGET, WATER, least, wall
+from sucre_bench.kit.scenes import HARD, NOISE, TARGET, WATER, least, submerged, wall
 from sucre_bench.kit.state import watched
 from sucre_bench.plugins import Plugin
 from sucre_bench.scene import Array, Chart, Plane, Restoration, Scene, Water
@@ -37,9 +37,9 @@ def _restore(subject: Subject, scene: Scene) -> Restoration:
 
 
 def _plain(subject: Subject) -> Restoration:
-    """Of the wall of noise."""
+    """Of the wall of noise in water."""
     if "plain" not in subject.kept:
-        subject.kept["plain"] = _restore(subject, wall())
+        subject.kept["plain"] = _restore(subject, submerged())
     return subject.kept["plain"]
 
 
@@ -64,7 +64,7 @@ def leaves_the_process(subject: Subject) -> Iterator[Finding]:
     """The first rule, for what only a first call changes."""
     subject.make()  # imports what it requires
     with watched() as changes:
-        subject.kept["plain"] = _restore(subject, wall())
+        subject.kept["plain"] = _restore(subject, submerged())
     for name in changes:
         yield breach(f"changes {name}; use a generator of its own, or put it back")
 
@@ -86,7 +86,7 @@ def colours_what_is_valid(subject: Subject) -> Iterator[Finding]:
     heard = set[str]()  # what is wrong with every image is said of the first
     for name, rgb in HARD.items():
         try:
-            image = (_plain(subject) if rgb is NOISE else _restore(subject, wall(rgb))).image
+            image = _restore(subject, wall(rgb)).image
         except SolveError as reason:
             yield doubt(f"{name}: nothing is restored, {one_line(reason)}; fine where no answer has a meaning")
             continue
@@ -191,7 +191,7 @@ def alike(one: Array, other: Array) -> bool:
 def is_deterministic(subject: Subject) -> Iterator[Finding]:
     first = _plain(subject).image
     with watched():  # stirs what is random
-        second = _restore(subject, wall()).image
+        second = _restore(subject, submerged()).image
     subject.kept["is random"] = not alike(first, second)
     if subject.kept["is random"]:
         yield breach(

@@ -11,7 +11,7 @@ import numpy as np
 from sucre_bench.charts import KINDS
 from sucre_bench.scene import Array, Arrays, Camera, Chart, Mask, Scene, View, Water
 
-__all__ = ["HARD", "NOISE", "TARGET", "WATER", "charted", "least", "wall"]
+__all__ = ["HARD", "NOISE", "TARGET", "WATER", "charted", "least", "submerged", "wall"]
 
 TARGET = "far.png"  # the view to restore, of the wall; the other is nearer
 WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
@@ -65,6 +65,22 @@ def wall(
     return Scene("wall", views, frozenset(has), water)
 
 
+def submerged() -> Scene:
+    """The wall of noise as WATER shows it from each view's distance: what a fit of the water has an answer to."""
+    scene = wall()
+    views = []
+    for view in scene:
+        seen = _in_water(view.rgb, view.distance[..., None])
+        views.append(replace(view, pixels=Arrays(seen, view.depth, view.rgb)))
+    return replace(scene, views=views)
+
+
+def _in_water(rgb: Array, z: Array | float) -> Array:
+    """Colours rgb (H, W, 3) as WATER shows them from z metres, one number or (H, W, 1)."""
+    seen = rgb * np.exp(-WATER.attenuation * z) + WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z))
+    return np.asarray(seen, dtype=np.float32)
+
+
 def charted() -> Scene:
     """The wall with two painted charts and noise around them: as it is in `reference`, in water in `rgb`."""
     image = 0.2 + 0.6 * _noise(96, 128)
@@ -79,9 +95,7 @@ def charted() -> Scene:
             rows = slice(round(top + y0 * (bottom - top)), round(top + y1 * (bottom - top)))
             columns = slice(round(left + x0 * (right - left)), round(left + x1 * (right - left)))
             image[rows, columns] = patch.srgb
-    z = 3.0
-    seen = image * np.exp(-WATER.attenuation * z) + WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z))
-    return wall(seen.astype(np.float32), reference=image, charts=charts)
+    return wall(_in_water(image, 3.0), reference=image, charts=charts)
 
 
 def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:

@@ -34,7 +34,12 @@ __all__ = ["compiled"]
 
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
-_fast = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath={"reassoc", "contract", "nsz", "arcp"})
+_FAST = {"reassoc", "contract", "nsz", "arcp"}
+_loop = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
+
+# Always part of the loop that calls it: of a function that stands by itself there may be several machine codes, which
+# round differently, and what was loaded first decides which of them runs.
+_inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
 
 _PLACES = 1 << 13  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
 _SHARE = 1 << 20  # observations in a share of a thread, some milliseconds
@@ -53,7 +58,7 @@ _C1, _C2, _C3 = np.float32(0.6931471824645996), np.float32(0.24022650718688965),
 _C4, _C5, _C6 = np.float32(0.009618005715310574), np.float32(0.001340028247795999), np.float32(0.0001547588617540896)
 
 
-@_fast
+@_inline
 def _power_minus_1(x: Any) -> Any:
     """2^x - 1 in float32, accurate for small x as well: 2^x = 2^k 2^f with x = k + f, |f| <= 1/2."""
     x = _LOWEST if x < _LOWEST else x
@@ -65,7 +70,7 @@ def _power_minus_1(x: Any) -> Any:
     return scale * rest + (scale - _ONE)
 
 
-@_fast
+@_inline
 def _first_sweep(z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: Any, sums: Any) -> None:  # noqa: E741
     """Compute what a slot's observations have of one water, and add it to their pixels' sums.
 
@@ -88,7 +93,7 @@ def _first_sweep(z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: A
         C_gamma[i] += x_i * g_i
 
 
-@_fast
+@_inline
 def _project(z: Any, kept: Any, sums: Any) -> None:
     """Turn what a slot kept into columns: D'_B, D'_beta, D'_gamma / B, r. The sums over A are by now J and means."""
     x, d, g, y = kept[0], kept[1], kept[2], kept[3]
@@ -101,7 +106,7 @@ def _project(z: Any, kept: Any, sums: Any) -> None:
         y[i] -= x_i * J[i]
 
 
-@_fast
+@_inline
 def _add_products(columns: Any, n: int, total: Any) -> None:
     """Add the products of four columns of n numbers to the upper triangle of total (4, 4) float64."""
     p, q, u, v = columns[0, :n], columns[1, :n], columns[2, :n], columns[3, :n]
@@ -130,7 +135,7 @@ def _add_products(columns: Any, n: int, total: Any) -> None:
     total[3, 3] += vv
 
 
-@_fast
+@_inline
 def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, kept: Any, sums: Any) -> int:
     """Sweep the slots of n pixels first, then divide the sums by A; return how many slots there were."""
     distance, colour, weight, starts, scale = store
@@ -156,7 +161,7 @@ def _sum_block(store: Any, c: int, start: int, n: int, water: Any, roots: Any, k
     return slots
 
 
-@_fast
+@_inline
 def _hold(kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, margin: Any, total: Any) -> None:
     """Add the residual of every pixel whose sqrt(A) J lies below -margin; its columns replace the first slot's.
 
@@ -180,7 +185,7 @@ def _hold(kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, mar
     _add_products(first, n, total)
 
 
-@_fast
+@_loop
 def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) -> Any:
     """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see dense.products."""
     distance, _, _, starts, _ = store
@@ -201,7 +206,7 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
     return total
 
 
-@_fast
+@_loop
 def _share_colours(
     store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, J: Any, deviation: Any
 ) -> None:
