@@ -37,7 +37,6 @@ CONF = "sucre_bench.conf"
 def register() -> None:
     """Tell Hydra's config store every plugin's options; what cannot be used is left out."""
     from hydra.core.config_store import ConfigStore
-    from omegaconf import OmegaConf
 
     slurm.register()
     store = ConfigStore.instance()
@@ -47,11 +46,9 @@ def register() -> None:
             if isinstance(plugin, Plugin):
                 package = f"metrics.{plugin.name}" if kind == "metric" else group
                 try:
-                    node = OmegaConf.structured(_schema(plugin))
+                    store.store(group=group, name=plugin.name, node=_schema(plugin), package=package)
                 except Exception as fault:  # a default that is not of its option's type, say
                     plugins.set_aside(plugin, one_line(fault))
-                    continue
-                store.store(group=group, name=plugin.name, node=node, package=package)
 
 
 def _schema(plugin: Plugin) -> type[Any]:

@@ -46,7 +46,6 @@ def launch(sweep: Sweep, restorations: int) -> Ended:
     import hydra
 
     arguments = [*sweep.overrides, *sweep.told, *(["--multirun"] if sweep.multirun else [])]
-    config.register()
     main = hydra.main(config_path=f"pkg://{CONF}", config_name="config", version_base="1.3")(_hydra_job)
     with _as_command_line(["sucre-bench run", *arguments]):
         return _run_main(main, sweep, restorations)

@@ -5,6 +5,7 @@ What each fault of a file says is tested with its reader; here a whole run must 
 
 from __future__ import annotations
 
+import html
 import json
 from pathlib import Path
 
@@ -34,50 +35,56 @@ def cut(path: Path) -> None:
 
 
 def depth(values: np.ndarray):
-    def write(dive: Path) -> None:
-        write_image(dive / "depths" / "depth_b.png", values)
+    def write(image: Path, depth: Path) -> None:
+        write_image(depth, values)
 
     return write
 
 
 def metres(value: float):
-    def write(dive: Path) -> None:
-        (dive / "depths" / "depth_b.png").unlink()
-        np.save(dive / "depths" / "depth_b.npy", np.full((HEIGHT, WIDTH), value, np.float32))
+    def write(image: Path, depth: Path) -> None:
+        depth.unlink()
+        np.save(depth.with_suffix(".npy"), np.full((HEIGHT, WIDTH), value, np.float32))
 
     return write
 
 
-@pytest.mark.parametrize(
-    ("spoil", "said"),
-    [
-        (lambda d: (d / "images" / "b.png").unlink(), "images/b.png: no such file"),
-        (lambda d: cut(d / "images" / "b.png"), "images/b.png: cannot be read, cut short; copy it again"),
-        (lambda d: (d / "images" / "b.png").write_text("no picture"), "images/b.png: cannot be read"),
-        (lambda d: write_image(d / "images" / "b.png", picture(1, 70, 20)), "images/b.png: is 70x20"),
-        (lambda d: cut(d / "depths" / "depth_b.png"), "depths/depth_b.png: cannot be read, cut short"),
-        (depth(np.zeros((HEIGHT, WIDTH), np.uint16)), "depth_b.png: no pixel has a depth"),
-        (depth(np.full((HEIGHT, WIDTH), 9, np.uint8)), "depth_b.png: is uint8"),
-        (depth(np.full((HEIGHT, 3 * WIDTH), 900, np.uint16)), "a size that cannot match its image's 40x30"),
-        (metres(np.nan), "depth_b.npy: no pixel has a depth"),
-        (metres(-1.0), "depth_b.npy: depth -1 m is negative"),
-        (metres(2500.0), "depth_b.npy: depth up to 2500 m, it looks like millimetres; divide by 1000"),
-    ],
-)
-def test_a_fault_of_one_view_is_said_and_the_other_views_go_on(bench, dive: Path, tmp_path: Path, spoil, said: str):
-    spoil(dive)
+FAULTS = {  # by what is said after the path, {} the view: what is done to the view's image or depth map
+    "images/{}.png: no such file": lambda image, depth: image.unlink(),
+    "images/{}.png: cannot be read, cut short; copy it again": lambda image, depth: cut(image),
+    "images/{}.png: cannot be read": lambda image, depth: image.write_text("no picture"),
+    "images/{}.png: is 70x20": lambda image, depth: write_image(image, picture(1, 70, 20)),
+    "depths/depth_{}.png: cannot be read, cut short": lambda image, depth: cut(depth),
+    "depth_{}.png: no pixel has a depth": depth(np.zeros((HEIGHT, WIDTH), np.uint16)),
+    "depth_{}.png: is uint8": depth(np.full((HEIGHT, WIDTH), 9, np.uint8)),
+    "depth_{}.png: is 120x30, a size that cannot match its image's 40x30": depth(
+        np.full((HEIGHT, 3 * WIDTH), 900, np.uint16)
+    ),
+    "depth_{}.npy: no pixel has a depth": metres(np.nan),
+    "depth_{}.npy: depth -1 m is negative": metres(-1.0),
+    "depth_{}.npy: depth up to 2500 m, it looks like millimetres; divide by 1000": metres(2500.0),
+}
+
+
+def test_a_fault_of_one_view_is_said_and_the_other_views_go_on(bench, tmp_path: Path):
+    bad = [f"bad{number:02}" for number in range(len(FAULTS))]
+    dive = write_dive(tmp_path / "dive", ("a.png", *(f"{name}.png" for name in bad), "c.png"))
+    for name, spoil in zip(bad, FAULTS.values(), strict=True):
+        spoil(dive / "images" / f"{name}.png", dive / "depths" / f"depth_{name}.png")
     done = run(bench, dive)
     rows = results.read(tmp_path / "results")
-    whole = rows[rows["metric"] == "seconds"].set_index(["method", "view"])["status"]
+    whole = rows[rows["metric"] == "seconds"].set_index(["method", "view"])
+    page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
     for method in ("gray_world", "stitching"):
-        assert whole[method, "b.png"] == "failed"
-        assert whole[method, "a.png"] == whole[method, "c.png"] == "ok"
+        assert whole.loc[(method, "a.png"), "status"] == whole.loc[(method, "c.png"), "status"] == "ok"
+        for name, fault in zip(bad, FAULTS, strict=True):
+            said = fault.format(name)
+            assert whole.loc[(method, f"{name}.png"), "status"] == "failed"
+            assert said in done.stdout
+            assert said in page
     assert done.returncode == 1
-    assert said in done.stdout
-    assert "4 ok, 2 failed, 0 skipped" in done.stdout
+    assert f"4 ok, {2 * len(FAULTS)} failed, 0 skipped" in done.stdout
     assert "Traceback" not in done.stdout + done.stderr
-    page = (tmp_path / "results" / "report" / "index.html").read_text()
-    assert said.replace("'", "&#39;") in page
 
 
 def distorted(dive: Path) -> None:
