@@ -14,7 +14,7 @@ from enum import Enum
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
 
-from sucre_bench import config, console, plugins, progress, results
+from sucre_bench import console, plugins, progress, results
 from sucre_bench.check import Planned, states
 from sucre_bench.config import CONF, Sweep
 from sucre_bench.errors import PluginError, SucreBenchError, one_line
