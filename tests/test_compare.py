@@ -237,6 +237,12 @@ def test_nobody_wins_or_ties_by_what_a_restoration_takes():
     assert not any(cell.tie for cell in made.values())
 
 
+def test_no_interval_says_that_a_restoration_may_take_less_than_nothing():
+    values = {"a": [0.1, 2.0]}
+    assert cells(table(values))["a"].low < 0
+    assert cells(table(values, metric="peak_mb", better="lower"))["a"].low == 0
+
+
 def test_repetitions_of_a_view_are_one_view():
     """Three repeats of two views: as many views as without, each the mean of its repeats."""
     rows = [
