@@ -70,7 +70,7 @@ def _check_names(group: str, value: Any) -> None:
         if isinstance(known.get(name), Broken):
             plugins.find(kind, name)  # raises with the reason
         if name not in known:
-            raise InputError(f"no {kind} is called '{name}'; {did_you_mean(name, {*known, *presets})}")
+            raise plugins.unknown(kind, name, {*known, *presets})
 
 
 def _presets(group: str) -> list[str]:

@@ -48,6 +48,7 @@ __all__ = [
     "missing_packages",
     "set_aside",
     "snake_case",
+    "unknown",
 ]
 
 Better = Literal["higher", "lower", "none"]
@@ -305,10 +306,20 @@ def find(kind: Kind, name: str) -> Plugin:
     known = discover(kind)
     plugin = known.get(name)
     if plugin is None:
-        raise InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
+        raise unknown(kind, name, known)
     if isinstance(plugin, Broken):
         raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
     return plugin
+
+
+def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> InputError:
+    """Return what to say of a name that no plugin has: the nearest, or its file, where that lies here.
+
+    give: what stands before a file in the command.
+    """
+    if Path(f"{name}.py").is_file():
+        return InputError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py")
+    return InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
 
 
 def set_aside(plugin: Plugin, reason: str) -> None:

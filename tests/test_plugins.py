@@ -166,6 +166,13 @@ def test_what_a_plugin_prints_when_imported_is_no_output_of_ours(tmp_path: Path,
     assert "chatty" in {m["name"] for m in json.loads(done.stdout)}
 
 
+def test_a_file_that_lies_there_and_was_not_given_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    Path("my_gain.py").write_text("")
+    with pytest.raises(InputError, match=r"my_gain\.py is here; give --plugin my_gain\.py"):
+        plugins.find("method", "my_gain")
+
+
 def test_a_typo_gets_the_nearest_name():
     with pytest.raises(InputError, match="did you mean 'gray_world'"):
         find("method", "grey_wrold")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import InputError
 from sucre_bench.kit.contract import Subject
 from sucre_bench.plugins import KINDS, Kind, Plugin
 
@@ -37,7 +37,7 @@ def _named(name: str, kind: Kind | None) -> Plugin:
     kinds = [kind] if kind else [k for k in KINDS if name in plugins.discover(k)]
     if not kinds:
         known = [other for k in KINDS for other in plugins.discover(k)]
-        raise InputError(f"no plugin is called '{name}'; {did_you_mean(name, known)}, or give a .py file")
+        raise plugins.unknown("plugin", name, known, give="")
     if len(kinds) > 1:
         raise InputError(f"{name}: is a {' and a '.join(kinds)}; say which with --kind {kinds[0]}")
     return plugins.find(kinds[0], name)
