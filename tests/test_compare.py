@@ -237,10 +237,20 @@ def test_nobody_wins_or_ties_by_what_a_restoration_takes():
     assert not any(cell.tie for cell in made.values())
 
 
-def test_no_interval_says_that_a_restoration_may_take_less_than_nothing():
-    values = {"a": [0.1, 2.0]}
-    assert cells(table(values))["a"].low < 0
-    assert cells(table(values, metric="peak_mb", better="lower"))["a"].low == 0
+@pytest.mark.parametrize(
+    ("metric", "values", "low", "high"),
+    [
+        ("uiqm", [0.1, 2.0], -7.6598, 9.7598),  # of two views, 12.7062 / 1.96 * sqrt(2) times half their difference
+        ("peak_mb", [0.1, 2.0], 0, 9.7598),
+        ("ssim", [0.9, 1.0], 0.4916, 1),
+        ("nobodys", [0.1, 2.0], -7.6598, 9.7598),
+    ],
+)
+def test_no_interval_goes_beyond_what_a_metrics_values_can_be(
+    metric: str, values: list[float | None], low: float, high: float
+):
+    cell = cells(table({"a": values}, metric=metric))["a"]
+    assert (cell.low, cell.high) == pytest.approx((low, high), abs=1e-3)
 
 
 def test_repetitions_of_a_view_are_one_view():

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.compare.bootstrap import interval
-from sucre_bench.compare.comparison import COSTS, Cell, Column, Difference
+from sucre_bench.compare.comparison import Cell, Column, Difference
 from sucre_bench.scene import Array
 
 __all__ = ["cells"]
@@ -28,8 +28,7 @@ def cells(
     with np.errstate(invalid="ignore"):  # infinity minus infinity
         mean = views.mean(axis=0)
         low, high = (np.full_like(mean, np.nan),) * 2 if resampled is None else interval(resampled, mean, n)
-        if column.metric in COSTS:
-            low = np.maximum(low, 0)  # nobody is done before the start, though few views would have it so
+        low, high = np.maximum(low, column.range[0]), np.minimum(high, column.range[1])  # of few views it goes beyond
         sign = -1 if column.better == "higher" else 1
         pairs = _Pairs.of(mean * sign, None if resampled is None else resampled * sign, n)
     places, ranks = pairs.places(), pairs.ranks()

@@ -20,14 +20,15 @@ Difference = tuple[float, float, float]
 class Column:
     """A metric in one variant.
 
-    better: "higher", "lower", or "none" for a number that only describes; of: "image" or "chart", what a unit is;
-    n_units, n_views, n_scenes: what all methods have; missing: units some method lacks.
+    better: "higher", "lower", or "none" for a number that only describes; range: of possible values; of: "image" or
+    "chart", what a unit is; n_units, n_views, n_scenes: what all methods have; missing: units some method lacks.
     """
 
     metric: str
     variant: str
     unit: str
     better: str
+    range: tuple[float, float]
     of: Literal["image", "chart"]
     n_units: int
     n_views: int

@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench import results
+from sucre_bench import plugins, results
 from sucre_bench.compare.bootstrap import resampled_means
 from sucre_bench.compare.cells import cells
 from sucre_bench.compare.comparison import COSTS, By, Cell, Column, Comparison
 from sucre_bench.compare.holes import notes
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.plugins import Plugin
 from sucre_bench.scene import Array
 
 if TYPE_CHECKING:
@@ -142,6 +144,7 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
         variant=str(first["variant"]),
         unit=str(first["unit"]),
         better=str(first["better"]),
+        range=_range(str(first["metric"])),
         of="image" if (scores["region"] == "image").all() else "chart",
         n_units=len(left),
         n_views=len(left.droplevel("region").unique()),
@@ -149,6 +152,14 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
         missing=len(values) - len(left),
     )
     return column, values
+
+
+def _range(metric: str) -> tuple[float, float]:
+    """Of a metric's possible values, any where it is not installed here."""
+    plugin = plugins.discover("metric").get(metric)
+    if isinstance(plugin, Plugin):
+        return plugin.range
+    return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
 
 
 def _cells(scores: dict[Column, pd.DataFrame], baseline: str) -> dict[tuple[str, Column], Cell]:
