@@ -23,33 +23,32 @@ def as_json(what: str) -> str:
     if what == "degradations":
         return json.dumps({o.name: _option(o) for o in options_of(Degradation)}, indent=1)
     if what == "experiments":
-        return json.dumps(_experiments(), indent=1)
-    return json.dumps([_about(p) for p in plugins.discover(_kind(what)).values()], indent=1)
+        return json.dumps(_configured("experiment"), indent=1)
+    kind = _kind(what)
+    return json.dumps([*map(_about, plugins.discover(kind).values()), *_configured(kind)], indent=1)
 
 
 def as_text(what: str, colour: bool) -> str:
     """Each with its needs, licence, options and whether it can run here, wrapped to the terminal."""
     if what == "experiments":
-        return "\n".join(f"{e['name']}  {e['description']}" for e in _experiments()) or "no experiments"
+        return "\n".join(f"{e['name']}  {e['description']}" for e in _configured("experiment"))
     if what == "degradations":
         return "\n".join(line for option in options_of(Degradation) for line in _option_lines(option))
-    entries = [_entry(plugin, colour) for plugin in plugins.discover(_kind(what)).values()]
+    kind = _kind(what)
+    entries = [_entry(plugin, colour) for plugin in plugins.discover(kind).values()]
+    for told in _configured(kind):
+        entries.append("\n".join([_styled(told["name"], colour, bold=True), *_wrapped("", told["description"])]))
     if what == "metrics":
         entries.append("metric:variant, * computed unless others are asked for")
     return "\n\n".join(entries) or f"no {what}"
 
 
 def _entry(plugin: Plugin | Broken, colour: bool) -> str:
-    import click
-
-    def styled(text: str, **style: Any) -> str:
-        return click.style(text, **style) if colour else text
-
     if isinstance(plugin, Broken):
-        return styled(f"{plugin.name}  cannot be used: {plugin.reason}", fg="red")
-    about, lines = _about(plugin), [styled(plugin.name, bold=True)]
+        return _styled(f"{plugin.name}  cannot be used: {plugin.reason}", colour, fg="red")
+    about, lines = _about(plugin), [_styled(plugin.name, colour, bold=True)]
     if about["install"]:
-        lines[0] += styled(f"  not installed: {about['install']}", fg="red")
+        lines[0] += _styled(f"  not installed: {about['install']}", colour, fg="red")
     lines += _wrapped("", plugin.summary)
     if plugin.kind == "metric":
         direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
@@ -62,6 +61,12 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
     for option in options_of(plugin.cls):
         lines += _option_lines(option)
     return "\n".join(lines)
+
+
+def _styled(text: str, colour: bool, **style: Any) -> str:
+    import click
+
+    return click.style(text, **style) if colour else text
 
 
 def _option_lines(option: Option) -> list[str]:
@@ -120,11 +125,10 @@ def _text(value: Any) -> str | None:
     return None if value is None else str(value)
 
 
-def _experiments() -> list[dict[str, str]]:
-    """The files of conf/experiment, the first comment as description."""
-    folder = Path(__file__).parent / "conf" / "experiment"
+def _configured(group: str) -> list[dict[str, str]]:
+    """What a file of conf/ chooses: experiments, methods with options set. Its first comment says what it is."""
     found = []
-    for path in sorted(folder.glob("*.yaml")):
+    for path in sorted((Path(__file__).parent / "conf" / group).glob("*.yaml")):
         said = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
         found.append({"name": path.stem, "description": next((s for s in said if not s.startswith("@")), "")})
     return found

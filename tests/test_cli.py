@@ -29,6 +29,7 @@ def test_lists_tell_programs_what_people_read(bench):
     assert known["stitching"]["needs"] == ["depth", "poses"]
     assert known["sucre_paper"]["options"]["steps"]["default"] == 200
     assert known["sucre_paper"]["options"]["lr"]["help"]
+    assert "one water for the whole scene" in known["sucre_shared"]["description"]  # of conf/method
     metrics = {m["name"]: m for m in json.loads(bench("list", "metrics", "--json").stdout)}
     assert (metrics["psi"]["unit"], metrics["psi"]["better"], metrics["psi"]["range"]) == ("deg", "lower", [0, 180])
     assert "demo" in bench("list", "experiments").stdout
