@@ -195,6 +195,9 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
     low, high = (f(panel.collections[0].get_paths()[0].vertices[:, 1]) for f in (np.min, np.max))
     assert low < 21 - 4 / np.sqrt(3)
     assert high > 24 + 4 / np.sqrt(3)
+    assert panel.get_xlabel() == "within"
+    (named,) = drawn(against, rows, along="degrade.within", axis="frames before and after").values()
+    assert named.axes[0].get_xlabel() == "frames before and after"
 
 
 def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():

@@ -45,12 +45,14 @@ class Value:
 class Along:
     """One dataset's scores along an option.
 
-    values: in their natural order; scores: a line a value and method, see `line`; changes: the same lines against the
-    same method at `reference`; leads: the same lines against the baseline at the same value, None without one.
+    axis: what figures call the option; values: in their natural order; scores: a line a value and method, see `line`;
+    changes: the same lines against the same method at `reference`; leads: the same lines against the baseline at the
+    same value, None without one.
     """
 
     title: str
     option: str
+    axis: str
     values: tuple[Value, ...]
     reference: Value
     methods: tuple[str, ...]
@@ -62,11 +64,6 @@ class Along:
     def comparisons(self) -> list[Comparison]:
         """The tables there are."""
         return [table for table in (self.scores, self.changes, self.leads) if table is not None]
-
-    @property
-    def axis(self) -> str:
-        """What the values are, with their unit."""
-        return "mean attenuation of the added water (1/m)" if self.option == "add_water" else self.option
 
     def line(self, value: Value, method: str) -> str:
         """What the tables call a method at a value."""
@@ -174,7 +171,7 @@ def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tup
     if study.baseline in methods:
         each = [(shared[shared["_value"] == v], lines[v, study.baseline]) for v in values]
         leads = _against(scores, each, f"{study.baseline} at the same {option}")
-    return Along(title, option, values, reference, methods, scores, changes, leads)
+    return Along(title, option, study.axis or option, values, reference, methods, scores, changes, leads)
 
 
 def _ordered(values: Iterable[Value]) -> tuple[Value, ...]:

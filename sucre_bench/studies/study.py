@@ -23,14 +23,16 @@ class Study:
     """What is made of the rows of a sweep.
 
     name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
-    the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; baseline: the method
-    that the others are measured against, the best when empty; figures: names, see `sucre_bench.figures`; spread: tables
-    show standard deviations too; svg: figures are written as .svg too; by: "view" or "region" adds a table for each.
+    the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; axis: what figures call
+    it, with its unit, its name when empty; baseline: the method that the others are measured against, the best when
+    empty; figures: names, see `sucre_bench.figures`; spread: tables show standard deviations too; svg: figures are
+    written as .svg too; by: "view" or "region" adds a table for each.
     """
 
     name: str
     metrics: tuple[str, ...] = ()
     along: str = ""
+    axis: str = ""
     baseline: str = ""
     figures: tuple[str, ...] = ()
     spread: bool = False
@@ -55,6 +57,7 @@ class Study:
             name=_word(given, "name"),
             metrics=_words(given, "metrics"),
             along=_word(given, "along"),
+            axis=_word(given, "axis"),
             baseline=_word(given, "baseline"),
             figures=_words(given, "figures"),
             spread=_flag(given, "spread"),
