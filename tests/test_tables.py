@@ -3,8 +3,12 @@ from __future__ import annotations
 import io
 import itertools
 import json
+import os
 import re
+import shutil
+import subprocess
 from dataclasses import replace
+from pathlib import Path
 from xml.etree import ElementTree
 
 import numpy as np
@@ -111,6 +115,29 @@ def test_latex_sets_every_sign_and_closes_every_brace(baseline: str):
     for line in body.splitlines():  # after \\ a bracket would be taken for a length
         assert not line.startswith(("[", "*"))
     assert all(line.startswith("%") for line in text.partition("\\end{tabular}\n")[2].splitlines())
+
+
+@pytest.mark.parametrize("baseline", ["", "a"])
+def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
+    """In a document that asks for booktabs and nothing else, with every sign of the keyboards of Europe in names.
+
+    SUCRE_BENCH_TEST_LATEX=1 makes it a failure that there is no LaTeX, rather than a reason to skip.
+    """
+    program = shutil.which("pdflatex")
+    if program is None:
+        said = "no pdflatex here; install Debian's packages texlive-latex-base and texlive-latex-recommended"
+        pytest.fail(said) if os.environ.get("SUCRE_BENCH_TEST_LATEX") == "1" else pytest.skip(said)
+    signs = "".join(map(chr, range(1, 0x180)))
+    scores = {label: [n + 1.0, n * n + 0.5, 7.0 - n] for n, label in enumerate(["a", signs, "[c] *d*", "β 水"])}
+    (tmp_path / "scores.tex").write_text(tables.as_text([table(scores, baseline=baseline)], "latex", spread=True))
+    (tmp_path / "paper.tex").write_text(
+        "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n\\input{scores}\n\\end{document}\n"
+    )
+    done = subprocess.run(
+        [program, "-interaction=nonstopmode", "-halt-on-error", "paper.tex"], cwd=tmp_path, capture_output=True
+    )
+    assert done.returncode == 0, done.stdout.decode(errors="replace")[-1500:]
+    assert (tmp_path / "paper.pdf").stat().st_size > 10_000
 
 
 def test_cells_show_mean_interval_tie_and_holes():

@@ -6,6 +6,7 @@ import html
 import json
 import math
 import re
+import unicodedata
 from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
@@ -152,9 +153,20 @@ _TEX = {
 }  # fmt: skip
 
 
+# Below U+0180, what LaTeX's first font encoding (OT1, that of a document which asks for none) stops at.
+_NOT_IN_OT1 = "«»ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲųſ"
+
+
 def _tex(text: str) -> str:
-    """Text that LaTeX sets as it is; what its fonts lack becomes a question mark."""
-    return "".join(_TEX.get(sign, sign if ord(sign) < 0x180 else "?") for sign in _one_line(text))
+    """Text that LaTeX sets as it is; of a letter that its fonts lack the plain one, else a question mark."""
+    return "".join(_TEX.get(sign) or _in_ot1(sign) for sign in _one_line(text))
+
+
+def _in_ot1(sign: str) -> str:
+    if ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1:
+        return sign
+    plain = unicodedata.normalize("NFKD", sign)[0]
+    return plain if plain.isascii() and plain.isprintable() else "?"
 
 
 # -- HTML --------------------------------------------------------------------------------------------------
