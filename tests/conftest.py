@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -13,6 +14,11 @@ import pytest
 from sucre_bench import plugins
 
 TOYS = Path(__file__).parent / "toy_plugins.py"
+
+# A shell without job control starts what it puts behind (`.ci/run &`) deaf to Ctrl-C, and all its children are born
+# so; the programs that tests interrupt must hear it.
+if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 @pytest.fixture
