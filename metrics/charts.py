@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.charts import Patch, PatchReading, measure
-from sucre_bench.cielab import lab_d50, srgb_of_lab_d50
+from sucre_bench.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins import metric
 from sucre_bench.scene import Array, Chart, Restoration, Score, View
 
-__all__ = ["De00", "Psi", "angle_deg", "chart_scores", "ciede2000", "lab_d50", "patch_region", "srgb_of_lab_d50"]
+__all__ = ["De00", "Psi", "angle_deg", "chart_scores", "patch_region"]
 
 
 @metric(
@@ -88,13 +88,6 @@ def angle_deg(a: Array, b: Array) -> Array:
     norms = np.linalg.norm(a, axis=-1) * np.linalg.norm(b, axis=-1)
     cosine = (a * b).sum(axis=-1) / np.where(norms > 0, norms, np.nan)
     return np.asarray(np.degrees(np.arccos(cosine.clip(-1, 1))))  # rounding may lift it above 1
-
-
-def ciede2000(a: Array, b: Array) -> Array:
-    """Return CIEDE2000 between CIE Lab colours a and b (..., 3), k_L = k_C = k_H = 1 (Sharma et al. 2005)."""
-    import colour
-
-    return np.asarray(colour.delta_E(a, b, method="CIE 2000"))
 
 
 def patch_region(chart: Chart, patch: Patch) -> str:

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.charts import Patch, measure
-from sucre_bench.cielab import lab_d50
+from sucre_bench.cielab import colour_science, lab_d50
 from sucre_bench.metrics.charts import chart_scores, patch_region
 from sucre_bench.plugins import metric
 from sucre_bench.scene import Array, Restoration, Score, View
@@ -77,8 +77,7 @@ class HueError:
 
 def hue_deg(rgb: Array, form: str) -> Array:
     """Return the hue of gamma-encoded sRGB (..., 3), degrees in [0, 360), NaN for grays. form: "hsv" or "lab"."""
-    import colour
-
+    colour = colour_science()
     rgb = np.asarray(rgb, dtype=np.float64)
     has_hue = np.ptp(rgb, axis=-1) > 0  # False for NaN
     safe = np.where(has_hue[..., None], rgb, [1.0, 0, 0])

@@ -29,7 +29,7 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.charts import ChartKind, Patch, Triple
-from sucre_bench.cielab import lab_d50_from, srgb_of_lab_d50
+from sucre_bench.cielab import colour_science, lab_d50_from, srgb_of_lab_d50
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.scene import Array
 
@@ -43,8 +43,7 @@ _COLUMNS = ("name", "x0", "y0", "x1", "y1", "L", "a", "b")
 @functools.cache
 def colorchecker_sg() -> ChartKind:
     """Return the ColorChecker Digital SG: 14 columns A to N, 10 rows, numbered row by row."""
-    import colour
-
+    colour = colour_science()
     published = colour.CCS_COLOURCHECKERS["ColorCheckerSG - After November 2014"]
     lab = colour.XYZ_to_Lab(colour.xyY_to_XYZ(np.array(list(published.data.values()))), published.illuminant)
     width, height = 14 - 1 / 8, 10 - 1 / 8  # in pitches

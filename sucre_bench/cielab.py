@@ -1,21 +1,32 @@
-"""CIE Lab of colour charts: from and to sRGB, and between illuminants (CIE 1931 2 degree observer, Bradford)."""
+"""CIE Lab of colour charts: from and to sRGB, and between illuminants (CIE 1931 2 degree observer, Bradford).
+
+`colour_science` is the package that does the sums, for whoever needs more of it.
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from types import ModuleType
 
 import numpy as np
 
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.scene import Array
 
-__all__ = ["lab_d50", "lab_d50_from", "srgb_of_lab_d50"]
+__all__ = ["ciede2000", "colour_science", "lab_d50", "lab_d50_from", "srgb_of_lab_d50"]
+
+
+def colour_science() -> ModuleType:
+    """Return the package colour, whose import alters how numpy writes numbers (in CSV files, too), without that."""
+    with np.printoptions():
+        import colour
+
+    return colour
 
 
 def lab_d50(srgb: Array) -> Array:
     """Return CIE Lab under D50 of gamma-encoded sRGB (..., 3) in [0, 1], adapted from D65 by Bradford's transform."""
-    import colour
-
+    colour = colour_science()
     white = _white("D50")
     XYZ = colour.sRGB_to_XYZ(srgb, illuminant=white, chromatic_adaptation_transform="Bradford")
     return np.asarray(colour.XYZ_to_Lab(XYZ, white))
@@ -23,8 +34,7 @@ def lab_d50(srgb: Array) -> Array:
 
 def srgb_of_lab_d50(lab: Array) -> Array:
     """Return gamma-encoded sRGB of CIE Lab under D50 (..., 3), clipped to [0, 1]: a picture shows no more."""
-    import colour
-
+    colour = colour_science()
     XYZ = colour.Lab_to_XYZ(lab, _white("D50"))
     srgb = colour.XYZ_to_sRGB(XYZ, illuminant=_white("D50"), chromatic_adaptation_transform="Bradford")
     return np.asarray(srgb).clip(0, 1)
@@ -32,8 +42,7 @@ def srgb_of_lab_d50(lab: Array) -> Array:
 
 def lab_d50_from(lab: Array, illuminant: str) -> Array:
     """Return CIE Lab under D50 of CIE Lab (..., 3) under another illuminant. InputError for one that is unknown."""
-    import colour
-
+    colour = colour_science()
     white, d50 = _white(illuminant), _white("D50")
     if illuminant == "D50":
         return lab
@@ -43,11 +52,14 @@ def lab_d50_from(lab: Array, illuminant: str) -> Array:
     return np.asarray(colour.XYZ_to_Lab(XYZ, d50))
 
 
+def ciede2000(a: Array, b: Array) -> Array:
+    """Return CIEDE2000 between CIE Lab colours a and b (..., 3), k_L = k_C = k_H = 1 (Sharma et al. 2005)."""
+    return np.asarray(colour_science().delta_E(a, b, method="CIE 2000"))
+
+
 def _white(illuminant: str) -> Array:
     """The chromaticity (2,) of an illuminant."""
-    import colour
-
-    observers: Mapping[str, Mapping[str, Array]] = colour.CCS_ILLUMINANTS
+    observers: Mapping[str, Mapping[str, Array]] = colour_science().CCS_ILLUMINANTS
     known = observers["CIE 1931 2 Degree Standard Observer"]
     if illuminant not in known:
         raise InputError(f"illuminant '{illuminant}': unknown; {did_you_mean(illuminant, known)}")

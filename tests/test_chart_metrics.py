@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import json
+import subprocess
+import sys
 from pathlib import Path
 
 import numpy as np
@@ -10,8 +12,9 @@ import pytest
 from test_charts import TILTED, painted
 
 from sucre_bench.charts import KINDS
+from sucre_bench.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.colour import stretch
-from sucre_bench.metrics.charts import De00, Psi, angle_deg, ciede2000, lab_d50, srgb_of_lab_d50
+from sucre_bench.metrics.charts import De00, Psi, angle_deg
 from sucre_bench.metrics.patch_colour import PatchColour
 from sucre_bench.scene import Array, Arrays, Chart, Restoration, Score, View
 
@@ -74,6 +77,14 @@ def test_the_two_dgk_lists_agree_on_the_mixed_colours_and_differ_on_the_primarie
     assert difference[12:].max() < 1
     assert difference[6:12].min() > 4
     assert difference[6:12].max() < 12
+
+
+def test_numbers_are_written_in_full_after_colours_were_scored() -> None:
+    ours = (
+        "import numpy as np; from sucre_bench.cielab import lab_d50; lab_d50(np.ones(3)); print(str(np.float64(1) / 3))"
+    )
+    said = subprocess.run([sys.executable, "-c", ours], capture_output=True, text=True, check=True).stdout
+    assert float(said) == 1 / 3
 
 
 def test_angles_by_hand() -> None:

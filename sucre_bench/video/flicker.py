@@ -19,6 +19,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.cielab import ciede2000, lab_d50
 from sucre_bench.colour import srgb_decode
 from sucre_bench.multiview.pairing import lift, match
 from sucre_bench.progress import track
@@ -109,11 +110,7 @@ def _point_differences(
 
 def _ciede2000(a: Picture, b: Picture) -> Array:
     """The colour difference (P,) of two pictures' colours (P, 3), uint8 sRGB."""
-    import colour
-
-    from sucre_bench.cielab import lab_d50
-
-    return np.asarray(colour.delta_E(lab_d50(a / 255), lab_d50(b / 255), method="CIE 2000"))
+    return ciede2000(lab_d50(a / 255), lab_d50(b / 255))
 
 
 def _mean(values: Sequence[float]) -> Flicker:
