@@ -225,7 +225,7 @@ def score(
 
     for plugin in plugin_files:
         plugins.load_file(plugin)
-    with console.live():
+    with contextlib.redirect_stdout(sys.stderr), console.live():  # what a metric prints is no part of the table
         rows = scoring.score_folder(images, reference, [m.strip() for m in metrics.split(",") if m.strip()])
     if file:
         results.write_atomically(file, rows.to_csv(index=False).encode())

@@ -171,7 +171,13 @@ def test_what_keeps_the_contract_is_found_to_keep_it(tmp_path: Path, needs: str,
             "()",
             "os.environ['TRIED_HERE'] = 'x'\n" + GOOD + "return Restoration(image)",
             "the process",
-            r"os\.environ\[TRIED_HERE\]",
+            r"os\.environ\[TRIED_HERE\]; put it back",
+        ),
+        (
+            "()",
+            "open('junk.txt', 'w').close()\n" + GOOD + "return Restoration(image)",
+            "the process",
+            "changes the file junk.txt; write into",
         ),
         (
             "()",
@@ -220,8 +226,9 @@ def test_what_keeps_the_contract_is_found_to_keep_it(tmp_path: Path, needs: str,
     ],
 )
 def test_each_way_a_method_breaks_the_contract_is_named(
-    tmp_path: Path, needs: str, body: str, rule: str, said: str
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, needs: str, body: str, rule: str, said: str
 ) -> None:
+    monkeypatch.chdir(tmp_path)
     kept = np.geterr()
     try:
         import cv2
@@ -247,6 +254,13 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
     assert [text.partition(";")[0] for text in needs] == [
         f"its result is the same with other {n}" for n in ("depth", "poses")
     ]
+
+
+def test_what_a_plugin_prints_is_a_doubt(tmp_path: Path) -> None:
+    load_file(write(tmp_path, METHOD, "print('fading', 1)\n" + GOOD + "return Restoration(image)", needs="()"))
+    plugin = find("method", "tried")
+    said = [f.text for one in check(Subject(plugin), rules(plugin, lasting=False)) for f in one.findings]
+    assert [text.partition(";")[0] for text in said] == ["prints 'fading 1'"]
 
 
 DECLARED = "{'depth', 'poses'}"

@@ -73,11 +73,12 @@ def test_files_in_a_folder_pass_their_tests_as_they_are(folder: Path) -> None:
 
 
 def test_files_in_a_checkout_go_where_they_belong_and_pass_their_tests(checkout: Path) -> None:
-    for number, (kind, more) in enumerate(KINDS):
-        done = new(kind, f"tried_{number}", *more)
+    """Also with names whose classes would hide those that the files import, or words of Python's."""
+    for name, (kind, more) in zip(("restoration", "view", "score", "true"), KINDS, strict=True):
+        done = new(kind, name, *more)
         assert done.exit_code == 0, done.output
-        assert (checkout / f"{kind}s" / f"tried_{number}.py").is_file()
-        assert (checkout / "tests" / f"test_tried_{number}.py").is_file()
+        assert (checkout / f"{kind}s" / f"{name}.py").is_file()
+        assert (checkout / "tests" / f"test_{name}.py").is_file()
     assert "7 passed" in pytest_in(checkout, PYTHONPATH=str(checkout))
 
 
@@ -143,6 +144,12 @@ def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
 )
 def test_names_that_cannot_be_are_refused(folder: Path, kind: str, name: str, said: str) -> None:
     assert said in str(new(kind, name).exception)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("title", ["my pkg ü", "3d", "class"])
+def test_a_package_gets_a_name_that_can_be_installed(folder: Path, title: str) -> None:
+    assert "call the folder like my-restorers" in str(new("method", "tried", "--package", title).exception)
     assert not list(folder.iterdir())
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import builtins
 import importlib.util
 import keyword
 import re
@@ -11,12 +12,16 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import sucre_bench
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
 from sucre_bench.kit.report import shown_path
 from sucre_bench.plugins import Kind
 
 __all__ = ["Written", "checkout_of", "write_new"]
+
+# What the file of a plugin, or of its test, knows by another meaning.
+_TAKEN = frozenset({*sucre_bench.__all__, *dir(builtins), "Path", "Iterator"})
 
 
 @dataclass(frozen=True)
@@ -47,6 +52,8 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         _check_module(name, "file" if package is None else "module")
     place = "package" if package else "house" if checkout else "folder"
     cls = "".join(part.capitalize() for part in name.split("_"))
+    if cls in _TAKEN:
+        cls += kind.capitalize()
     about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "place": place, "module": name}
     about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
     if package:
@@ -76,10 +83,10 @@ def _next(kind: Kind, name: str, file: str | None, test: Path) -> tuple[tuple[st
 def _package(folder: Path, about: Mapping[str, Any]) -> Written:
     kind, name, title = about["kind"], about["name"], folder.resolve().name
     module = re.sub(r"\W", "_", title).lower()
-    if not module.isidentifier() or keyword.iskeyword(module):
+    if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
         raise InputError(f"{title}: cannot be a package's name; call the folder like my-restorers")
     _check_module(module, "package")
-    distribution = re.sub(r"[\W_]+", "-", title).lower()
+    distribution = re.sub(r"_+", "-", module).strip("-")
     about = {**about, "package": module, "module": f"{module}.{name}", "distribution": distribution}
     files = {
         folder / "pyproject.toml": _filled("pyproject.toml.j2", about),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
+import io
 import logging
 import os
 import random
@@ -13,6 +14,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+
+from sucre_bench.kit.contract import Finding, breach, doubt
 
 __all__ = ["changed", "snapshot", "watched"]
 
@@ -55,6 +58,7 @@ def snapshot() -> dict[str, str]:
         "logging's handlers": len(logging.getLogger().handlers),
         "the recursion limit": sys.getrecursionlimit(),
         **{f"os.environ[{name}]": value for name, value in os.environ.items() if not name.startswith(_THEIRS)},
+        **{f"the file {path.name}": "there" for path in Path().iterdir() if not path.name.startswith((".", "__"))},
     }
     for package, state_of in _OF.items():
         module = sys.modules.get(package)
@@ -64,28 +68,46 @@ def snapshot() -> dict[str, str]:
 
 
 def changed(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
-    """Return what is not as it was; of a package loaded in between nothing is known, but variables may be new."""
+    """Return what is not as it was; of packages loaded in between nothing is known, but variables and files may be new.
+
+    In another working directory there are other files.
+    """
     other = [name for name in before if after.get(name) != before[name]]
-    return other + [name for name in after if name not in before and name.startswith("os.environ")]
+    other += [name for name in after if name not in before and name.startswith(("os.environ", "the file"))]
+    moved = "the working directory" in other
+    return [name for name in other if not (moved and name.startswith("the file"))]
+
+
+def _remedy(name: str) -> str:
+    if "random" in name:
+        return "use a generator of its own, numpy.random.default_rng(self.seed)"
+    if name.startswith("os.environ"):
+        return "put it back; where importing a package does it, name the package in requires="
+    if name.startswith("the file"):
+        return "write into a folder of tempfile's, or not at all"
+    return "put it back"
 
 
 @contextlib.contextmanager
-def watched() -> Iterator[list[str]]:
-    """Fill a list, when the `with` ends, with what was changed in it; what is random is as before afterwards.
+def watched() -> Iterator[list[Finding]]:
+    """Fill a list, when the `with` ends, with what was changed or printed in it; what is random is put back.
 
     The random states are stirred first: who seeds them alike each time would change nothing the second time.
     """
-    kept, found = (np.random.get_state(legacy=True), random.getstate()), list[str]()
+    kept, found = (np.random.get_state(legacy=True), random.getstate()), list[Finding]()
     torch: Any = sys.modules.get("torch")
     torch_kept = torch.random.get_rng_state() if torch else None
     np.random.random()
     random.random()
     if torch:
         torch.rand(1)
-    before = snapshot()
+    before, printed = snapshot(), io.StringIO()
     try:
-        yield found
-        found += changed(before, snapshot())
+        with contextlib.redirect_stdout(printed):
+            yield found
+        found += [breach(f"changes {name}; {_remedy(name)}") for name in changed(before, snapshot())]
+        if line := printed.getvalue().strip().partition("\n")[0]:
+            found.append(doubt(f"prints '{line}'; leave the terminal to whoever runs it, warnings.warn reaches people"))
     finally:
         np.random.set_state(kept[0])
         random.setstate(kept[1])
