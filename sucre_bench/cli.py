@@ -148,7 +148,7 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     every=N first=N         each Nth view, the first N
     metrics=[psnr,psi]      only these; metrics.uciqe.variants=[all]
     degrade.noise=0.02      worse data: `sucre-bench list degradations`
-    save=full               also J, B, beta and gamma, as .npz
+    save=full               also J, B, beta and gamma, as .npz, to be scored by more metrics later
     overwrite=always        again what is there; never: keep whatever there is
     seed=N                  other draws
     report=false            no page

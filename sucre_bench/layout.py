@@ -90,12 +90,17 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
 
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
-    """Return where a view was kept, from what a row says of it; None when it was not."""
+    """Return where a view, or what methods made of it, was kept, from what a row says of it; None when nothing was."""
     scene, replicate = unreplicated(scene)
     name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
     first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
     for stem in (name, name.with_suffix(""), within / name, within / name.with_suffix("")):
         found = Place(file_name(dataset), first / stem)
-        if found.original(out).is_file():
+        if found.original(out).is_file() or _is_restored(found, out):
             return found
     return None
+
+
+def _is_restored(place: Place, out: Path) -> bool:
+    folder = out / "restored" / place.dataset
+    return folder.is_dir() and any(place.restored(out, method.name).is_file() for method in folder.iterdir())

@@ -15,7 +15,7 @@ from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.errors import PluginError
 from sucre_bench.scene import Array, Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
-__all__ = ["Measured", "measured_restore", "restored"]
+__all__ = ["Measured", "measured_restore", "restored", "with_truth"]
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,21 @@ def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
         started = time.perf_counter()
         restoration = restored(method, scene, view)
         seconds = time.perf_counter() - started
-    info = dict(restoration.info)
+    info = restoration.info
     took = (float(info.get(name, own)) for name, own in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
-    if scene.water:
-        info["true_water"] = _explaining(scene.water, view.encoding)
-    return Measured(replace(restoration, info=info), *took)
+    return Measured(with_truth(restoration, scene, view), *took)
+
+
+def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
+    """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
+    if not scene.water:
+        return restoration
+    return replace(restoration, info={**restoration.info, "true_water": _explaining(scene.water, view.encoding)})
 
 
 def restored(method: Any, scene: Scene, view: View) -> Restoration:
-    """Return a method's restoration, checked: the image in the view's encoding, the water saying what it explains.
+    """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
+    saying what it explains.
 
     A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
     PluginError when the result is not what a method must return, and what the method raises.
@@ -67,7 +73,14 @@ def restored(method: Any, scene: Scene, view: View) -> Restoration:
     info = dict(restoration.info)
     if converts:
         image, info["converted"] = srgb_decode(image), "encoded (sRGB) for the method, its result decoded"
-    return replace(restoration, image=image, water=water, info=info)
+    confidence = restoration.confidence
+    return replace(
+        restoration,
+        image=image.astype(np.float32, copy=False),
+        water=water,
+        confidence=None if confidence is None else np.asarray(confidence).astype(np.float32, copy=False),
+        info=info,
+    )
 
 
 def _explaining(water: Water, encoding: Encoding) -> Water:

@@ -3,28 +3,22 @@
 from __future__ import annotations
 
 import importlib
-import io
-import json
-import time
 from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import replace
-from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sucre_bench import plugins, progress, results
-from sucre_bench.colour import display, to_8bit
+from sucre_bench.colour import display
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
 from sucre_bench.failures import keep_traceback
 from sucre_bench.job import Choice, Job
+from sucre_bench.keeping import keep, keep_whole, kept_whole
 from sucre_bench.layout import file_name, log_path, pairs_path
 from sucre_bench.multiview.store import sharing
-from sucre_bench.restoring import measured_restore
+from sucre_bench.restoring import Measured, measured_restore, with_truth
 from sucre_bench.results import Part, Row
 from sucre_bench.resume import Done
-from sucre_bench.scene import Array, Restoration, Water
 from sucre_bench.scores import score_rows, without
 from sucre_bench.tasks import Task, base_row, open_scenes, tasks
 
@@ -91,18 +85,15 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
     try:
         if "depth" in job.method.plugin.needs and not view.has_depth:
             return [without(task.base, "skipped", f"{view.name} has no depth map")]
+        whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
+        if job.overwrite != "always" and (kept := kept_whole(whole, task.base)):
+            rows = _scored(job, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
+            if all(row.status != "failed" for row in rows):  # a metric may want more than could be kept
+                return rows
         measured = measured_restore(method, scene, view)
-        shown = display(measured.restoration.image, job.method.display, view.encoding)
-        _keep(job, task, measured.restoration, shown)
-        base = replace(
-            task.base,
-            seconds=measured.seconds,
-            peak_mb=measured.peak_mb,
-            device=str(measured.restoration.info.get("device", "cpu")),
-            n_pixels=int(measured.restoration.valid.sum()),
-            coverage=float(measured.restoration.valid.mean()),
-        )
-        return score_rows(measured, shown, view, job.metrics, base, log_path(job.out))
+        if job.save == "full":
+            keep_whole(whole, measured, task.base)
+        return _scored(job, task, measured)
     except OutputError:
         raise
     except NotApplicableError as reason:
@@ -111,58 +102,20 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
         return [_failed(job, task.base, fault)]
 
 
-def _keep(job: Job, task: Task, restoration: Restoration, shown: Array) -> None:
-    """Keep the restored picture, and the view and its reference to look at beside it."""
-    path, view = task.place.restored(job.out, job.method.label), task.view
-    started = time.perf_counter()
-    if job.save == "full":
-        results.write_atomically(path.with_suffix(".npz"), _as_npz(restoration))
-    _write_image(task.place.original(job.out), display(view.rgb, "none", view.encoding))
-    if view.reference is not None:
-        _write_image(task.place.reference(job.out), display(view.reference, "none", view.encoding))
-    _write_image(path, shown)
-    results.write_atomically(path.with_suffix(".json"), _as_json(restoration, time.perf_counter() - started))
-
-
-def _write_image(path: Path, shown: Array) -> None:
-    import cv2
-
-    written, encoded = cv2.imencode(path.suffix, to_8bit(shown)[..., ::-1])
-    assert written
-    results.write_atomically(path, encoded.tobytes())
-
-
-def _as_npz(restoration: Restoration) -> bytes:
-    buffer, water = io.BytesIO(), restoration.water
-    arrays: dict[str, Any] = {"image": restoration.image.astype(np.float32)}
-    if water is not None:
-        arrays |= _water_record(water)
-    if restoration.confidence is not None:
-        arrays["confidence"] = restoration.confidence.astype(np.float32)
-    np.savez_compressed(buffer, **arrays)
-    return buffer.getvalue()
-
-
-def _water_record(water: Water) -> dict[str, Any]:
-    """A water by the names that `sucre_bench.loading.water_file` reads."""
-    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
-    return parameters | {"encoding": water.encoding}
-
-
-def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
-    """The water, what the method tells of its work, the true water where known, and how long writing took."""
-    water = restoration.water
-    known = {} if water is None else _water_record(water)
-    told = known | restoration.info | known | {"write_seconds": write_seconds}  # what is known of the water comes first
-    text = json.dumps(told, default=_plain, skipkeys=True)
-    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
-
-
-def _plain(value: Any) -> Any:
-    """An array as lists, a water by its parameters, anything else in words: a method may tell what it likes."""
-    if isinstance(value, Water):
-        return _water_record(value)
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
+def _scored(job: Job, task: Task, measured: Measured) -> list[Row]:
+    """Keep the picture, and score it."""
+    restoration, view = measured.restoration, task.view
+    shown = display(restoration.image, job.method.display, view.encoding)
+    keep(job.out, task.place, job.method.label, view, restoration, shown)
+    base = replace(
+        task.base,
+        seconds=measured.seconds,
+        peak_mb=measured.peak_mb,
+        device=str(restoration.info.get("device", "cpu")),
+        n_pixels=int(restoration.valid.sum()),
+        coverage=float(restoration.valid.mean()),
+    )
+    return score_rows(measured, shown, view, job.metrics, base, log_path(job.out))
 
 
 def failed_row(job: Job, fault: BaseException) -> Row:

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -11,6 +12,7 @@ import pandas as pd
 import pytest
 from PIL import Image
 
+import sucre_bench
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.figures import against, pictures, scores, style
 from sucre_bench.results import Row, frame
@@ -43,6 +45,15 @@ def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
     for name, look in style.looks(NAMES[:12]).items():
         assert look == own[name] or wanted.count(own[name].colour) > 1
     assert sum(look == own[name] for name, look in style.looks(NAMES[:12]).items()) == len(set(wanted))
+
+
+def test_methods_that_are_compared_most_never_give_way():
+    (names,) = re.findall(
+        r"method: (\S+)", (Path(sucre_bench.__file__).parent / "conf/experiment/table1.yaml").read_text()
+    )
+    methods = names.split(",")
+    assert len(methods) == 18
+    assert {name: own.colour for name, own in style.looks(methods).items()} == {m: style.colour(m) for m in methods}
 
 
 def test_the_order_of_methods_changes_no_look():

@@ -63,7 +63,9 @@ def _views(dataset: str, rows: pd.DataFrame, out: Path) -> list[tuple[str, Place
     places = [
         (f"{scene} · {place.stem.name}" if several else place.stem.name, place)
         for scene, view in names.itertuples(index=False)
-        if not unreplicated(scene)[1] and (place := layout.find(dataset, scene, view, out))
+        if not unreplicated(scene)[1]
+        and (place := layout.find(dataset, scene, view, out))
+        and place.original(out).is_file()
     ]
     return [places[n] for n in evenly(len(places), _MOST_VIEWS)]
 
@@ -73,7 +75,7 @@ def _figure(views: Sequence[tuple[str, Place]], methods: Sequence[str], has_refe
     columns += [(method, [place.restored(out, method) for _, place in views]) for method in methods]
     if has_reference:
         columns.append(("reference", [place.reference(out) for _, place in views]))
-    first = _read(columns[0][1][0])  # a view is found by this file
+    first = _read(columns[0][1][0])
     shape = first.shape[0] / first.shape[1]
     width = (style.WIDTH[2] - _TEXT) / len(columns) - _GAP
     height = shape * width

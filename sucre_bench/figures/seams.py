@@ -64,7 +64,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
 def _pictures(dataset: str, scene: str, view: str, values: dict[str, float], out: Path) -> dict[str, Array]:
     """The photograph, and what methods made of it, NaN where there is no colour; those that left it alone not again."""
     place = layout.find(dataset, scene, view, out)
-    if place is None:
+    if place is None or not place.original(out).is_file():
         return {}
     pictures = {"photograph": read_rgb(place.original(out))}
     for method in values:

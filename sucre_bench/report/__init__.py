@@ -48,8 +48,7 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
 
     pages = Environment(loader=PackageLoader("sucre_bench", "report"), autoescape=True, undefined=StrictUndefined)
     pages.filters["shell"] = shlex.join
-    ok = rows[rows["status"] == "ok"]
-    compared = compare.compare(rows) if len(ok) else []
+    compared = compare.compare(rows)
     gallery = Gallery(out, _most_pictures(rows))
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in compared]
@@ -60,7 +59,7 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
         summary=Markup(_json(_summary(rows, compared))),
         datasets=[Markup(text) for text in told],
         blocks=gallery.blocks(),
-        plotly=_plotly() if compared else "",
+        plotly=_plotly() if (rows["status"] == "ok").any() else "",
         failed=_reasons(rows, "failed"),
         skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
         unscored=_reasons(rows[rows["metric"] != "seconds"], "skipped"),

@@ -25,7 +25,6 @@ watch(["dataset"], () => {
   const charts = chartsOf();
   const has = charts.length > 0;
   $("charts").hidden = !has;
-  document.querySelector("[data-to=charts]").hidden = !has;
   if (!has) return;
   const measures = measuresOf("patch");
   fill(

@@ -38,8 +38,6 @@ addEventListener("hashchange", () => {
 // Links within the page do not touch the address: it is taken.
 for (const link of document.querySelectorAll("[data-to]")) {
   link.href = `#${link.dataset.to}`;
-  link.hidden ||= !$(link.dataset.to);
-  if (link.dataset.to === "faults") link.hidden = !$("faults");
   link.addEventListener("click", (event) => {
     event.preventDefault();
     const target = $(link.dataset.to);
@@ -112,6 +110,12 @@ addEventListener("beforeprint", () => {
   for (const folded of document.querySelectorAll("main details:not(.menu)")) folded.open = true;
 });
 
+// Nothing leads to what is not there.
+watch(["dataset", "view"], () => {
+  for (const link of document.querySelectorAll("[data-to]"))
+    link.hidden = !$(link.dataset.to) || $(link.dataset.to).hidden;
+});
+
 // -- each method's command -----------------------------------------------------------------------------------------
 
 watch(["dataset"], () =>
@@ -151,4 +155,4 @@ if (summary.datasets.length) {
   if (!readAddress()) choose({ dataset: summary.datasets[0] });
   else if (location.hash.includes("/")) $("pictures").scrollIntoView();
   setZoom(1, 0, 0);
-} else for (const id of ["scores", "pictures", "cost"]) $(id).hidden = true;
+}

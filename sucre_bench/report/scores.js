@@ -1,6 +1,7 @@
 // The table of scores: the methods' means with intervals and ties, or every view.
 
 watch(["dataset"], () => {
+  $("scores").hidden = $("cost").hidden = !data.columns.length;
   $("title").textContent = summary.datasets.length > 1 ? data.name : `Results on ${data.name}`;
   const isSure = (said) => !said.endsWith("chance");
   const line = (said) => h("li", {}, h("b", {}, said.slice(0, said.indexOf(":"))), said.slice(said.indexOf(":") + 1));

@@ -26,6 +26,7 @@ __all__ = ["Section", "cell_of", "column_of", "key_of"]
 _WATER = ("B", "beta", "gamma")
 _WHOLE = ("coverage:", *(f"{name}:" for name in COSTS))  # scores of the whole picture, or of none of it
 _MOST_TOLD = 600  # characters of what a method tells of its work
+_MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
 _EXPORTS: tuple[tuple[str, tables.Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
 
@@ -101,8 +102,15 @@ class Section:
             "options": command.own,
             "given": command.given(),
             "command": shell(command.words()),
+            "views": self._view_words(own),
             "code": last["code"].split(".")[0],
         }
+
+    @staticmethod
+    def _view_words(own: pd.DataFrame) -> str:
+        """The words that ask for a method's views again; none for more than a command line has room for."""
+        views = sorted(set(own["view"]) - {""})
+        return shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
 
     def _metric_words(self) -> dict[str, str]:
         """The words that ask for a score again, and under "" those for all of them."""

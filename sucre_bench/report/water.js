@@ -37,7 +37,6 @@ function waterLine(water) {
 watch(["dataset"], () => {
   const methods = withWater();
   $("water").hidden = !methods.length;
-  document.querySelector("[data-to=water]").hidden = !methods.length;
   if (methods.length)
     fill(
       $("water-method"),

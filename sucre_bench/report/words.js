@@ -43,11 +43,10 @@ function pictureName(which) {
 // A method's colour before its name.
 const dot = (label_) => h("i", { class: "dot", style: `--own:var(--m${summary.methods.indexOf(label_)})` });
 
-// The command that makes a restoration again, with one score or all of them.
+// The command that makes a restoration again, or all of a method's, with one score or all of them.
 function commandFor(method, view, metric = "") {
-  return [method.command, method.command && view?.words, method.command && view && data.metric_words[metric]]
-    .filter(Boolean)
-    .join(" ");
+  if (!method.command) return "";
+  return [method.command, view ? view.words : method.views, data.metric_words[metric]].filter(Boolean).join(" ");
 }
 
 function commandBox(command) {

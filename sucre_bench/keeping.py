@@ -1,0 +1,104 @@
+"""What is kept of a restoration: its picture, what the method told of it, and with save=full the whole of it.
+
+What is kept whole is scored again without being restored again, by metrics that were asked for later.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+import time
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from sucre_bench import results
+from sucre_bench.colour import display, to_8bit
+from sucre_bench.errors import InputError
+from sucre_bench.layout import Place
+from sucre_bench.loading.water_file import read_water
+from sucre_bench.restoring import Measured
+from sucre_bench.results import Row
+from sucre_bench.scene import Array, Restoration, View, Water
+
+__all__ = ["keep", "keep_whole", "kept_whole"]
+
+
+def keep(out: Path, place: Place, method: str, view: View, restoration: Restoration, shown: Array) -> None:
+    """Keep the restored picture, and the view and its reference to look at beside it.
+
+    method: the label; shown: the picture made of the restoration.
+    """
+    path, started = place.restored(out, method), time.perf_counter()
+    _write_image(place.original(out), display(view.rgb, "none", view.encoding))
+    if view.reference is not None:
+        _write_image(place.reference(out), display(view.reference, "none", view.encoding))
+    _write_image(path, shown)
+    results.write_atomically(path.with_suffix(".json"), _as_json(restoration, time.perf_counter() - started))
+
+
+def keep_whole(path: Path, measured: Measured, base: Row) -> None:
+    """Write all of a restoration: J, the water, the confidence, and what else `kept_whole` gives back.
+
+    base: what its rows say, which tells whence it is.
+    """
+    restoration, buffer = measured.restoration, io.BytesIO()
+    arrays: dict[str, Any] = {"image": restoration.image}
+    if restoration.water is not None:
+        arrays |= _water_record(restoration.water)
+    if restoration.confidence is not None:
+        arrays["confidence"] = restoration.confidence
+    info = {name: value for name, value in restoration.info.items() if name != "true_water"}
+    about = {"of": _whence(base), "seconds": measured.seconds, "peak_mb": measured.peak_mb, "info": info}
+    np.savez_compressed(buffer, **arrays, about=np.array(json.dumps(about, default=_plain, skipkeys=True)))
+    results.write_atomically(path, buffer.getvalue())
+
+
+def kept_whole(path: Path, base: Row) -> Measured | None:
+    """Read a restoration that was kept whole; None unless there is one, of the same options, data and code."""
+    try:
+        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+            about = json.loads(str(arrays["about"]))
+            if about["of"] != _whence(base):
+                return None
+            image, confidence = arrays["image"], arrays.get("confidence")
+        restoration = Restoration(image, read_water(path), confidence, about["info"])
+        return Measured(restoration, about["seconds"], about["peak_mb"])
+    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, InputError):  # as good as none
+        return None
+
+
+def _whence(base: Row) -> list[str]:
+    return [base.options_id, base.data_id, base.code]
+
+
+def _write_image(path: Path, shown: Array) -> None:
+    import cv2
+
+    written, encoded = cv2.imencode(path.suffix, to_8bit(shown)[..., ::-1])
+    assert written
+    results.write_atomically(path, encoded.tobytes())
+
+
+def _water_record(water: Water) -> dict[str, Any]:
+    """A water by the names that `sucre_bench.loading.water_file` reads."""
+    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+    return parameters | {"encoding": water.encoding}
+
+
+def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
+    """The water, what the method tells of its work, the true water where known, and how long writing took."""
+    water = restoration.water
+    known = {} if water is None else _water_record(water)
+    told = known | restoration.info | known | {"write_seconds": write_seconds}  # what is known of the water comes first
+    text = json.dumps(told, default=_plain, skipkeys=True)
+    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
+
+
+def _plain(value: Any) -> Any:
+    """An array as lists, a water by its parameters, anything else in words: a method may tell what it likes."""
+    if isinstance(value, Water):
+        return _water_record(value)
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
