@@ -48,10 +48,8 @@ def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
 
 
 def test_methods_that_are_compared_most_never_give_way():
-    (names,) = re.findall(
-        r"method: (\S+)", (Path(sucre_bench.__file__).parent / "conf/experiment/table1.yaml").read_text()
-    )
-    methods = names.split(",")
+    table1 = Path(sucre_bench.__file__).parent / "conf/experiment/table1.yaml"
+    methods = re.findall(r"method: (\S+)", table1.read_text())[0].split(",")
     assert len(methods) == 18
     assert {name: own.colour for name, own in style.looks(methods).items()} == {m: style.colour(m) for m in methods}
 
@@ -215,8 +213,24 @@ def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():
     rows = frame(table({"a": [20, 24]}))
     with pytest.raises(NotApplicableError, match=r"study\.along"):
         drawn(against, rows)
-    with pytest.raises(NotApplicableError, match="one value"):
-        drawn(against, rows, along="degrade.within")
+    (reason,) = drawn(against, rows, along="degrade.within").values()
+    assert "one value of within" in str(reason)
+
+
+def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
+    said = {"": '{"name": "a"}', ",within=2": '{"name": "a", "degrade": {"within": 2}}'}
+    scored = {("sea", ""): 20, ("sea", ",within=2"): 20, ("lake", ""): 20, ("lake", ",within=2"): 18}
+    rows = [
+        row
+        for (name, degraded), value in scored.items()
+        for row in table({"a": [value, value + 4]}, dataset=name + degraded, options=said[degraded])
+    ]
+    found = drawn(against, frame(rows), along="degrade.within")
+    assert {name: type(figure).__name__ for name, figure in found.items()} == {
+        "sea": "NotApplicableError",
+        "lake": "Figure",
+    }
+    assert "scores of sea are the same at all values of within" in str(found["sea"])
 
 
 # -- pictures ----------------------------------------------------------------------------------------------

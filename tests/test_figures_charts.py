@@ -152,8 +152,9 @@ def test_swatches_leave_out_charts_that_a_method_does_not_show() -> None:
     (figure,) = drawn("swatches", rows).values()
     assert figure.axes[1].get_title() == "far, 6.6 m"
     rows.loc[rows["metric"].eq("de00") & rows["method"].eq("sucre"), "status"] = "skipped"
-    with pytest.raises(NotApplicableError, match="leave out"):
-        drawn("swatches", rows)
+    (reason,) = drawn("swatches", rows).values()
+    assert isinstance(reason, NotApplicableError)
+    assert "leave out" in str(reason)
 
 
 @pytest.mark.parametrize("off", [0, 40, -40, 170, -170])

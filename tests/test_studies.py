@@ -12,12 +12,13 @@ import numpy as np
 import pandas as pd
 import pytest
 import yaml
+from matplotlib.figure import Figure
 
 from sucre_bench import InputError, config, figures
 from sucre_bench.compare import COSTS
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.results import Row, frame
-from sucre_bench.studies import Study, along, write
+from sucre_bench.studies import Study, Written, along, write
 from sucre_bench.tasks import base_row
 
 ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
@@ -388,14 +389,29 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
         raise NotApplicableError("no charts; add some")
         yield
 
+    def half(rows: object, study: object, out: object) -> Iterator[Any]:
+        yield "sea", NotApplicableError("no charts in the sea; add some")
+        yield "lake", Figure()
+
     drawn("breaks", breaks)
     drawn("nothing", nothing)
+    drawn("half", half)
     rows = frame([row(m, f"v{n}", 20.0 + n + (m == "b")) for m in "ab" for n in range(2)])
-    written = write(Study("s", figures=("breaks", "nothing", "scores")), rows, tmp_path)
-    assert {path.name for path in written.paths if path.parent.name == "figures"} == {"s-scores.png", "s-scores.pdf"}
+    written = write(Study("s", figures=("breaks", "nothing", "half", "scores")), rows, tmp_path)
+    names = {f"s-{name}.{suffix}" for name in ("scores", "half-lake") for suffix in ("png", "pdf")}
+    assert {path.name for path in written.paths if path.parent.name == "figures"} == names
     assert "s-breaks: failed, ZeroDivisionError: by nought" in written.notes[0]
     assert "by nought" in (tmp_path / "logs/failures.log").read_text()
-    assert written.notes[1] == "s-nothing: not drawn, no charts; add some"
+    assert written.notes[1:] == (
+        "s-nothing: not drawn, no charts; add some",
+        "s-half: not drawn, no charts in the sea; add some",
+    )
+
+
+def test_a_study_of_scores_that_nothing_has_writes_nothing(tmp_path: Path):
+    rows = frame([row(m, f"v{n}", 20.0 + n) for m in "ab" for n in range(2)])
+    written = write(Study("s", metrics=("psi", "de00:lab"), figures=("scores",)), rows, tmp_path)
+    assert written == Written((), ("s: nothing was scored by psi, de00:lab: no tables, no figures",))
 
 
 def test_the_same_rows_in_any_order_make_the_same_files(tmp_path: Path):

@@ -1,8 +1,9 @@
 """Figures of studies, a module each, with ``draw(rows, study, out)``; `sucre_bench.figures.style` is how they look.
 
-``draw(rows, study, out) -> Iterator[tuple[str, Figure]]`` yields a suffix of the file's name (it may be empty) and a
-matplotlib figure. It reads rows, and files that a run keeps under `out` (see `sucre_bench.layout`), nothing else, and
-raises NotApplicableError ("why; what to do") where they hold nothing to draw. It is called with the style switched on.
+``draw(rows, study, out)`` yields a suffix of the file's name (it may be empty) and a matplotlib figure, or a
+NotApplicableError ("why; what to do") in its place, of a dataset that gives none. It reads rows, and files that a run
+keeps under `out` (see `sucre_bench.layout`), nothing else, and raises NotApplicableError where they hold nothing to
+draw at all. It is called with the style switched on.
 """
 
 from __future__ import annotations
@@ -11,17 +12,19 @@ import pkgutil
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from sucre_bench.errors import NotApplicableError
     from sucre_bench.studies import Study
 
-__all__ = ["Draw", "find", "names"]
+__all__ = ["Draw", "Drawn", "find", "names"]
 
-Draw = Callable[["pd.DataFrame", "Study", Path], "Iterator[tuple[str, Figure]]"]
+Drawn: TypeAlias = "Iterator[tuple[str, Figure | NotApplicableError]]"
+Draw = Callable[["pd.DataFrame", "Study", Path], Drawn]
 
 
 def names() -> list[str]:

@@ -7,7 +7,7 @@ Values lie where their numbers are, on a logarithmic axis where they span more t
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,23 +23,27 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
+    from sucre_bench.figures import Drawn
+
 __all__ = ["draw", "positions"]
 
 _LOG_FROM = 30  # greatest over least value
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
-    """Yield a figure per dataset."""
+def draw(rows: pd.DataFrame, study: Study, out: Path) -> Drawn:
+    """Yield a figure per dataset, or why there is none of it."""
     if not study.along:
         raise NotApplicableError("nothing to draw scores against; give study.along=degrade.NAME, say")
     several = along(rows, study)
     for followed in several:
-        columns = panels(followed.scores, study)
-        if len(followed.values) < 2 or not columns:
-            raise NotApplicableError(
-                f"{followed.title} has one value of {followed.option}, or no score; sweep over more"
-            )
-        yield followed.title if len(several) > 1 else "", _figure(followed, columns)
+        suffix, columns = followed.title if len(several) > 1 else "", panels(followed.scores, study)
+        if len(followed.values) < 2:
+            yield suffix, NotApplicableError(f"{followed.title} has one value of {followed.option}; sweep over more")
+        elif not columns:
+            said = f"the scores of {followed.title} are the same at all values of {followed.option}"
+            yield suffix, NotApplicableError(f"{said}; choose others that matter here")
+        else:
+            yield suffix, _figure(followed, columns)
 
 
 def positions(values: Sequence[Value]) -> tuple[list[float], bool]:

@@ -6,7 +6,6 @@ where that was scored. Needs the scores `patch_colour`, `de00` and `chart_distan
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,6 +21,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
+    from sucre_bench.figures import Drawn
     from sucre_bench.studies import Study
 
 __all__ = ["draw"]
@@ -31,13 +31,16 @@ _PATCHES = 18  # no more are wide enough for their number
 _CHART = ["scene", "view", "chart"]
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
-    """Yield a figure per dataset."""
+def draw(rows: pd.DataFrame, study: Study, out: Path) -> Drawn:
+    """Yield a figure per dataset, or why there is none of it."""
     charts = seen_charts(rows)
     if not {"patch_colour", "de00"} <= set(charts["metric"]):
         raise NotApplicableError("no colours of chart patches; add metrics=[patch_colour,de00,chart_distance]")
     for name, own in style.each_dataset(charts[charts["metric"].isin(("patch_colour", "de00"))]):
-        yield name, _swatches(own)
+        try:
+            yield name, _swatches(own)
+        except NotApplicableError as reason:
+            yield name, reason
 
 
 def _swatches(charts: pd.DataFrame) -> Figure:

@@ -44,7 +44,9 @@ def write(
     rows = _in_order(rows, methods, datasets)
     if not (rows["status"] == "ok").any():
         return Written((), (f"{study.name}: nothing was restored, so there is nothing to show",))
-    study = _applicable(study, rows, notes)
+    asked, study = study.metrics, _applicable(study, rows, notes)
+    if asked and not study.metrics:
+        return Written((), (f"{study.name}: nothing was scored by {', '.join(asked)}: no tables, no figures",))
     paths: list[Path] = []
     try:
         for suffix, text in _tables(study, rows):
@@ -59,15 +61,7 @@ def write(
         keep_traceback(log_path(out), f"{study.name}, its tables")
         notes.append(f"{study.name}: its tables failed, {one_line(fault)}; the traceback is in {log_path(out)}")
     for name in study.figures:
-        try:
-            paths += _figures(name, study, rows, out)
-        except OutputError:
-            raise
-        except NotApplicableError as reason:
-            notes.append(f"{study.name}-{name}: not drawn, {one_line(reason)}")
-        except ANY_FAULT as fault:
-            keep_traceback(log_path(out), f"{study.name}-{name}")
-            notes.append(f"{study.name}-{name}: failed, {one_line(fault)}; the traceback is in {log_path(out)}")
+        paths += _figures(name, study, rows, out, notes)
     return Written(tuple(paths), tuple(notes))
 
 
@@ -119,14 +113,24 @@ def _tables(study: Study, rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
     yield "csv", csv
 
 
-def _figures(name: str, study: Study, rows: pd.DataFrame, out: Path) -> list[Path]:
+def _figures(name: str, study: Study, rows: pd.DataFrame, out: Path, notes: list[str]) -> list[Path]:
     """Draw one figure, in as many files as it has pages; those of a time when it had more are cleared away."""
-    written: list[Path] = []
-    with style.look():
-        for suffix, figure in figures.find(name)(rows, study, out):
-            stem = "-".join(filter(None, [study.name, name, file_name(suffix) if suffix else ""]))
-            written += style.save(figure, out / "figures" / stem, study.svg)
-    whole = f"{study.name}-{name}"
+    whole, written = f"{study.name}-{name}", list[Path]()
+    try:
+        with style.look():
+            for suffix, figure in figures.find(name)(rows, study, out):
+                if isinstance(figure, NotApplicableError):
+                    notes.append(f"{whole}: not drawn, {one_line(figure)}")
+                    continue
+                stem = "-".join(filter(None, [whole, file_name(suffix) if suffix else ""]))
+                written += style.save(figure, out / "figures" / stem, study.svg)
+    except OutputError:
+        raise
+    except NotApplicableError as reason:
+        notes.append(f"{whole}: not drawn, {one_line(reason)}")
+    except ANY_FAULT as fault:
+        keep_traceback(log_path(out), whole)
+        notes.append(f"{whole}: failed, {one_line(fault)}; the traceback is in {log_path(out)}")
     for old in {*(out / "figures").glob(f"{whole}.*"), *(out / "figures").glob(f"{whole}-*")} - {*written}:
         old.unlink()
     return written
