@@ -16,7 +16,7 @@ import sucre_bench
 from sucre_bench import completion
 from sucre_bench.charting.command import charts
 from sucre_bench.describe.command import describe
-from sucre_bench.errors import OutputError, SucreBenchError, one_line
+from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.kit.command import check, new
 from sucre_bench.prepare.command import prepare
 from sucre_bench.texture.command import texture
@@ -33,14 +33,22 @@ def main() -> None:
     try:
         status = _status()
         sys.stdout.flush()
-    except BrokenPipeError:
+    except BrokenPipeError:  # who read us (head, say) has enough
         status = _BROKEN_PIPE
-    if status == _BROKEN_PIPE:  # who read us (head, say) has enough: what is left in the buffers has nowhere to go
-        nowhere = os.open(os.devnull, os.O_WRONLY)
-        os.dup2(nowhere, sys.stdout.fileno())
+        _drop_output()
         with contextlib.suppress(BrokenPipeError):
             sys.stderr.flush()
+    except OSError as fault:
+        if fault.filename is not None:
+            raise
+        _drop_output()
+        status = _fault(f"the output cannot be written, {fault.strerror}; send it where there is room", 2)
     sys.exit(status)
+
+
+def _drop_output() -> None:
+    """What is left in the buffer has nowhere to go."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
 
 
 def _status() -> int:
@@ -54,7 +62,7 @@ def _status() -> int:
     except click.exceptions.Exit as ended:
         return ended.exit_code
     except click.ClickException as fault:
-        return _fault(fault.format_message(), fault.exit_code)
+        return _fault(" ".join(fault.format_message().split()), fault.exit_code)
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
     except (click.exceptions.Abort, KeyboardInterrupt):
@@ -312,6 +320,8 @@ def compare(
     rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
     compared = compare.compare(rows, metrics, by, baseline=baseline)
+    if not any(table.columns for table in compared):
+        raise InputError("\n".join(f"{table.title}: {note}" for table in compared for note in table.notes))
     if as_json or how != "terminal":
         click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
         return

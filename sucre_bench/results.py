@@ -23,7 +23,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
-from sucre_bench.errors import InputError, OutputError
+from sucre_bench.errors import InputError, OutputError, one_line
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -161,11 +161,14 @@ def _table(path: Path) -> pd.DataFrame | None:
 
     try:
         content = io.BytesIO(path.read_bytes())  # whole: the file may be replaced while it is read
-        return pd.read_parquet(content)[list(COLUMNS)]
+        rows = pd.read_parquet(content)
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
-    except (pyarrow.ArrowInvalid, KeyError, OSError) as fault:
-        raise InputError(f"{path}: not a table of scores ({fault}); delete it and run again") from fault
+    except (pyarrow.ArrowInvalid, OSError) as fault:
+        raise InputError(f"{path}: not a table of scores ({one_line(fault)}); delete it and run again") from fault
+    if absent := [name for name in COLUMNS if name not in rows]:
+        raise InputError(f"{path}: not a table of scores, it lacks {', '.join(absent)}; delete it and run again")
+    return rows[list(COLUMNS)]
 
 
 def _newest(rows: pd.DataFrame) -> pd.DataFrame:

@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import json
+import math
+import re
 import subprocess
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
+
+from sucre_bench import results
 
 HEAVY = {"torch", "jax", "open3d", "mlflow", "pycolmap", "colour", "pandas", "skimage", "cv2", "hydra", "scipy"}
 
@@ -116,6 +121,32 @@ def test_compare_reads_what_run_wrote(bench, toys: str):
     assert latex.startswith("\\begin{tabular}{lr}\n\\toprule")
     by_view = bench("compare", "results", "--by", "view", "--format", "csv").stdout
     assert 'toy · v1.png,"gain,gain=0.5"' in by_view
+
+
+def test_compare_says_why_where_there_is_no_score(bench, tmp_path: Path):
+    part = results.Part(tmp_path / "results", "one")
+    base = results.Row("reef", "cove", method="m", value=math.nan, status="failed", reason="ValueError: boom")
+    part.add([replace(base, view=f"v{n}.png") for n in range(4)])
+    part.flush()
+    for more in ([], ["--json"]):
+        done = bench("compare", "results", *more)
+        assert (done.returncode, done.stdout) == (2, "")
+        assert done.stderr == "error: reef: m has no result (4 failed: ValueError: boom)\n"
+
+
+@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
+def test_output_that_cannot_be_written_is_one_line_and_no_traceback(tmp_path: Path):
+    command = [Path(sys.executable).with_name("sucre-bench"), "list", "methods"]
+    with Path("/dev/full").open("w") as full:
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
+    assert done.returncode == 2
+    assert re.fullmatch(r"error: the output cannot be written, .*; send it where there is room\n", done.stderr)
+
+
+def test_what_is_missing_is_said_in_one_line(bench):
+    said = bench("list").stderr
+    assert said.startswith("error: Missing argument")
+    assert said.count("\n") == 1
 
 
 def test_cfg_prints_the_configuration_and_runs_nothing(bench, tmp_path: Path):

@@ -5,7 +5,9 @@ import json
 import math
 import re
 import shlex
+import shutil
 from collections.abc import Callable
+from dataclasses import replace
 from html.parser import HTMLParser
 from pathlib import Path
 from typing import Any
@@ -154,6 +156,22 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
     result = page.datasets[0]["views"][0]["results"][1]
     assert result["picture"]["id"] not in page.blocks("image/webp")
     assert result["water"] is None
+
+
+def test_restored_pictures_are_shown_where_the_views_themselves_are_lost(tmp_path: Path):
+    rows = made_results(tmp_path)
+    shutil.rmtree(tmp_path / "views")
+    view = Page(report.write(tmp_path, rows)).datasets[0]["views"][0]
+    assert view["original"] is None
+    assert all(result["picture"] for result in view["results"])
+
+
+def test_more_views_than_a_command_line_has_room_for_are_not_named(tmp_path: Path):
+    row = Row("reef", "cove", method="m", value=1.0, options='{"name": "gray_world", "dataset": {"name": "demo"}}')
+    rows = [replace(row, view=f"v{n}.png") for n in range(101)]
+    assert Page(report.write(tmp_path, results.frame(rows))).datasets[0]["methods"][0]["views"] == ""
+    (said,) = Page(report.write(tmp_path, results.frame(rows[:2]))).datasets[0]["methods"]
+    assert said["views"] == "'views=[v0.png,v1.png]'"
 
 
 def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):

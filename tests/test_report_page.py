@@ -275,6 +275,26 @@ def test_the_command_is_of_the_score_that_is_looked_at(page: Browser):
     assert texts(page, "#again code")[0].endswith("metrics=[psnr]'")
 
 
+def test_each_methods_command_names_the_views_and_metrics_of_its_rows(page: Browser):
+    said = texts(page, "#commands code")
+    assert len(said) == len(methods(page))
+    assert all("'views=[v0.png,v1.png,v2.png]' 'metrics=[psnr," in command for command in said)
+
+
+def test_a_run_that_failed_as_a_whole_has_reasons_and_commands_and_no_dead_links(chrome: Browser, tmp_path: Path):
+    rows = made_results(tmp_path)
+    rows = rows[rows["metric"] == "seconds"].assign(status="failed", value=np.nan, reason="ValueError: boom")
+    report.write(tmp_path, rows)
+    opened(chrome, tmp_path)
+    shown = chrome.ask(
+        "[...document.querySelectorAll('nav a')].filter((a) => a.checkVisibility()).map((a) => a.innerText)"
+    )
+    assert shown == ["Missing", "Origin"]
+    assert not chrome.ask("['scores', 'pictures', 'cost'].some((id) => $(id).checkVisibility())")
+    assert len(texts(chrome, "#commands code")) == 3
+    assert chrome.complaints == []
+
+
 def test_light_and_dark_follow_the_browser_until_the_switch_is_used(page: Browser, out: Path):
     paper = "getComputedStyle(document.body).backgroundColor"
     light = page.ask(paper)
@@ -326,8 +346,15 @@ def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
 
 
 def test_printing_shows_tables_and_pictures_without_controls(page: Browser, tmp_path: Path):
+    ink = "getComputedStyle(document.body).color"
+    light = page.ask(ink)
+    page.prefer("dark")
+    page.press("d")
+    page.press("d")
+    assert page.ask(ink) != light
     page.call("Emulation.setEmulatedMedia", media="print")
     try:
+        assert page.ask(ink) == light, "dark is for screens"
         assert page.ask("[...document.querySelectorAll('.bar, .controls')].every((e) => !e.checkVisibility())")
         assert page.ask("document.querySelector('#scores-sheet table').checkVisibility()")
     finally:

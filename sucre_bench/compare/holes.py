@@ -35,7 +35,7 @@ def notes(
     """
     restored = _restored(rows)
     some = [name for name in methods if restored.get(name)]
-    anywhere = set().union(*restored.values())
+    anywhere = set().union(*restored.values()) or _tried(rows)
     everywhere = anywhere.intersection(*(restored[name] for name in some))
     why = _Why.of(rows)
     said = []
@@ -57,6 +57,12 @@ def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
     """The views that each method restored."""
     ok = rows[(rows["metric"] == "seconds") & (rows["status"] == "ok") & rows["_fresh"]]
     return {str(name): set(zip(own["scene"], own["view"], strict=True)) for name, own in ok.groupby("method")}
+
+
+def _tried(rows: pd.DataFrame) -> set[_View]:
+    """The views that there was a try to restore."""
+    own = rows[(rows["metric"] == "seconds") & rows["_fresh"]]
+    return set(zip(own["scene"], own["view"], strict=True))
 
 
 @dataclass(frozen=True)

@@ -95,7 +95,9 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     counts = ", ".join(f"{_names(names)} on {len(views)}" for views, names in plain.items())
     anywhere = frozenset[_Image]().union(*plain)
     lacking, views = next((names[0], views) for views, names in plain.items() if views != anywhere)
-    example = min(anywhere - views)[1]
+    scene, example = min(anywhere - views)
+    if len({name for name, _ in anywhere}) > 1:
+        example = f"{scene}/{example}"
     share = f", or --common compares them on the {n} they share" if n else ", for they share none"
     yield f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
 

@@ -80,9 +80,13 @@ def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
         return rows["metric"].notna()
     full = rows["metric"] + ":" + rows["variant"]
     known = set(rows["metric"].unique())
-    for name in metrics:
-        if name not in known.union(full.unique()):
+    for text in metrics:
+        name, _, variant = text.partition(":")
+        if name not in known:
             raise InputError(f"no scores of '{name}'; {did_you_mean(name, known)}")
+        variants = set(rows.loc[rows["metric"] == name, "variant"].unique())
+        if variant and variant not in variants:
+            raise InputError(f"no scores of {name} in variant '{variant}'; {did_you_mean(variant, variants)}")
     return rows["metric"].isin(metrics) | full.isin(metrics)
 
 

@@ -66,8 +66,8 @@ function sharpen() {
 
 watch(["dataset", "view", "method", "before", "layer"], () => {
   const view = viewOf(state.view);
-  $("pictures").hidden = !view;
-  if (!view) return;
+  $("pictures").hidden = !data.views.some((v) => v.results.some((r) => r.status === "ok"));
+  if ($("pictures").hidden) return;
   const labels = data.methods.map((m) => [m.label, m.label]);
   const others = [[VIEW, pictureName(VIEW)], ...(view.reference ? [[REFERENCE, pictureName(REFERENCE)]] : [])];
   fill(

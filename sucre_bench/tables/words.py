@@ -104,6 +104,8 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False) 
 
     colours: whether the table tells better and worse by green and red, rather than better by bold.
     """
+    if not comparison.columns:
+        return "no scores"
     cells = [shown(comparison, name, column) for name in comparison.methods for column in comparison.columns]
     has_interval = any(cell.interval for cell in cells)
     looks = {cell.look for cell in cells}
