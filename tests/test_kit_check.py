@@ -340,6 +340,12 @@ def test_each_way_a_metric_breaks_the_contract_is_named(
     assert re.search(said, broken(tmp_path, "metric", METRIC, body, needs=needs, better=better))
 
 
+def test_what_a_metric_raises_of_every_image_is_said_once(tmp_path: Path) -> None:
+    found = broken(tmp_path, "metric", METRIC, "raise KeyError('k')", needs=JUDGED, better="lower").splitlines()
+    (said,) = [line for line in found if line.startswith("stays in its range")]
+    assert said.endswith("KeyError: 'k'; mend it; where there is nothing to score, yield nothing")
+
+
 def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None:
     bare = (
         METHOD.replace("'''A method that is tried.'''", "").replace("'''A factor.'''", "").replace("= 1.0", "= 'much'")

@@ -195,7 +195,7 @@ def is_deterministic(subject: Subject) -> Iterator[Finding]:
     if subject.kept["is random"]:
         yield breach(
             f"the second time differs by up to {_difference(first, second):.2g}; seed a generator of its own, "
-            "np.random.default_rng(self.seed)"
+            "np.random.default_rng(self.seed), and keep nothing from call to call"
         )
 
 

@@ -40,13 +40,16 @@ def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATE
     return [row for row in rows if row.metric == subject.plugin.name]
 
 
-def _faults(subject: Subject, rows: list[Row], where: str) -> Iterator[Finding]:
+def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
+    """heard: what was raised before, which is not said again; it is added to."""
     low, high = subject.plugin.range
+    heard = set() if heard is None else heard
     for row in rows:
         at = f"{where}, {row.variant}"
         if row.status == "failed":
-            fix = "work on a copy" if "read-only" in row.reason else "yield nothing where there is nothing to score"
-            yield breach(f"{at}: {row.reason.split('; ')[0]}; {fix}")
+            if row.reason not in heard:
+                yield breach(f"{at}: {row.reason.split('; ')[0]}; {_remedy(row.reason)}")
+            heard.add(row.reason)
         elif row.status == "ok" and not low <= row.value <= high:
             yield breach(f"{at}: {row.region} scores {row.value:g}, not in {low:g} to {high:g}; correct it, or range=")
         elif row.status == "ok" and not (0 <= row.coverage <= 1 and row.n_pixels >= 0):
@@ -55,13 +58,21 @@ def _faults(subject: Subject, rows: list[Row], where: str) -> Iterator[Finding]:
         yield breach(f"{where}: no score and no reason of {', '.join(silent)}; every variant of variants= is computed")
 
 
+def _remedy(reason: str) -> str:
+    if "read-only" in reason:
+        return "work on a copy"
+    if "not iterable" in reason:
+        return "score() yields each Score, it does not return one"
+    return "mend it; where there is nothing to score, yield nothing"
+
+
 @rule("stays in its range, whatever the image", "metric")
 def stays_in_range(subject: Subject) -> Iterator[Finding]:
-    chart = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]]))
+    chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
         holes = np.random.default_rng(1).random((*rgb.shape[:2], 1)) < 0.3
         view = wall(rgb, charts=[chart])[TARGET]
-        yield from _faults(subject, _rows(subject, np.where(holes, np.nan, rgb).astype(np.float32), view), name)
+        yield from _faults(subject, _rows(subject, np.where(holes, np.nan, rgb).astype(np.float32), view), name, heard)
 
 
 @rule("gives no value where nothing has a colour", "metric", applies=lambda p: p.better != "none")
