@@ -112,11 +112,12 @@ def test_points_need_depth_and_poses(tmp_path: Path):
     assert set(with_geometry["restored"]) == {"gain", "points", "relative"}
 
 
-def test_the_interval_is_students():
-    found = _mean([1.0, 2.0, 3.0])
-    assert (found.mean, found.pairs) == (2.0, 3)
+def test_the_interval_is_students_and_never_below_0():
+    found = _mean([11.0, 12.0, 13.0])
+    assert (found.mean, found.pairs) == (12.0, 3)
     half = 4.302653 / math.sqrt(3)
-    assert (found.low, found.high) == (pytest.approx(2 - half, abs=1e-5), pytest.approx(2 + half, abs=1e-5))
+    assert (found.low, found.high) == (pytest.approx(12 - half, abs=1e-5), pytest.approx(12 + half, abs=1e-5))
+    assert _mean([1.0, 2.0, 3.0]).low == 0
     one = _mean([1.0])
     assert one == Flicker(1.0, one.low, one.high, 1)
     assert math.isnan(one.low)
@@ -198,7 +199,7 @@ def test_the_command_writes_a_video_and_the_flicker_as_numbers(results: Path, tm
     assert done.exit_code == 0, done.output
     assert "2 views (1 that some method lacks are left out)" in done.output
     assert cv2.VideoCapture(str(out)).get(cv2.CAP_PROP_FRAME_COUNT) == 2
-    told = json.loads(out.with_suffix(".json").read_text())
+    told = json.loads(Path(f"{out}.json").read_text())
     assert told["views"] == ["v0.png", "v1.png"]
     assert told["flicker"]["same"]["gain"] == {
         "mean": pytest.approx(0, abs=1e-6),

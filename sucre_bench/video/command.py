@@ -43,7 +43,8 @@ def video(
     sucre-bench video results dive.mp4 --methods gray_world,sucre
     sucre-bench video results dive.webm --methods sucre --split --fps 5
 
-    RESULTS is what `sucre-bench run out=RESULTS` wrote. Beside the video comes OUT.json, the flicker as numbers.
+    RESULTS is what `sucre-bench run out=RESULTS` wrote. Beside the video comes OUT.json, as dive.mp4.json, with the
+    flicker as numbers.
     """
     from sucre_bench import console, plugins
     from sucre_bench.errors import InputError
@@ -71,8 +72,9 @@ def video(
     click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
     about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
     told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": _plain(flickers)}
-    write_atomically(out.with_suffix(".json"), (json.dumps(told, indent=1) + "\n").encode())
-    click.echo(f"video    {out}\nnumbers  {out.with_suffix('.json')}")
+    numbers = out.with_name(f"{out.name}.json")
+    write_atomically(numbers, (json.dumps(told, indent=1) + "\n").encode())
+    click.echo(f"video    {out}\nnumbers  {numbers}")
 
 
 def _labels(text: str) -> list[str]:
@@ -87,18 +89,19 @@ def _labels(text: str) -> list[str]:
 
 
 def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
-    """Methods by variants, as a table of the terminal."""
+    """A line a method and measure, which is narrow enough for every terminal."""
     from rich.table import Table
+    from rich.text import Text
 
-    from sucre_bench.video.flicker import FORMULAE
-
-    table = Table("flicker", *(f"{name} [dim]95 %[/dim]" for name in FORMULAE), "pairs")
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("method", overflow="fold")
+    table.add_column("flicker")
+    for name in ("mean", "95 %", "pairs"):
+        table.add_column(name, justify="right", no_wrap=True)
     for method, own in flickers.items():
-        cells = [
-            f"{f.mean:.3g} [dim]{f.low:.3g} to {f.high:.3g}[/dim]" if (f := own.get(name)) else "" for name in FORMULAE
-        ]
-        pairs = ", ".join(dict.fromkeys(str(f.pairs) for f in own.values()))
-        table.add_row(method, *cells, pairs)
+        for n, (name, f) in enumerate(own.items()):
+            interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
+            table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
     return table
 
 

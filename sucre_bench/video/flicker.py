@@ -102,14 +102,14 @@ def _point_differences(
         return
     for name in here:
         own = here[name][chosen]
-        difference = float(_ciede2000(own, there[name][chosen]).mean())
+        difference = float(_differences(own, there[name][chosen]).mean())
         yield name, "points", difference
-        if contrast := float(_ciede2000(own, np.roll(own, len(own) // 2, axis=0)).mean()):
+        if contrast := float(_differences(own, np.roll(own, len(own) // 2, axis=0)).mean()):
             yield name, "relative", difference / contrast
 
 
-def _ciede2000(a: Picture, b: Picture) -> Array:
-    """The colour difference (P,) of two pictures' colours (P, 3), uint8 sRGB."""
+def _differences(a: Picture, b: Picture) -> Array:
+    """CIEDE2000 (P,) between two pictures' colours (P, 3), uint8 sRGB."""
     return ciede2000(lab_d50(a / 255), lab_d50(b / 255))
 
 
@@ -120,4 +120,4 @@ def _mean(values: Sequence[float]) -> Flicker:
     if n < 2:
         return Flicker(mean, np.nan, np.nan, n)
     half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
-    return Flicker(mean, mean - half, mean + half, n)
+    return Flicker(mean, max(0.0, mean - half), mean + half, n)  # nothing flickers less than not at all
