@@ -8,6 +8,7 @@ import os
 import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from textwrap import shorten
 from typing import Any
 
 import click
@@ -367,7 +368,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     except SucreBenchError:
         raise
     except Exception as fault:
-        raise OutputError(f"{uri}: mlflow cannot be told, {one_line(fault)}; check the URI") from fault
+        raise OutputError(f"{uri}: mlflow cannot be told, {shorten(one_line(fault), 200)}; check the URI") from fault
     click.echo(f"mlflow   {uri}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
     if ui:
         click.echo(f"page     {tracking.runs_page(uri, experiment, port)}")

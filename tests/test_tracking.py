@@ -107,7 +107,7 @@ def test_the_page_opens_on_the_runs(tmp_path: Path):
 def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp_path: Path):
     """As after a run on a cluster, where nothing was logged."""
 
-    def run(method: str) -> None:
+    def run(method: str, *more: str) -> None:
         bench(
             "run",
             "--plugin",
@@ -117,16 +117,23 @@ def test_a_folder_is_told_once_and_what_is_new_in_it_later(bench, toys: str, tmp
             "metrics=[redness]",
             "tracking.uri=off",
             "out=out",
+            *more,
         )
 
-    run("gain")
+    run("gain", "views=[v0.png]")
     said = [bench("track", "out").stdout]
     said.append(bench("track", "out").stdout)
     run("gain2")
     said.append(bench("track", "out").stdout)
-    assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run"]
-    children = [r for r in runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}") if "method" in r.data.tags]
-    assert sorted(r.data.tags["method"] for r in children) == ["gain", "gain2"]
+    run("gain")
+    said.append(bench("track", "out").stdout)
+    assert [line.split(": ")[-1].strip() for line in said] == ["1 new run", "0 new runs", "1 new run", "1 new run"]
+    told = runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}")
+    latest = [r for r in told if r.data.tags["latest"] == "yes"]
+    views = {r.data.tags.get("method", ""): r.data.metrics.get("views_ok") for r in latest}
+    assert views == {"": None, "gain": 3, "gain2": 3}
+    assert len(latest) == len(views), "one a method, and their newest parent"
+    assert [r.data.metrics["views_ok"] for r in told if r not in latest and "method" in r.data.tags] == [1]
 
 
 def test_a_folder_without_results_is_a_line(bench):

@@ -5,7 +5,7 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -42,10 +42,12 @@ def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
     new = [job for job in jobs if not store.has(job[2])]
     if not new:
         return 0
+    older = store.latest()
     parent = store.start(out.resolve().name, rows, {"jobs": str(len(jobs)), **_source(out)})
     client.set_tag(parent, "mlflow.note.content", _note(rows))
     for dataset, method, own in new:
-        _log_job(store, parent, dataset, method, own)
+        run = _log_job(store, parent, dataset, method, own)
+        store.succeed(run, older.get((dataset, method), []))
     store.log_table(parent, rows)
     for name in ("config.yaml", "environment.json"):
         if (out / name).is_file():
@@ -54,6 +56,7 @@ def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
         if (out / folder).is_dir():
             client.log_artifacts(parent, str(out / folder), folder)
     store.end(parent, rows)
+    store.succeed(parent, older.get(("", ""), []))
     return len(new)
 
 
@@ -69,6 +72,25 @@ class _Store:
         """Whether a run of these very rows has been ended."""
         query = f"tags.rows = '{_hash(rows)}' and attributes.status != 'RUNNING'"
         return bool(self.client.search_runs([self.experiment], query, max_results=1))
+
+    def latest(self) -> dict[tuple[str, str], list[str]]:
+        """The newest runs of this folder by dataset and method, both empty for its parent run."""
+        found: dict[tuple[str, str], list[str]] = {}
+        token: str | None = None
+        while token != "":
+            page = self.client.search_runs([self.experiment], "tags.latest = 'yes'", page_token=token)
+            for run in page:
+                if run.data.tags.get("out") == str(self.out.resolve()):
+                    key = (run.data.tags.get("dataset", ""), run.data.tags.get("method", ""))
+                    found.setdefault(key, []).append(run.info.run_id)
+            token = page.token or ""
+        return found
+
+    def succeed(self, run: str, older: Iterable[str]) -> None:
+        """Say which run is the newest of what it is of, and that older ones no longer are."""
+        self.client.set_tag(run, "latest", "yes")
+        for other in older:
+            self.client.set_tag(other, "latest", "no")
 
     def start(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> str:
         """Begin a run at the time its rows begin."""
@@ -88,7 +110,7 @@ class _Store:
             self.client.log_artifact(run, str(path))
 
 
-def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame) -> None:
+def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame) -> str:
     """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
     from mlflow.entities import LoggedModelOutput
 
@@ -120,6 +142,7 @@ def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.Dat
     _log_pictures(store, run, rows)
     client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
     store.end(run, rows)
+    return run
 
 
 def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInput:
