@@ -157,7 +157,7 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     every=N first=N         each Nth view, the first N
     metrics=[psnr,psi]      only these; metrics.uciqe.variants=[all]
     degrade.noise=0.02      worse data: `sucre-bench list degradations`
-    save=full               also J, B, beta and gamma, as .npz, to be scored by more metrics later
+    save=full               also J, B, beta, gamma (.npz), for metrics of later on
     overwrite=always        again what is there; never: keep whatever there is
     seed=N                  other draws
     report=false            no page
@@ -165,8 +165,8 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
 
     What is done is not done again: the same command goes on where it was stopped.
 
-    The exit code is 0 when all was done or had a reason not to be, 1 when a view or a score failed, 2 for a mistake in
-    the command, 130 after Ctrl-C.
+    The exit code is 0 when all was done but what had a reason not to be, 1 when a view or a score failed or nothing at
+    all was done, 2 for a mistake in the command, 130 after Ctrl-C.
     """
     from sucre_bench import plugins, sweep
 

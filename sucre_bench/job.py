@@ -246,6 +246,8 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     label, display = values.pop("label", None), values.pop("display", "")
     if kind == "method":
         check_display(display)
+    if label and not str(label).strip():
+        raise InputError(f"{kind}.label: is blank; write a name, or leave it out")
     types = {o.name: o.type for o in options_of(plugin.cls)}
     _only_known(plugin.name, values, set(types))
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"

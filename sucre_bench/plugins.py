@@ -134,9 +134,9 @@ _C = TypeVar("_C", bound=type[Any])
 
 
 def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
-    needs = frozenset(needs)
-    if needs - NEEDS:
-        raise PluginError(f"{kind}: unknown needs {sorted(needs - NEEDS)}; {did_you_mean(min(needs - NEEDS), NEEDS)}")
+    needs, known = frozenset(needs), NEEDS if kind == "metric" else NEEDS - {"restoration"}
+    if needs - known:
+        raise PluginError(f"{kind}: unknown needs {sorted(needs - known)}; {did_you_mean(min(needs - known), known)}")
 
     def attach(cls: _C) -> _C:
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]

@@ -54,6 +54,8 @@ class Frame:
         if method == INPUT:
             return to_8bit(display(rgb, "none", self.view.encoding))
         path = self.place.restored(self.out, method)
+        if not path.is_file():
+            raise InputError(f"{path}: is gone; give the run's command again, which makes what is missing")
         restored = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
         if restored.shape != rgb.shape:
             sizes = f"{restored.shape[1]}x{restored.shape[0]}, its view {rgb.shape[1]}x{rgb.shape[0]}"

@@ -59,7 +59,7 @@ class Outcome:
 
     @property
     def exit_code(self) -> int:
-        """0 when everything asked for was done or had a reason not to be; 130 after Ctrl-C."""
+        """0 when something was done and nothing failed, 1 when not; 130 after Ctrl-C."""
         if self.interrupted:
             return 130
         return 1 if self.failed or self.scores_failed or self.crashed or not self.ok else 0

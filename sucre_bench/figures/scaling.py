@@ -36,13 +36,17 @@ _FEWEST, _SPREAD = 4, 2.0
 
 # Rounds of the fit, and the least time that a line may give, in seconds.
 _ROUNDS, _LEAST_S = 10, 1e-4
+_LABELLED = 50  # greatest over least number up to which 2 and 5 are said beside powers of ten
 
 
 def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
     """Yield the figure. NotApplicableError where no method told its observations."""
+    from matplotlib.ticker import EngFormatter, LogLocator
+
     table = times(rows, out)
     if table.empty:
         raise NotApplicableError("no method told how many observations it had; add the metric observations")
+    few = table["n"].max() < _LABELLED * table["n"].min()
     stages = [stage for stage in _STAGES if table[stage].notna().any()]
     height = 2.8 if len(stages) > 1 else 2.6
     figure, axes = style.figure(columns=2, height=height, ncols=len(stages), sharey=True)
@@ -51,7 +55,9 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
         for method, those in table.dropna(subset=[stage]).groupby("method", sort=False):
             _series(axis, str(method), those["n"].to_numpy(), those[stage].to_numpy(), looks[str(method)])
         axis.set(title=_STAGES[stage], xlabel="observations", xscale="log", yscale="log")
-        axis.xaxis.set_minor_formatter("")
+        axis.xaxis.set_major_formatter(EngFormatter(sep=""))
+        axis.xaxis.set_minor_locator(LogLocator(subs=(2, 5)))
+        axis.xaxis.set_minor_formatter(EngFormatter(sep="") if few else "")
         axis.legend(loc="upper left", bbox_to_anchor=(0, -0.22), borderaxespad=0)
     axes[0, 0].set_ylabel("seconds")
     yield "", figure
@@ -106,7 +112,8 @@ def _series(axis: Axes, method: str, n: Any, seconds: Any, look: style.Look) -> 
     if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
         a, b, error = line(n, seconds)
         at = np.geomspace(n.min(), n.max(), 50)
-        axis.plot(at, a + b * at, color=look.colour, linewidth=0.9)
+        if b > 0:  # times that fall tell of other things than observations
+            axis.plot(at, a + b * at, color=look.colour, linewidth=0.9)
         if b > 2 * error:
             label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"
     axis.plot(n, seconds, linestyle="", marker=look.marker, color=look.colour, markersize=3, alpha=0.7, label=label)

@@ -36,7 +36,7 @@ def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None,
 def _named(name: str, kind: Kind | None) -> Plugin:
     kinds = [kind] if kind else [k for k in KINDS if name in plugins.discover(k)]
     if not kinds:
-        known = [other for k in KINDS for other in plugins.discover(k)]
+        known = {other for k in KINDS for other in plugins.discover(k)}
         raise plugins.unknown("plugin", name, known, give="")
     if len(kinds) > 1:
         raise InputError(f"{name}: is a {' and a '.join(kinds)}; say which with --kind {kinds[0]}")
