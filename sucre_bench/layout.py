@@ -94,11 +94,10 @@ def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     scene, replicate = unreplicated(scene)
     name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
     first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
-    for stem in (name, name.with_suffix(""), within / name, within / name.with_suffix("")):
-        found = Place(file_name(dataset), first / stem)
-        if found.original(out).is_file() or _is_restored(found, out):
-            return found
-    return None
+    stems = (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
+    candidates = [Place(file_name(dataset), first / stem) for stem in stems]
+    found = (place for place in candidates if place.original(out).is_file())
+    return next(found, None) or next((place for place in candidates if _is_restored(place, out)), None)
 
 
 def _is_restored(place: Place, out: Path) -> bool:
