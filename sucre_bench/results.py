@@ -125,43 +125,47 @@ def frame(rows: Iterable[Row]) -> pd.DataFrame:
     return table.astype({**_NUMBERS, "seed": "int64", **text})
 
 
-def read(out: str | Path) -> pd.DataFrame:
+def read(out: str | Path, **labels: str) -> pd.DataFrame:
     """Return every row under `out`, table and parts, the newest of each score.
 
+    labels: dataset=, method= for the rows of these alone, which is quicker.
     Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
     Raises InputError when there are none, or a file is damaged.
     """
     out = Path(out)
     if not (out / TABLE).is_file() and not list((out / PARTS).glob("*.parquet")):
         raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
-    return _read(out)
+    return _read(out, **labels)
 
 
-def _read(out: Path) -> pd.DataFrame:
+def _read(out: Path, **labels: str) -> pd.DataFrame:
     import pandas as pd
 
-    tables = _tables(out)
+    tables = _tables(out, labels)
     rows = pd.concat([t for t in tables if len(t)] or [frame([])], ignore_index=True)
     return _newest(rows)
 
 
-def _tables(out: Path) -> list[pd.DataFrame]:
+def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
     """The table and the parts, read anew where a part goes meanwhile: it may not have been in the table yet."""
     for _ in range(_ATTEMPTS):
-        parts = [_table(path) for path in sorted((out / PARTS).glob("*.parquet"))]
-        found = [_table(out / TABLE), *parts]  # the table last: what a merge took from the parts by now is in it
+        parts = [_table(path, labels) for path in sorted((out / PARTS).glob("*.parquet"))]
+        found = [
+            _table(out / TABLE, labels),
+            *parts,
+        ]  # the table last: what a merge took from the parts by now is in it
         if all(part is not None for part in parts):
             break
     return [table for table in found if table is not None]
 
 
-def _table(path: Path) -> pd.DataFrame | None:
+def _table(path: Path, labels: Mapping[str, str]) -> pd.DataFrame | None:
     import pandas as pd
     import pyarrow
 
     try:
         content = io.BytesIO(path.read_bytes())  # whole: the file may be replaced while it is read
-        rows = pd.read_parquet(content)
+        rows = pd.read_parquet(content, filters=[(name, "==", label) for name, label in labels.items()] or None)
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
     except (pyarrow.ArrowInvalid, OSError) as fault:

@@ -41,7 +41,8 @@ class Done:
     def of(cls, job: Job) -> Done:
         """Read the output folder of a job; one without a table holds nothing."""
         try:
-            return cls.among(results.read(job.out), job)
+            rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
+            return cls.among(rows, job)
         except InputError:
             return cls(job, {})
 

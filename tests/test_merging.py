@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import threading
 from pathlib import Path
+from typing import Any
 
 import pytest
 
@@ -43,10 +44,10 @@ def test_who_reads_while_parts_are_joined_sees_every_row(tmp_path: Path, monkeyp
         part.flush()
     original = results._table
 
-    def merged_before(path: Path):
+    def merged_before(*given: Any):
         monkeypatch.setattr(results, "_table", original)
         results.merge(tmp_path)
-        return original(path)
+        return original(*given)
 
     monkeypatch.setattr(results, "_table", merged_before)
     assert set(results.read(tmp_path)["view"]) == {"0.png", "1.png", "2.png"}

@@ -57,6 +57,17 @@ def test_scores_of_other_options_data_or_code_are_not_mixed(tmp_path: Path, chan
     assert read(tmp_path)["metric"].tolist() == ["psnr"]
 
 
+def test_rows_of_one_method_are_read_as_they_are_among_all(tmp_path: Path):
+    rows = [replace(ROW, method=m, view=v, dataset=d) for d in ("sea", "lake") for m in "ab" for v in ("1", "2")]
+    write(tmp_path, "one", *rows)
+    merge(tmp_path)
+    write(tmp_path, "two", replace(rows[0], value=5.0, time=LATER))
+    whole = read(tmp_path)
+    for dataset, method in (("sea", "a"), ("lake", "b"), ("lake", "none")):
+        own = whole[(whole["dataset"] == dataset) & (whole["method"] == method)].reset_index(drop=True)
+        pd.testing.assert_frame_equal(read(tmp_path, dataset=dataset, method=method), own)
+
+
 def test_another_metrics_code_does_not_matter(tmp_path: Path):
     write(tmp_path, "one", replace(ROW, metric="ssim", code="c1.q"))
     write(tmp_path, "two", replace(ROW, time=LATER))
