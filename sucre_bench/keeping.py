@@ -8,22 +8,22 @@ from __future__ import annotations
 import io
 import json
 import time
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from sucre_bench import results
 from sucre_bench.colour import display, to_8bit
-from sucre_bench.errors import InputError
+from sucre_bench.errors import ANY_FAULT
 from sucre_bench.layout import Place
-from sucre_bench.loading.water_file import read_water
+from sucre_bench.loading.water_file import water_of
 from sucre_bench.restoring import Measured
 from sucre_bench.results import Row
 from sucre_bench.scene import Array, Restoration, View, Water
 
-__all__ = ["keep", "keep_whole", "kept_whole"]
+__all__ = ["keep", "keep_whole", "kept_arrays", "kept_whole"]
 
 
 def keep(out: Path, place: Place, method: str, view: View, restoration: Restoration, shown: Array) -> None:
@@ -42,7 +42,8 @@ def keep(out: Path, place: Place, method: str, view: View, restoration: Restorat
 def keep_whole(path: Path, measured: Measured, base: Row) -> None:
     """Write all of a restoration: J, the water, the confidence, and what else `kept_whole` gives back.
 
-    base: what its rows say, which tells whence it is.
+    base: what its rows say, which tells whence it is. Of a method that tells what no file brings back as it was,
+    objects of its own say, only the arrays are kept.
     """
     restoration, buffer = measured.restoration, io.BytesIO()
     arrays: dict[str, Any] = {"image": restoration.image}
@@ -52,22 +53,54 @@ def keep_whole(path: Path, measured: Measured, base: Row) -> None:
         arrays["confidence"] = restoration.confidence
     info = {name: value for name, value in restoration.info.items() if name != "true_water"}
     about = {"of": _whence(base), "seconds": measured.seconds, "peak_mb": measured.peak_mb, "info": info}
-    np.savez_compressed(buffer, **arrays, about=np.array(json.dumps(about, default=_plain, skipkeys=True)))
+    if text := _lasting(about):
+        arrays["about"] = np.array(text)
+    np.savez_compressed(buffer, **arrays)
     results.write_atomically(path, buffer.getvalue())
 
 
 def kept_whole(path: Path, base: Row) -> Measured | None:
     """Read a restoration that was kept whole; None unless there is one, of the same options, data and code."""
+    arrays = kept_arrays(path)
+    if "about" not in arrays:
+        return None
+    about = json.loads(str(arrays["about"]), object_hook=_array)
+    if about["of"] != _whence(base):
+        return None
+    restoration = Restoration(arrays["image"], water_of(arrays, path), arrays.get("confidence"), about["info"])
+    return Measured(restoration, about["seconds"], about["peak_mb"])
+
+
+def kept_arrays(path: Path) -> Mapping[str, Any]:
+    """Return the arrays that `keep_whole` wrote, by name; none of a file that is not there or is damaged."""
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            about = json.loads(str(arrays["about"]))
-            if about["of"] != _whence(base):
-                return None
-            image, confidence = arrays["image"], arrays.get("confidence")
-        restoration = Restoration(image, read_water(path), confidence, about["info"])
-        return Measured(restoration, about["seconds"], about["peak_mb"])
-    except (OSError, ValueError, KeyError, TypeError, EOFError, BadZipFile, InputError):  # as good as none
-        return None
+            return {name: arrays[name] for name in arrays.files}
+    except ANY_FAULT:  # of damaged bytes, unpacking raises whatever it comes upon
+        return {}
+
+
+_ARRAY = "array of"
+
+
+def _lasting(told: Mapping[str, Any]) -> str:
+    """What is told as JSON; empty where it would not come back as it was."""
+
+    def listed(value: Any) -> Any:
+        if isinstance(value, (np.ndarray, np.generic)) and value.dtype.kind in "biuf":
+            return {_ARRAY: value.dtype.str, "values": value.tolist()}
+        raise TypeError(f"{type(value)} is kept by no file")
+
+    try:
+        text = json.dumps(told, default=listed)
+        np.testing.assert_equal(json.loads(text, object_hook=_array), dict(told))
+    except (TypeError, ValueError, AssertionError):
+        return ""
+    return text
+
+
+def _array(found: dict[str, Any]) -> Any:
+    return np.array(found["values"], dtype=found[_ARRAY]) if _ARRAY in found else found
 
 
 def _whence(base: Row) -> list[str]:

@@ -87,12 +87,12 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
             return [without(task.base, "skipped", f"{view.name} has no depth map")]
         whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
         if job.overwrite != "always" and (kept := kept_whole(whole, task.base)):
-            rows = _scored(job, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
-            if all(row.status != "failed" for row in rows):  # a metric may want more than could be kept
-                return rows
+            return _scored(job, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
         measured = measured_restore(method, scene, view)
         if job.save == "full":
             keep_whole(whole, measured, task.base)
+        else:
+            whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
         return _scored(job, task, measured)
     except OutputError:
         raise

@@ -122,6 +122,18 @@ def test_what_was_kept_whole_of_something_else_is_not_scored(out: Path, tmp_path
     assert len(calls(tmp_path / "log")) == 3 + again
 
 
+def test_what_was_kept_whole_is_of_the_picture_beside_it(out: Path, tmp_path: Path):
+    """Also when the same label was run otherwise in between."""
+    run(out, "method.gain=1.1", "save=full")
+    run(out, "method.gain=0.5", "method.label=gain", "overwrite=always")
+    assert not list(out.rglob("restored/**/*.npz"))
+    run(out, "method.gain=0.5", "method.label=gain", "save=full")
+    with np.load(out / "restored/toy/gain/v1.npz") as arrays:
+        image = arrays["image"]
+    (view,) = (view for view in next(iter(find("dataset", "toy").cls().scenes())) if view.name == "v1.png")
+    np.testing.assert_allclose(image, view.rgb * 0.5, rtol=1e-6)
+
+
 @pytest.mark.parametrize("folder", [False, True])
 def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, folder: bool):
     table = tmp_path / "table"

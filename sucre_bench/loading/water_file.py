@@ -19,7 +19,7 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Array, Encoding, Water
 
-__all__ = ["read_water"]
+__all__ = ["read_water", "water_of"]
 
 _ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "gamma", "linear": "linear"}
 
@@ -32,8 +32,8 @@ def read_water(path: Path) -> Water | None:
     try:
         if path.suffix == ".npz":
             with path.open("rb") as file, np.load(file, allow_pickle=False) as values:
-                return _water({name: values[name] for name in values.files if name in (*_NAMES, "encoding")}, path)
-        return _water(json.loads(path.read_text(encoding="utf-8")), path)
+                return water_of({name: values[name] for name in values.files if name in (*_NAMES, "encoding")}, path)
+        return water_of(json.loads(path.read_text(encoding="utf-8")), path)
     except (FileNotFoundError, InputError):
         raise
     except (OSError, ValueError, TypeError, EOFError, BadZipFile) as fault:
@@ -43,7 +43,8 @@ def read_water(path: Path) -> Water | None:
 _NAMES = ("B", "beta", "gamma")
 
 
-def _water(content: Any, path: Path) -> Water | None:
+def water_of(content: Any, path: Path) -> Water | None:
+    """Return the water of what a file holds, as `read_water` does; path: of that file, to be named."""
     if not isinstance(content, Mapping) or content.get("B") is None:
         return None
     encoding = content.get("encoding")

@@ -9,7 +9,7 @@ from __future__ import annotations
 import base64
 import io
 import os
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -21,6 +21,7 @@ import numpy.typing as npt
 
 from sucre_bench.errors import InputError
 from sucre_bench.images import decode
+from sucre_bench.keeping import kept_arrays
 
 __all__ = ["Block", "Gallery"]
 
@@ -85,21 +86,17 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     except InputError:  # the page says that there is no picture
         return []
     small = _webp(_narrowed(image, width))
-    kept = path.with_suffix(".npz")
-    maps = _maps(name, image, kept if path.suffix == ".png" and kept.is_file() else None, has_holes)
-    return [Block(name, "image/webp", small), *maps]
+    arrays = kept_arrays(path.with_suffix(".npz")) if path.suffix == ".png" else {}
+    return [Block(name, "image/webp", small), *_maps(name, image, arrays, has_holes)]
 
 
-def _maps(name: str, image: Any, kept: Path | None, has_holes: bool) -> Iterable[Block]:
-    """The holes of a restoration, and its confidence where it was kept; a damaged file has none."""
-    try:
-        arrays: Any = np.load(kept) if kept else {}
-        if has_holes:
-            yield _holes(name, ~np.isfinite(arrays["image"]).all(axis=-1) if kept else (image == 0).all(axis=-1))
-        if "confidence" in arrays:
-            yield from _confidence(name, arrays["confidence"])
-    except (OSError, ValueError, KeyError, EOFError):
-        return
+def _maps(name: str, image: Any, arrays: Mapping[str, Any], has_holes: bool) -> Iterable[Block]:
+    """The holes of a restoration, and its confidence where it was kept."""
+    if has_holes:
+        kept = arrays.get("image")
+        yield _holes(name, (image == 0).all(axis=-1) if kept is None else ~np.isfinite(kept).all(axis=-1))
+    if "confidence" in arrays:
+        yield from _confidence(name, arrays["confidence"])
 
 
 def _holes(name: str, holes: npt.NDArray[np.bool_]) -> Block:
