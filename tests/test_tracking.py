@@ -9,7 +9,7 @@ import pandas as pd
 import pytest
 from mlflow import MlflowClient
 
-from sucre_bench import sweep
+from sucre_bench import results, sweep, tracking
 from sucre_bench.figures import style
 
 pytestmark = pytest.mark.usefixtures("toys")
@@ -188,3 +188,27 @@ def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: 
     outcome = track("dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert "mlflow: not logged" in capsys.readouterr().err
+
+
+def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    out, uri = tmp_path / "out", f"sqlite:///{tmp_path / 'mlflow.db'}"
+    sweep.run(["dataset=toy", "method=gain,gain2", "metrics=[redness]", f"out={out}", "tracking.uri=off"], True)
+    rows = results.read(out)
+    picture = out / "restored/toy/gain/v1.png"
+    picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
+    original, told = tracking.runs._Store.succeed, []
+
+    def breaks(*given: object) -> None:
+        told.append(given)
+        if len(told) == 3:
+            raise ConnectionError("gone")
+        original(*given)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(tracking.runs._Store, "succeed", breaks)
+        with pytest.raises(ConnectionError):
+            tracking.log(out, rows, uri, "sucre_bench")
+    assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]
+    assert tracking.log(out, rows, uri, "sucre_bench") == 1
+    latest = {r.data.tags.get("method", ""): r.info.status for r in runs(uri) if r.data.tags.get("latest") == "yes"}
+    assert latest == {"": "FINISHED", "gain": "FINISHED", "gain2": "FINISHED"}

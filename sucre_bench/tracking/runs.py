@@ -6,6 +6,7 @@ import hashlib
 import json
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -43,20 +44,18 @@ def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
     if not new:
         return 0
     older = store.latest()
-    parent = store.start(out.resolve().name, rows, {"jobs": str(len(jobs)), **_source(out)})
-    client.set_tag(parent, "mlflow.note.content", _note(rows))
-    for dataset, method, own in new:
-        run = _log_job(store, parent, dataset, method, own)
-        store.succeed(run, older.get((dataset, method), []))
-    store.log_table(parent, rows)
-    for name in ("config.yaml", "environment.json"):
-        if (out / name).is_file():
-            client.log_artifact(parent, str(out / name))
-    for folder in ("tables", "figures"):
-        if (out / folder).is_dir():
-            client.log_artifacts(parent, str(out / folder), folder)
-    store.end(parent, rows)
-    store.succeed(parent, older.get(("", ""), []))
+    with store.run(out.resolve().name, rows, {"jobs": str(len(jobs)), **_source(out)}) as parent:
+        client.set_tag(parent, "mlflow.note.content", _note(rows))
+        store.log_table(parent, rows)
+        for name in ("config.yaml", "environment.json"):
+            if (out / name).is_file():
+                client.log_artifact(parent, str(out / name))
+        for folder in ("tables", "figures"):
+            if (out / folder).is_dir():
+                client.log_artifacts(parent, str(out / folder), folder)
+        store.succeed(parent, older.get(("", ""), []))
+        for dataset, method, own in new:
+            _log_job(store, parent, dataset, method, own, older.get((dataset, method), []))
     return len(new)
 
 
@@ -92,14 +91,18 @@ class _Store:
         for other in older:
             self.client.set_tag(other, "latest", "no")
 
-    def start(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> str:
-        """Begin a run at the time its rows begin."""
+    @contextmanager
+    def run(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
+        """A run from the time its rows begin to that of their end; one that is broken off does not go on for ever."""
         about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
         own = {**about, "out": str(self.out.resolve()), **tags}
-        return str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), own, name).info.run_id)
-
-    def end(self, run: str, rows: pd.DataFrame) -> None:
-        """End a run at the time its rows end."""
+        run = str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), own, name).info.run_id)
+        try:
+            yield run
+        except BaseException:
+            with suppress(Exception):  # of what broke it off; mlflow may be gone
+                self.client.set_terminated(run, "KILLED")
+            raise
         failed = (rows["status"] == "failed").any()
         self.client.set_terminated(run, "FAILED" if failed else "FINISHED", _stamp(rows["time"].max()))
 
@@ -110,7 +113,7 @@ class _Store:
             self.client.log_artifact(run, str(path))
 
 
-def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame) -> str:
+def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame, older: Iterable[str]) -> None:
     """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
     from mlflow.entities import LoggedModelOutput
 
@@ -126,23 +129,22 @@ def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.Dat
         "device": ",".join(sorted(set(rows["device"]) - {""})),
         "status": _status(rows),
     }
-    run = store.start(f"{method} on {dataset}", rows, tags)
-    client.set_tag(run, "mlflow.note.content", _about(options, dataset, method, rows))
-    params = dict(_params(options)) | _replicates(rows)
-    data = _dataset(options, dataset, tags["data_id"])
-    client.log_inputs(run, [data])
-    model = _model(store, run, method, params, tags)
-    _log_values(client, run, rows, params, model, data)
-    client.log_outputs(run, [LoggedModelOutput(model.model_id, 0)])
-    client.finalize_logged_model(model.model_id, "FAILED" if tags["status"] == "failed" else "READY")
-    store.log_table(run, rows)
-    pictures = store.out / "restored" / file_name(dataset) / file_name(method)
-    if pictures.is_dir():
-        client.log_artifacts(run, str(pictures), "restored")
-    _log_pictures(store, run, rows)
-    client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
-    store.end(run, rows)
-    return run
+    with store.run(f"{method} on {dataset}", rows, tags) as run:
+        client.set_tag(run, "mlflow.note.content", _about(options, dataset, method, rows))
+        params = dict(_params(options)) | _replicates(rows)
+        data = _dataset(options, dataset, tags["data_id"])
+        client.log_inputs(run, [data])
+        model = _model(store, run, method, params, tags)
+        _log_values(client, run, rows, params, model, data)
+        client.log_outputs(run, [LoggedModelOutput(model.model_id, 0)])
+        client.finalize_logged_model(model.model_id, "FAILED" if tags["status"] == "failed" else "READY")
+        store.log_table(run, rows)
+        pictures = store.out / "restored" / file_name(dataset) / file_name(method)
+        if pictures.is_dir():
+            client.log_artifacts(run, str(pictures), "restored")
+        _log_pictures(store, run, rows)
+        store.succeed(run, older)
+        client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
 
 
 def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInput:
@@ -232,15 +234,16 @@ def _log_pictures(store: _Store, run: str, rows: pd.DataFrame) -> None:
     every = -(-len(steps) // _MOST_PICTURES)
     for row in restorations(rows).itertuples():
         step = steps[str(row.scene), str(row.view)]
-        place = layout.find(row.dataset, row.scene, row.view, store.out)
-        path = place.restored(store.out, row.method) if place else None
-        if step % every == 0 and path is not None and path.is_file():
-            with Image.open(path) as whole:
+        place = layout.find(row.dataset, row.scene, row.view, store.out) if step % every == 0 else None
+        if place is None:
+            continue
+        try:
+            with Image.open(place.restored(store.out, row.method)) as whole:
                 small = whole.convert("RGB")
-                small.thumbnail(_PICTURE_SIZE)
-            store.client.log_image(
-                run, small, key="restored", step=step, timestamp=_stamp(str(row.time)), synchronous=True
-            )
+        except OSError:  # gone, or cut short: the others are shown
+            continue
+        small.thumbnail(_PICTURE_SIZE)
+        store.client.log_image(run, small, key="restored", step=step, timestamp=_stamp(str(row.time)), synchronous=True)
 
 
 def _status(rows: pd.DataFrame) -> str:
