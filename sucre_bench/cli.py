@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import errno
 import json
 import os
 import sys
@@ -25,6 +26,7 @@ from sucre_bench.video.command import video
 
 __all__ = ["cli", "main"]
 
+_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 
@@ -40,7 +42,7 @@ def main() -> None:
         with contextlib.suppress(BrokenPipeError):
             sys.stderr.flush()
     except OSError as fault:
-        if fault.filename is not None:
+        if fault.filename is not None or fault.errno not in _NO_ROOM:
             raise
         _drop_output()
         status = _fault(f"the output cannot be written, {fault.strerror}; send it where there is room", 2)

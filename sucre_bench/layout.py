@@ -97,9 +97,11 @@ def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     stems = (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
     candidates = [Place(file_name(dataset), first / stem) for stem in stems]
     found = (place for place in candidates if place.original(out).is_file())
-    return next(found, None) or next((place for place in candidates if _is_restored(place, out)), None)
+    return next(found, None) or _restored(candidates, out / "restored" / file_name(dataset))
 
 
-def _is_restored(place: Place, out: Path) -> bool:
-    folder = out / "restored" / place.dataset
-    return folder.is_dir() and any(place.restored(out, method.name).is_file() for method in folder.iterdir())
+def _restored(candidates: Sequence[Place], folder: Path) -> Place | None:
+    """The place of a view that is itself no longer there. folder: of the dataset's restorations."""
+    methods = list(folder.iterdir()) if folder.is_dir() else []
+    files = ((place, method / f"{place.stem}.png") for place in candidates for method in methods)
+    return next((place for place, file in files if file.is_file()), None)

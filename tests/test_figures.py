@@ -230,7 +230,7 @@ def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
         "sea": "NotApplicableError",
         "lake": "Figure",
     }
-    assert "scores of sea are the same at all values of within" in str(found["sea"])
+    assert "sea has no scores that differ between values of within" in str(found["sea"])
 
 
 # -- pictures ----------------------------------------------------------------------------------------------

@@ -408,10 +408,32 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     )
 
 
-def test_a_study_of_scores_that_nothing_has_writes_nothing(tmp_path: Path):
+def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(tmp_path: Path, drawn: Any):
+    def draws(rows: object, study: object, out: object) -> Iterator[Any]:
+        yield "", Figure()  # of what methods told, say
+
+    drawn("draws", draws)
     rows = frame([row(m, f"v{n}", 20.0 + n) for m in "ab" for n in range(2)])
-    written = write(Study("s", metrics=("psi", "de00:lab"), figures=("scores",)), rows, tmp_path)
-    assert written == Written((), ("s: nothing was scored by psi, de00:lab: no tables, no figures",))
+    assert len(write(Study("s", metrics=("psnr",)), rows, tmp_path).paths) == 3
+    written = write(Study("s", metrics=("psi", "de00:lab"), figures=("draws",)), rows, tmp_path)
+    assert written.notes == (
+        "s: no scores of psi, de00:lab, left out",
+        "s: no tables, nothing that it asks for was scored",
+    )
+    assert {path.name for path in written.paths} == {"s-draws.png", "s-draws.pdf"}
+    assert not list((tmp_path / "tables").iterdir())
+
+
+def test_where_nothing_was_restored_nothing_of_before_is_left(tmp_path: Path):
+    rows = frame([row(m, f"v{n}", 20.0 + n) for m in "ab" for n in range(2)])
+    study = Study("s", figures=("scores",))
+    (tmp_path / "figures").mkdir()
+    other = tmp_path / "figures" / "s-2-scores.png"
+    other.write_bytes(b"of another study")
+    write(study, rows, tmp_path)
+    failed = rows.assign(status="failed", reason="boom", value=float("nan"))
+    assert write(study, failed, tmp_path) == Written((), ("s: nothing was restored, so there is nothing to show",))
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == [other]
 
 
 def test_the_same_rows_in_any_order_make_the_same_files(tmp_path: Path):

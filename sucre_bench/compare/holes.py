@@ -50,7 +50,17 @@ def notes(
     for column, values in scores.items():
         if column.n_units == 0:
             said.append(f"{column.metric} ({column.variant}): no {column.of} that {_list(values.columns)} all have")
+    if not scores:
+        said += _unscored(rows, some)
     return [*said, *_repeats_lost(rows, repetitions)]
+
+
+def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[str]:
+    """Why nothing that is asked for was scored, of methods that did restore."""
+    own = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
+    for name in methods:
+        why = [f"{r.status}: {r.reason}" for r in own[own["method"] == name].itertuples()]
+        yield f"{name} has no score" + (f" ({_counted(why)})" if why else "")
 
 
 def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:

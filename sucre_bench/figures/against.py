@@ -40,8 +40,8 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Drawn:
         if len(followed.values) < 2:
             yield suffix, NotApplicableError(f"{followed.title} has one value of {followed.option}; sweep over more")
         elif not columns:
-            said = f"the scores of {followed.title} are the same at all values of {followed.option}"
-            yield suffix, NotApplicableError(f"{said}; choose others that matter here")
+            said = f"{followed.title} has no scores that differ between values of {followed.option}, or methods"
+            yield suffix, NotApplicableError(f"{said}; name others, study.metrics=[NAME]")
         else:
             yield suffix, _figure(followed, columns)
 

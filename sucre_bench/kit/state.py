@@ -9,6 +9,7 @@ import logging
 import os
 import random
 import sys
+import tempfile
 from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 from typing import Any
@@ -79,12 +80,14 @@ def changed(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
 
 
 def _remedy(name: str) -> str:
-    if "random" in name:
-        return "use a generator of its own, numpy.random.default_rng(self.seed)"
     if name.startswith("os.environ"):
         return "put it back; where importing a package does it, name the package in requires="
     if name.startswith("the file"):
         return "write into a folder of tempfile's, or not at all"
+    if name == "torch's random state":
+        return "use a generator of its own, torch.Generator().manual_seed(self.seed)"
+    if name in ("numpy's random state", "random's state"):
+        return "use a generator of its own, numpy.random.default_rng(self.seed)"
     return "put it back"
 
 
@@ -101,12 +104,16 @@ def watched() -> Iterator[list[Finding]]:
     random.random()
     if torch:
         torch.rand(1)
-    before, printed = snapshot(), io.StringIO()
+    before = snapshot()
     try:
-        with contextlib.redirect_stdout(printed):
-            yield found
+        # A file, since programs that a plugin starts may be given it.
+        with io.TextIOWrapper(tempfile.TemporaryFile(), "utf-8") as printed:
+            with contextlib.redirect_stdout(printed):
+                yield found
+            printed.seek(0)
+            line = printed.read().strip().partition("\n")[0]
         found += [breach(f"changes {name}; {_remedy(name)}") for name in changed(before, snapshot())]
-        if line := printed.getvalue().strip().partition("\n")[0]:
+        if line:
             found.append(doubt(f"prints '{line}'; leave the terminal to whoever runs it, warnings.warn reaches people"))
     finally:
         np.random.set_state(kept[0])

@@ -50,6 +50,7 @@ watch(["method", "before", "metric"], drawCaptions);
 // Which pictures the slider shows, and each one's score.
 function drawCaptions() {
   const [view, column] = [viewOf(state.view), columnOf(state.metric)];
+  if (!view) return;
   for (const button of $("grid").children) {
     const { which } = button.dataset;
     button.setAttribute("aria-pressed", String(which === state.method));

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import itertools
-from collections.abc import Iterator, Sequence
+from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -43,12 +43,13 @@ def write(
     notes: list[str] = []
     rows = _in_order(rows, methods, datasets)
     if not (rows["status"] == "ok").any():
-        return Written((), (f"{study.name}: nothing was restored, so there is nothing to show",))
-    asked, study = study.metrics, _applicable(study, rows, notes)
-    if asked and not study.metrics:
-        return Written((), (f"{study.name}: nothing was scored by {', '.join(asked)}: no tables, no figures",))
+        return _nothing(study, out, "nothing was restored, so there is nothing to show")
+    named, study = study.metrics, _applicable(study, rows, notes)
     paths: list[Path] = []
     try:
+        if named and not study.metrics:
+            _clear_tables(study, out)
+            raise NotApplicableError("nothing that it asks for was scored")
         for suffix, text in _tables(study, rows):
             path = out / "tables" / f"{study.name}.{suffix}"
             write_atomically(path, text.encode())
@@ -63,6 +64,25 @@ def write(
     for name in study.figures:
         paths += _figures(name, study, rows, out, notes)
     return Written(tuple(paths), tuple(notes))
+
+
+def _nothing(study: Study, out: Path, why: str) -> Written:
+    """Say why there is nothing, and leave no tables and figures of an earlier time that would say otherwise."""
+    _clear_tables(study, out)
+    for name in study.figures:
+        _clear(out, f"{study.name}-{name}", ())
+    return Written((), (f"{study.name}: {why}",))
+
+
+def _clear_tables(study: Study, out: Path) -> None:
+    for path in (out / "tables").glob(f"{study.name}.*"):
+        path.unlink()
+
+
+def _clear(out: Path, whole: str, written: Collection[Path]) -> None:
+    """Remove a figure's files but those that were written now."""
+    for old in {*(out / "figures").glob(f"{whole}.*"), *(out / "figures").glob(f"{whole}-*")} - {*written}:
+        old.unlink()
 
 
 def _in_order(rows: pd.DataFrame, methods: Sequence[str], datasets: Sequence[str]) -> pd.DataFrame:
@@ -131,6 +151,6 @@ def _figures(name: str, study: Study, rows: pd.DataFrame, out: Path, notes: list
     except ANY_FAULT as fault:
         keep_traceback(log_path(out), whole)
         notes.append(f"{whole}: failed, {one_line(fault)}; the traceback is in {log_path(out)}")
-    for old in {*(out / "figures").glob(f"{whole}.*"), *(out / "figures").glob(f"{whole}-*")} - {*written}:
-        old.unlink()
+        return written
+    _clear(out, whole, written)
     return written

@@ -165,7 +165,7 @@ def _tex(text: str) -> str:
 def _in_ot1(sign: str) -> str:
     if ord(sign) < 0x180 and sign.isprintable() and sign not in _NOT_IN_OT1:
         return sign
-    plain = unicodedata.normalize("NFKD", sign)[0]
+    plain = "".join(part for part in unicodedata.normalize("NFKD", sign) if not unicodedata.combining(part))
     return plain if plain.isascii() and plain.isprintable() else "?"
 
 
