@@ -22,6 +22,9 @@ from sucre_bench.scene import Array, Restoration, Score, View
 __all__ = ["Hue", "HueError", "expected_hue_deg", "hue_deg", "turn_deg"]
 
 
+_LOST_DEG = 90.0
+
+
 @metric(
     needs={"charts"},
     requires=["cv2", "colour"],
@@ -64,15 +67,20 @@ class Hue:
 )
 @dataclass(frozen=True)
 class HueError:
-    """Mean angle, either way round, between measured and expected hue of the chromatic chart patches, degrees."""
+    """Mean angle, either way round, between measured and expected hue of the chromatic chart patches, degrees.
+
+    A patch that has lost its hue, blown out to white say, counts 90, as far off as a hue at random is on average.
+    """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
         for chart in view.charts:
             readings = [r for r in measure(shown, chart) if r.patch.colour]
             expected = np.array([expected_hue_deg(r.patch, variant) for r in readings])
-            measured = hue_deg(np.array([r.rgb for r in readings]), variant)
-            yield from chart_scores(chart, readings, np.abs(turn_deg(measured, expected)))
+            rgb = np.array([r.rgb for r in readings])
+            off = np.abs(turn_deg(hue_deg(rgb, variant), expected))
+            is_gray = np.isnan(off) & np.isfinite(rgb).all(axis=-1)
+            yield from chart_scores(chart, readings, np.where(is_gray, _LOST_DEG, off))
 
 
 def hue_deg(rgb: Array, form: str) -> Array:

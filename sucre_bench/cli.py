@@ -68,7 +68,8 @@ def _status() -> int:
         return _fault(" ".join(fault.format_message().split()), fault.exit_code)
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
-    except (click.exceptions.Abort, KeyboardInterrupt):
+    except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
+        _say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
     return 0
 

@@ -119,4 +119,14 @@ def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
         views = own[["dataset", "scene", "view"]].drop_duplicates()
         everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
         where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
-        yield f"{', '.join(dict.fromkeys(own['metric']))}{where}: {reason}"
+        metrics = [_with_variants(name, scores, rows) for name, scores in own.groupby("metric", sort=False)]
+        methods = list(dict.fromkeys(own["method"]))
+        of = "" if len(methods) == rows["method"].nunique() else f" of {', '.join(methods)}"
+        yield f"{', '.join(metrics)}{of}{where}: {reason}"
+
+
+def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
+    """A metric's name, with the variants that are lost where others are not."""
+    variants = list(dict.fromkeys(lost["variant"]))
+    every = rows.loc[rows["metric"] == metric, "variant"].nunique()
+    return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"

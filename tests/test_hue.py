@@ -78,11 +78,15 @@ def test_channels_turned_round_are_a_hue_error_of_120_degrees_in_every_patch(ord
     np.testing.assert_allclose([s.value for s in found.values()], 120, atol=1e-3)
 
 
-def test_a_patch_without_hue_is_left_out_of_the_charts_error() -> None:
+def test_a_patch_that_lost_its_hue_counts_90_degrees_and_one_that_was_not_restored_nothing() -> None:
     shown = painted(KINDS["dgk"], TILTED)[..., [2, 0, 1]].copy()
     red = np.isclose(shown, np.array(KINDS["dgk"].patches[6].srgb)[[2, 0, 1]]).all(axis=-1)
     shown[red] = 0.4
     found = scores(HueError(), shown, "hsv")
+    assert found["c"].value == pytest.approx((11 * 120 + 90) / 12, abs=1e-3)
+    assert found["c"].coverage == pytest.approx(1)
+    assert found["c/7-red"].value == 90
+    shown[red] = np.nan
+    found = scores(HueError(), shown, "hsv")
     assert found["c"].value == pytest.approx(120, abs=1e-3)
     assert found["c"].coverage == pytest.approx(11 / 12)
-    assert np.isnan(found["c/7-red"].value)

@@ -61,7 +61,8 @@ def compare(
         if own["_asked"].any():
             methods = sorted(own["method"].unique(), key=order.index)
             tables.append(_table(" · ".join(map(str, key)), own, methods, baseline))
-    return tables
+    scored = [table for table in tables if table.columns]
+    return scored if by != "method" and scored else tables  # of a region that some views lack
 
 
 def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFrame:

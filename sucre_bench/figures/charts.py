@@ -89,6 +89,6 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
         panel.grid(axis="y")
     for panel in axes.flat[len(panels) :]:
         panel.set_visible(False)
-    figure.supxlabel("distance of the chart (m)", fontsize=7)
+    figure.supxlabel("distance of the chart (m); bars: standard deviation over its patches", fontsize=7)
     style.legend_above(figure, axes[0, 0], 5 if width == 2 else 3)
     return figure

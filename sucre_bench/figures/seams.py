@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench import layout
-from sucre_bench.colour import display
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.figures import style
 from sucre_bench.images import read_rgb
@@ -89,7 +88,7 @@ def _figure(pictures: dict[str, Array], values: dict[str, float], title: str) ->
     figure, axes = style.figure(2, height, nrows=3, ncols=len(pictures), height_ratios=shapes)
     x, y, w, h = _window(list(found.values()), high, wide)
     for column, (name, picture) in zip(axes.T, pictures.items(), strict=True):
-        shown = np.nan_to_num(display(picture, "stretch-1-99"))
+        shown = np.nan_to_num(picture)
         column[0].imshow(shown)
         column[0].add_patch(Rectangle((x, y), w, h, fill=False, edgecolor="white", linewidth=0.8))
         column[1].imshow(shown[y : y + h, x : x + w], interpolation="nearest")

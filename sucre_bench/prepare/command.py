@@ -107,7 +107,9 @@ def prepare(
     what is done is not done again, and the same command goes on where it was stopped.
     """
     from sucre_bench import console
+    from sucre_bench.launch import terminated_as_interrupt
     from sucre_bench.prepare import pipeline
+    from sucre_bench.prepare.colmap import load_pycolmap
     from sucre_bench.prepare.scale import Known, Length
     from sucre_bench.selection import quoted
 
@@ -117,8 +119,12 @@ def prepare(
         tuple(Length(name, ((x, y), (x2, y2)), metres) for name, x, y, x2, y2, metres in lengths),
         depth_track,
     )
-    with console.live():
-        done = pipeline.prepare(photos, out, pipeline.Options(**options), known, again)
+    load_pycolmap()  # before the next line, for it makes a kill dump its stack
+    with console.live(), terminated_as_interrupt():
+        try:
+            done = pipeline.prepare(photos, out, pipeline.Options(**options), known, again)
+        except KeyboardInterrupt:
+            raise KeyboardInterrupt("stopped; the same command goes on from here") from None
     if not done.is_new:
         click.echo("nothing to do: all is there already, made of these photos with these options")
     for kind, left_out in (("damaged", done.damaged), ("without a place", done.unplaced)):

@@ -84,8 +84,13 @@ def open_ui(uri: str, port: int) -> int:
     from sucre_bench.launch import terminated_as_interrupt
 
     serving = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", _resolved(uri), "--host", "127.0.0.1"]
-    quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false"}
-    with subprocess.Popen([*serving, "--port", str(port)], env={**os.environ, **quiet}) as server:
+    quiet = {
+        "MLFLOW_DISABLE_TELEMETRY": "true",
+        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+        "PYTHONWARNINGS": "ignore",
+    }
+    log = ["--uvicorn-opts", "--log-level warning"]
+    with subprocess.Popen([*serving, "--port", str(port), *log], env={**os.environ, **quiet}) as server:
         try:
             with terminated_as_interrupt():
                 return server.wait()
