@@ -140,6 +140,24 @@ def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
     assert (tmp_path / "paper.pdf").stat().st_size > 10_000
 
 
+def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
+    rows = [
+        replace(ROW, method=m, metric=f"metric{n}", view=f"v{v}", value=float(n + v))
+        for m, n, v in itertools.product(("one", "two"), range(9), range(3))
+    ]
+    (comparison,) = compare.compare(frame(rows))
+    text = tables.as_text([comparison], "latex")
+    tabulars = re.findall(r"\\begin\{tabular\}\{(l?r+)\}(.*?)\\end\{tabular\}", text, re.S)
+    assert 1 < len(tabulars) < 9
+    assert sum(len(columns) - 1 for columns, _ in tabulars) == 9
+    for columns, body in tabulars:
+        lines = [line for line in body.splitlines() if "&" in line]
+        assert [line.split(" & ")[0] for line in lines] == ["method", "one", "two"]
+        assert {line.count("&") for line in lines} == {len(columns) - 1}
+        assert max(len(re.sub(r"\\\w+|[{}$\\]", "", line)) for line in lines) < 110
+    assert re.findall(r"metric\d", text[: text.index("% mean")]) == [f"metric{n}" for n in range(9)]
+
+
 def test_cells_show_mean_interval_tie_and_holes():
     comparison = table({"a": [20.0, 25, 30, None], "b": [21.0, 24, 31, 9]})
     assert re.search(r"a +≈ 25\.0 \[\d+\.\d, \d+\.\d\] ○1", terminal(comparison))

@@ -11,9 +11,11 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.tables.words import Shown, left_out, legend, shown, title
+from sucre_bench.tables.words import Shown, blocks, left_out, legend, shown, title
 
 __all__ = ["Format", "as_text"]
+
+_PAGE = 100  # characters that fit beside each other on a page of two columns, about 500 points
 
 Format = Literal["md", "latex", "html", "csv", "json"]
 
@@ -122,11 +124,23 @@ def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
         ]
         for name in comparison.methods
     ]
-    header_line, *lines = (" & ".join(line) + r" \\" for line in [header, *rows])
     head = [f"% {_one_line(comparison.title)}"] if titled else []
-    table = [rf"\begin{{tabular}}{{l{'r' * len(comparison.columns)}}}", r"\toprule", header_line, r"\midrule", *lines]
     notes = [f"% {_one_line(note)}" for note in _below(comparison, spread)]
-    return "\n".join([*head, *table, r"\bottomrule", r"\end{tabular}", *notes]) + "\n"
+    widths = [
+        max(len(_heading(column)), *(len(str(shown(comparison, name, column, spread))) for name in comparison.methods))
+        for column in comparison.columns
+    ]
+    first = max(len(name) for name in ("method", *comparison.methods))
+    beside = [*blocks(widths, _PAGE - first)] or [slice(0)]
+    tabulars = [_tabular([line[:1] + line[1:][places] for line in [header, *rows]]) for places in beside]
+    return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *notes]) + "\n"
+
+
+def _tabular(table: Sequence[Sequence[str]]) -> str:
+    """A first line, and those below it."""
+    header, *lines = (" & ".join(line) + r" \\" for line in table)
+    begin = rf"\begin{{tabular}}{{l{'r' * (len(table[0]) - 1)}}}"
+    return "\n".join([begin, r"\toprule", header, r"\midrule", *lines, r"\bottomrule", r"\end{tabular}"])
 
 
 def _one_line(text: str) -> str:

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.tables.words import Shown, left_out, legend, shown, title
+from sucre_bench.tables.words import Shown, blocks, left_out, legend, shown, title
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -29,7 +28,8 @@ def as_table(comparison: Comparison, width: int, spread: bool = False) -> Render
     first = max(len(name) for name in ("method", *comparison.methods))
     laid_out = [_LaidOut.of(comparison, column, spread) for column in comparison.columns]
     parts: list[Any] = [Text(comparison.title, style="bold")]
-    for block in _blocks(laid_out, width - first - 2):
+    for places in blocks([own.width for own in laid_out], width - first - 2):
+        block = laid_out[places]
         lines = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
         lines.add_column("method", no_wrap=True)
         for own in block:
@@ -87,17 +87,3 @@ class _LaidOut:
 
 def _marked(cell: Shown) -> str:
     return f"{cell.mark} {cell.value}".lstrip()
-
-
-def _blocks(columns: list[_LaidOut], room: int) -> Iterator[list[_LaidOut]]:
-    """The columns in groups that each fit into `room` characters."""
-    block: list[_LaidOut] = []
-    left = room
-    for column in columns:
-        if block and column.width + 2 > left:
-            yield block
-            block, left = [], room
-        block.append(column)
-        left -= column.width + 2
-    if block:
-        yield block

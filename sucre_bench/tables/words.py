@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -94,6 +94,18 @@ def _is_change(cell: Cell) -> bool:
 
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:
     return f"[{word(low)}, {word(high)}]" if math.isfinite(low) else ""
+
+
+def blocks(widths: Sequence[int], room: int) -> Iterator[slice]:
+    """Yield which columns stand beside each other, groups that each fit into `room` characters, two between columns."""
+    start, left = 0, room
+    for n, width in enumerate(widths):
+        if n > start and width + 2 > left:
+            yield slice(start, n)
+            start, left = n, room
+        left -= width + 2
+    if widths:
+        yield slice(start, len(widths))
 
 
 # -- below a table -----------------------------------------------------------------------------------------
