@@ -15,7 +15,7 @@ from sucre_bench.tables.words import Shown, blocks, left_out, legend, shown, tit
 
 __all__ = ["Format", "as_text"]
 
-_PAGE = 120  # characters that fit beside each other on a page of two columns, about 500 points
+_PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points
 
 Format = Literal["md", "latex", "html", "csv", "json"]
 
