@@ -21,8 +21,7 @@ from sucre_bench.scene import Array, Restoration, Score, View
 
 __all__ = ["Hue", "HueError", "expected_hue_deg", "hue_deg", "turn_deg"]
 
-
-_LOST_DEG = 90.0
+_LOST_DEG = 90.0  # the mean error of a hue at random
 
 
 @metric(

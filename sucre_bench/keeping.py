@@ -71,11 +71,14 @@ def kept_whole(path: Path, base: Row) -> Measured | None:
     return Measured(restoration, about["seconds"], about["peak_mb"])
 
 
-def kept_arrays(path: Path) -> Mapping[str, Any]:
-    """Return the arrays that `keep_whole` wrote, by name; none of a file that is not there or is damaged."""
+def kept_arrays(path: Path, *names: str) -> Mapping[str, Any]:
+    """Return the arrays that `keep_whole` wrote, by name; none of a file that is not there or is damaged.
+
+    names: of those that are wanted, as far as there are such; all where none is given.
+    """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
-            return {name: arrays[name] for name in arrays.files}
+            return {name: arrays[name] for name in arrays.files if not names or name in names}
     except ANY_FAULT:  # of damaged bytes, unpacking raises whatever it comes upon
         return {}
 

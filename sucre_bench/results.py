@@ -150,13 +150,10 @@ def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
     """The table and the parts, read anew where a part goes meanwhile: it may not have been in the table yet."""
     for _ in range(_ATTEMPTS):
         parts = [_table(path, labels) for path in sorted((out / PARTS).glob("*.parquet"))]
-        found = [
-            _table(out / TABLE, labels),
-            *parts,
-        ]  # the table last: what a merge took from the parts by now is in it
+        whole = _table(out / TABLE, labels)  # last: what a merge took from the parts by now is in it
         if all(part is not None for part in parts):
             break
-    return [table for table in found if table is not None]
+    return [table for table in (whole, *parts) if table is not None]
 
 
 def _table(path: Path, labels: Mapping[str, str]) -> pd.DataFrame | None:

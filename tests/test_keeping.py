@@ -7,9 +7,12 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
+from test_run import calls, run
 
 from sucre_bench.keeping import keep_whole, kept_arrays, kept_whole
+from sucre_bench.plugins import find
 from sucre_bench.restoring import Measured
 from sucre_bench.results import Row
 from sucre_bench.scene import Restoration, Water
@@ -75,3 +78,48 @@ def test_of_damaged_bytes_nothing_is_read_and_nothing_raised(tmp_path: Path) -> 
     assert unread > 40
     path.unlink()
     assert kept_whole(path, BASE) is None
+
+
+# -- in a run ----------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def out(tmp_path: Path, toys: str) -> Path:
+    return tmp_path / "out"
+
+
+def test_what_was_kept_whole_is_scored_again_without_restoring_it(out: Path, tmp_path: Path):
+    log, wanted = f"method.log={tmp_path / 'log'}", "metrics=[psnr,ssim,water,redness]"
+    run(out, log, "save=full")
+    later = run(out, log, wanted)
+    assert calls(tmp_path / "log") == ["v0.png", "v1.png", "v2.png"]
+    times = ["time", "value", "seconds", "peak_mb"]
+    fresh = run(tmp_path / "fresh", log, wanted)
+    pd.testing.assert_frame_equal(later.rows.drop(columns=times), fresh.rows.drop(columns=times))
+    scored = [rows.loc[~rows["metric"].isin(["seconds", "peak_mb"]), "value"] for rows in (later.rows, fresh.rows)]
+    pd.testing.assert_series_equal(*scored, check_exact=True)
+    took = later.rows.groupby("view")["seconds"].nunique()
+    assert (took == 1).all(), "those of the one restoration"
+
+
+@pytest.mark.parametrize(("change", "again"), [("dataset.tag=other", 3), ("overwrite=always", 3), ("damage", 1)])
+def test_what_was_kept_whole_of_something_else_is_not_scored(out: Path, tmp_path: Path, change: str, again: int):
+    log = f"method.log={tmp_path / 'log'}"
+    run(out, log, "save=full")
+    if change == "damage":
+        kept = out / "restored/toy/gain/v1.npz"
+        kept.write_bytes(kept.read_bytes()[:-100])
+    run(out, log, "metrics=[psnr,ssim]", *([change] if "=" in change else []), "dataset.label=toy")
+    assert len(calls(tmp_path / "log")) == 3 + again
+
+
+def test_what_was_kept_whole_is_of_the_picture_beside_it(out: Path, tmp_path: Path):
+    """Also when the same label was run otherwise in between."""
+    run(out, "method.gain=1.1", "save=full")
+    run(out, "method.gain=0.5", "method.label=gain", "overwrite=always")
+    assert not list(out.rglob("restored/**/*.npz"))
+    run(out, "method.gain=0.5", "method.label=gain", "save=full")
+    with np.load(out / "restored/toy/gain/v1.npz") as arrays:
+        image = arrays["image"]
+    (view,) = (view for view in next(iter(find("dataset", "toy").cls().scenes())) if view.name == "v1.png")
+    np.testing.assert_allclose(image, view.rgb * 0.5, rtol=1e-6)

@@ -35,9 +35,9 @@ def notes(
     """
     restored = _restored(rows)
     some = [name for name in methods if restored.get(name)]
-    anywhere = set().union(*restored.values()) or _tried(rows)
-    everywhere = anywhere.intersection(*(restored[name] for name in some))
     why = _Why.of(rows)
+    anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
+    everywhere = anywhere.intersection(*(restored[name] for name in some))
     said = []
     for name in methods:
         lost = anywhere - restored.get(name, set())
@@ -67,12 +67,6 @@ def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
     """The views that each method restored."""
     ok = rows[(rows["metric"] == "seconds") & (rows["status"] == "ok") & rows["_fresh"]]
     return {str(name): set(zip(own["scene"], own["view"], strict=True)) for name, own in ok.groupby("method")}
-
-
-def _tried(rows: pd.DataFrame) -> set[_View]:
-    """The views that there was a try to restore."""
-    own = rows[(rows["metric"] == "seconds") & rows["_fresh"]]
-    return set(zip(own["scene"], own["view"], strict=True))
 
 
 @dataclass(frozen=True)

@@ -86,7 +86,8 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     except InputError:  # the page says that there is no picture
         return []
     small = _webp(_narrowed(image, width))
-    arrays = kept_arrays(path.with_suffix(".npz")) if path.suffix == ".png" else {}
+    wanted = ("confidence", *(["image"] if has_holes else []))
+    arrays = kept_arrays(path.with_suffix(".npz"), *wanted) if path.suffix == ".png" else {}
     return [Block(name, "image/webp", small), *_maps(name, image, arrays, has_holes)]
 
 

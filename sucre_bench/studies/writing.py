@@ -48,7 +48,6 @@ def write(
     paths: list[Path] = []
     try:
         if named and not study.metrics:
-            _clear_tables(study, out)
             raise NotApplicableError("nothing that it asks for was scored")
         for suffix, text in _tables(study, rows):
             path = out / "tables" / f"{study.name}.{suffix}"
@@ -57,6 +56,7 @@ def write(
     except OutputError:
         raise
     except (NotApplicableError, InputError) as reason:
+        _clear_tables(study, out)
         notes.append(f"{study.name}: no tables, {one_line(reason)}")
     except ANY_FAULT as fault:
         keep_traceback(log_path(out), f"{study.name}, its tables")

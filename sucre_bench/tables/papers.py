@@ -116,23 +116,19 @@ def _md(text: str) -> str:
 
 def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
     sets = {"best": r"\textbf{{{}}}", "better": r"\textbf{{{}}}", "second": r"\underline{{{}}}"}
-    header = ["method", *(_tex(_heading(column)) for column in comparison.columns)]
+    heads = [_heading(column) for column in comparison.columns]
+    cells = [_cells(comparison, name, spread) for name in comparison.methods]
     rows = [
-        [
-            _first(_tex(name)),
-            *(sets.get(c.look, "{}").format(_tex_number(str(c))) for c in _cells(comparison, name, spread)),
-        ]
-        for name in comparison.methods
+        [_first(_tex(name)), *(sets.get(c.look, "{}").format(_tex_number(str(c))) for c in own)]
+        for name, own in zip(comparison.methods, cells, strict=True)
     ]
     head = [f"% {_one_line(comparison.title)}"] if titled else []
     notes = [f"% {_one_line(note)}" for note in _below(comparison, spread)]
-    widths = [
-        max(len(_heading(column)), *(len(str(shown(comparison, name, column, spread))) for name in comparison.methods))
-        for column in comparison.columns
-    ]
-    first = max(len(name) for name in ("method", *comparison.methods))
+    widths = [max(map(len, map(str, column))) for column in zip(heads, *cells, strict=True)]
+    first = max(map(len, ("method", *comparison.methods)))
+    lines = [["method", *map(_tex, heads)], *rows]
     beside = [*blocks(widths, _PAGE - first)] or [slice(0)]
-    tabulars = [_tabular([line[:1] + line[1:][places] for line in [header, *rows]]) for places in beside]
+    tabulars = [_tabular([line[:1] + line[1:][places] for line in lines]) for places in beside]
     return "\n".join([*head, "\n\n\\medskip\n".join(tabulars), *notes]) + "\n"
 
 
