@@ -89,7 +89,9 @@ def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
 def test_it_is_searched_from_disk(browser: Browser, site: Path):
     browser.open((site / "index.html").as_uri())
     browser.click(".md-search__input")
-    browser.write("variable projection")
+    browser.until("document.querySelector('.md-search-result__meta').textContent.trim() === 'Type to start searching'")
+    browser.write("variable projectio")
+    browser.press("n")  # the search listens to keys
     browser.until("document.querySelector('.md-search-result__item a')?.href.includes('sucre.html')")
     assert not browser.complaints
 
