@@ -2,6 +2,11 @@
 
 from __future__ import annotations
 
+import os
+import re
+import shutil
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
@@ -79,3 +84,40 @@ def test_a_class_typed_into_a_session_has_a_hash_of_its_own():
         return space["Typed"].__plugin__
 
     assert source_hash(typed(0.5)) == source_hash(typed(0.5)) != source_hash(typed(0.7))
+
+
+ASK = """
+from sucre_bench.plugins import find
+from sucre_bench.source import source_hash
+print(source_hash(find("method", "sucre")))
+"""
+
+
+def test_only_what_code_does_counts(tmp_path: Path):
+    """Stored results outlive a better comment, a better docstring and a module moved; not a changed constant."""
+    house = Path(source.__file__).parent.parent
+    for name in ("sucre_bench", "methods", "datasets", "metrics", "conf"):
+        shutil.copytree(house / name, tmp_path / name, symlinks=True, ignore=shutil.ignore_patterns("__pycache__"))
+
+    def hash_now() -> str:
+        command = [sys.executable, "-c", ASK]
+        environment = {**os.environ, "PYTHONPATH": str(tmp_path)}
+        asked = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True, check=True)
+        return asked.stdout
+
+    before = hash_now()
+    for file in [*(tmp_path / "sucre_bench").rglob("*.py"), *(tmp_path / "methods").rglob("*.py")]:
+        text = file.read_text(encoding="utf-8")
+        file.write_text(re.sub(r'^( *)"""', r'\1"""Better words. ', text, count=1, flags=re.M) + "\n# A comment.\n")
+    assert hash_now() == before
+    loading = tmp_path / "sucre_bench" / "loading"
+    (loading / "exr.py").rename(loading / "openexr.py")
+    for file in (tmp_path / "sucre_bench").rglob("*.py"):
+        text = file.read_text(encoding="utf-8")
+        file.write_text(text.replace("loading.exr import", "loading.openexr import"))
+    assert hash_now() == before
+    model = tmp_path / "methods" / "sucre" / "levenberg.py"
+    constant = re.search(r"^_?[A-Z_]+ = ([0-9.e-]+)", model.read_text(encoding="utf-8"), flags=re.M)
+    assert constant
+    model.write_text(model.read_text(encoding="utf-8").replace(constant[0], constant[0] + "1"))
+    assert hash_now() != before
