@@ -13,8 +13,9 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from sucre_bench import Camera, View
+from sucre_bench.arrays import Array
 from sucre_bench.multiview.observe import observe
-from sucre_bench.scene import Array, Plane
+from sucre_bench.scene import Plane
 
 N_VIEWS = 2000
 STEP_M, DEPTH_M = 0.1, 2.0

@@ -15,8 +15,9 @@ from dataclasses import MISSING
 import numpy as np
 
 import sucre_bench as sb
-from sucre_bench.options import options_of
-from sucre_bench.plugins import Plugin, discover, find
+from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover, find
 from sucre_bench.scene import Scene
 
 

@@ -21,16 +21,18 @@ from pathlib import Path
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size
-from sucre_bench.loading.files import check_scale, data_id_of
-from sucre_bench.loading.folders import existing, folders_below, walk
+from sucre_bench.imaging.image_files import image_size
+from sucre_bench.loading.find_folders import existing, folders_below, walk
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.image_scale import check_scale
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.photograph import Photograph, view_of
-from sucre_bench.loading.single_images import image_names
-from sucre_bench.plugins import dataset
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Plane, Scene
+from sucre_bench.machine.progress import track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Plane, Scene
 
 __all__ = ["Aqualoc"]
 

@@ -2,7 +2,7 @@
 
 root/images/<name>          8- or 16-bit PNG, TIFF or JPEG; sub-folders and many cameras are fine
 root/sparse/ or sparse/0/   cameras and images, .bin or .txt, PINHOLE or SIMPLE_PINHOLE
-root/depths/                optional: depth_<stem>.png and other forms, see `sucre_bench.loading.depth`
+root/depths/                optional: depth_<stem>.png and other forms, see `loading.depth_maps`
 root/reference/<name>       optional: the image without water
 root/charts.json            optional: colour charts, see `sucre_bench.loading.charts_file`
 
@@ -19,10 +19,10 @@ from pathlib import Path
 
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
-from sucre_bench.loading.files import check_scale
-from sucre_bench.loading.folders import existing
-from sucre_bench.loading.registered import registered_scene
-from sucre_bench.plugins import dataset
+from sucre_bench.loading.colmap_scene import registered_scene
+from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
 
 __all__ = ["Colmap"]

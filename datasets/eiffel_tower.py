@@ -3,7 +3,7 @@
     2015/images/20150412T...png     the photographs of a visit, as they were taken
     2015/sfm/                       COLMAP model of that visit, as text; distorted cameras
     global/sfm/                     COLMAP model of all visits in one frame
-    2015/depths/                    optional, one's own: maps of the undistorted images, see `sucre_bench.loading.depth`
+    2015/depths/                    optional, one's own: maps of the undistorted images, see `loading.depth_maps`
 
 Conventions. Images are undistorted on the way. Lengths are metres: the models were fitted to the robots' navigation.
 A name in the global model starts with its visit's year; its image is looked for in global/images/ and in that year's.
@@ -20,10 +20,10 @@ from typing import Literal
 
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
-from sucre_bench.loading.files import check_scale
-from sucre_bench.loading.folders import existing
-from sucre_bench.loading.registered import registered_scene
-from sucre_bench.plugins import dataset
+from sucre_bench.loading.colmap_scene import registered_scene
+from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
 __all__ = ["EiffelTower"]

@@ -20,17 +20,21 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
-from sucre_bench.images import SUFFIXES, decode, image_size
-from sucre_bench.loading.brown import lens_of
-from sucre_bench.loading.depth import read_depth
-from sucre_bench.loading.files import check_length, check_scale, data_id_of, fingerprint
-from sucre_bench.loading.folders import existing, inside
+from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
+from sucre_bench.loading.brown_lens import lens_of
+from sucre_bench.loading.depth_maps import read_depth
+from sucre_bench.loading.find_folders import existing, inside
+from sucre_bench.loading.fingerprints import data_id_of, fingerprint
+from sucre_bench.loading.image_scale import check_scale
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
-from sucre_bench.plugins import dataset
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene
+from sucre_bench.loading.view_files import check_length
+from sucre_bench.machine.progress import track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Nerfstudio"]
 

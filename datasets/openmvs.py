@@ -3,7 +3,7 @@
 root/depth0000.dmap ...   depth maps, one an image; their headers hold cameras and poses, so that scene.mvs is not read
 root/images/<name>        the images, wherever they are below root
 
-Source of the format: see `sucre_bench.loading.dmap`.
+Source of the format: see `sucre_bench.loading.openmvs_dmap`.
 """
 
 from __future__ import annotations
@@ -14,15 +14,18 @@ from pathlib import Path
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.loading.dmap import Header, read_dmap_depth, read_header
-from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_pose
-from sucre_bench.loading.folders import existing
-from sucre_bench.loading.named import ImageFolder, inner_path
+from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.match_images import ImageFolder, inner_path
+from sucre_bench.loading.openmvs_dmap import Header, read_dmap_depth, read_header
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.plugins import dataset
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Encoding, Plane, Scene
+from sucre_bench.loading.view_files import check_length, scaled_pose
+from sucre_bench.machine.progress import track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Openmvs"]
 

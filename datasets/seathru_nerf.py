@@ -2,7 +2,7 @@
 
     Panama/images_wb/MTN_1090.png     1,400x900 or so; Images_wb/ in IUI3-RedSea
            sparse/0/*.bin             COLMAP model, distorted cameras (colmap/sparse/0/ in copies of others)
-           depths/                    optional, one's own: of the undistorted images, see `sucre_bench.loading.depth`
+           depths/                    optional, one's own: of the undistorted images, see `loading.depth_maps`
 
 Conventions. The images are linear: demosaiced raw files, each channel divided by its 99.8th percentile over the scene,
 which its authors call white balance. They are undistorted on the way. The models' scale is arbitrary.
@@ -18,11 +18,12 @@ from typing import Literal
 
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
-from sucre_bench.loading.files import check_length, check_scale
-from sucre_bench.loading.folders import existing, folders_below, scene_name
-from sucre_bench.loading.named import ImageFolder
-from sucre_bench.loading.registered import registered_scene
-from sucre_bench.plugins import dataset
+from sucre_bench.loading.colmap_scene import registered_scene
+from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.match_images import ImageFolder
+from sucre_bench.loading.view_files import check_length
+from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
 
 __all__ = ["SeathruNerf"]

@@ -26,15 +26,18 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, pixel_rays, scaled_camera
 from sucre_bench.errors import InputError
-from sucre_bench.images import SUFFIXES, image_size, same_shape
+from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
-from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_camera
-from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_scale import check_scale
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.multiview.geometry import pixel_rays
-from sucre_bench.plugins import dataset
-from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene
+from sucre_bench.loading.view_files import check_length
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Squid"]
 

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench.errors import InputError
-from sucre_bench.loading.files import check_scale
-from sucre_bench.loading.folders import existing, folders_below
-from sucre_bench.loading.single_images import image_folder_scene, image_names
-from sucre_bench.plugins import dataset
+from sucre_bench.loading.find_folders import existing, folders_below
+from sucre_bench.loading.image_folder import image_folder_scene, image_names
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
 __all__ = ["U45"]

@@ -17,10 +17,10 @@ from pathlib import Path
 from typing import Literal
 
 from sucre_bench.errors import InputError
-from sucre_bench.loading.files import check_scale
-from sucre_bench.loading.folders import existing
-from sucre_bench.loading.single_images import image_folder_scene, paired_folders
-from sucre_bench.plugins import dataset
+from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.image_folder import image_folder_scene, paired_folders
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
 __all__ = ["Uieb"]

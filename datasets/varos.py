@@ -25,14 +25,17 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
-from sucre_bench.loading.depth import read_16_bit
-from sucre_bench.loading.files import check_scale, data_id_of
-from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.depth_maps import read_16_bit
+from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_scale import check_scale
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.plugins import dataset
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Camera, Plane, Scene
+from sucre_bench.machine.progress import track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Plane, Scene
 
 __all__ = ["Varos"]
 

@@ -5,8 +5,8 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.steps.lab import equalised
+from sucre_bench.imaging.filters.lab import equalised
+from sucre_bench.plugins.ranges import check_ranges
 
 
 @method(requires=("cv2",), cites="Zuiderveld 1994", encoding="gamma")

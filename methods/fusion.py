@@ -14,14 +14,14 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.scene import Array
-from sucre_bench.steps.denoised import denoised
-from sucre_bench.steps.lab import equalised
-from sucre_bench.steps.luma import luma
-from sucre_bench.steps.pyramid import blended, most_levels
-from sucre_bench.steps.saliency import binomial, saliency
-from sucre_bench.steps.white_balance import gray_world, mid_gray_gain, red_from_green
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.filters.bilateral import denoised
+from sucre_bench.imaging.filters.lab import equalised
+from sucre_bench.imaging.filters.luma import luma
+from sucre_bench.imaging.filters.pyramid import blended, most_levels
+from sucre_bench.imaging.filters.saliency import binomial, saliency
+from sucre_bench.imaging.filters.white_balance import gray_world, mid_gray_gain, red_from_green
+from sucre_bench.plugins.ranges import check_ranges
 
 _EXPOSED = 0.25  # sigma of the exposedness weight (2012)
 _REGULARISER = 0.1  # delta: every input contributes a little everywhere (2018)

@@ -13,9 +13,9 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, Water, method
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Array
-from sucre_bench.steps.through_water import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
 
 __all__ = ["GaussianSeathru", "Parameters", "negative_log_likelihood"]
 

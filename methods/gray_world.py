@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.colour import gray_world_gain
+from sucre_bench.imaging.display import gray_world_gain
 
 
 @method(cites="Buchsbaum 1980")

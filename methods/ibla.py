@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.scene import Array
-from sucre_bench.steps.dark_channel import window_max
-from sucre_bench.steps.guided_filter import guided_filter
-from sucre_bench.steps.luma import luma
-from sucre_bench.steps.veiling_light import highest, nearest_depth, reduced, restoration
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.filters.dark_channel import window_max
+from sucre_bench.imaging.filters.guided_filter import guided_filter
+from sucre_bench.imaging.filters.luma import luma
+from sucre_bench.imaging.filters.veiling_light import highest, nearest_depth, reduced, restoration
+from sucre_bench.plugins.ranges import check_ranges
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue
 _SLOPE, _INTERCEPT = -0.00113, 1.62517  # scattering is linear in the wavelength (Zhao et al. 2015)

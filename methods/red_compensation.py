@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.colour import stretch
-from sucre_bench.steps.white_balance import gray_world, red_from_green
+from sucre_bench.imaging.display import stretch
+from sucre_bench.imaging.filters.white_balance import gray_world, red_from_green
+from sucre_bench.plugins.ranges import check_ranges
 
 
 @method(cites="Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018", encoding="gamma")

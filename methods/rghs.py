@@ -14,11 +14,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.scene import Array
-from sucre_bench.steps.denoised import denoised
-from sucre_bench.steps.lab import from_lab, to_lab
-from sucre_bench.steps.white_balance import mid_gray_gain
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.filters.bilateral import denoised
+from sucre_bench.imaging.filters.lab import from_lab, to_lab
+from sucre_bench.imaging.filters.white_balance import mid_gray_gain
+from sucre_bench.plugins.ranges import check_ranges
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
 _RESIDUAL = (0.83, 0.95, 0.97)  # of red, green and blue light, what a metre of water leaves

@@ -12,11 +12,11 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.scene import Array
-from sucre_bench.steps.dark_channel import dark_channel
-from sucre_bench.steps.guided_filter import guided_filter
-from sucre_bench.steps.veiling_light import brightest, restoration
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.filters.dark_channel import dark_channel
+from sucre_bench.imaging.filters.guided_filter import guided_filter
+from sucre_bench.imaging.filters.veiling_light import brightest, restoration
+from sucre_bench.plugins.ranges import check_ranges
 
 
 @method(

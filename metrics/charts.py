@@ -13,10 +13,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.charts import Patch, PatchReading, measure
-from sucre_bench.cielab import ciede2000, lab_d50, srgb_of_lab_d50
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Chart, Restoration, Score, View
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.charts.kinds import Patch
+from sucre_bench.imaging.charts.reading import PatchReading, measure
+from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Chart, Restoration, Score, View
 
 __all__ = ["De00", "Psi", "angle_deg", "chart_scores", "patch_region"]
 

@@ -11,11 +11,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.charts import image_from_chart
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.multiview.geometry import distance_map, unproject
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Camera, Chart, Restoration, Score, View
+from sucre_bench.imaging.charts.reading import image_from_chart
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Chart, Restoration, Score, View
 
 __all__ = ["ChartDistance", "DistanceVariance"]
 

@@ -7,8 +7,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Restoration, Score, View
+from sucre_bench.arrays import Array
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Coverage", "Negative"]
 

@@ -13,11 +13,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.charts import Patch, measure
-from sucre_bench.cielab import colour_science, lab_d50
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.charts.kinds import Patch
+from sucre_bench.imaging.charts.reading import measure
+from sucre_bench.imaging.cielab import colour_science, lab_d50
 from sucre_bench.metrics.charts import chart_scores, patch_region
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Restoration, Score, View
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Hue", "HueError", "expected_hue_deg", "hue_deg", "turn_deg"]
 

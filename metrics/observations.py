@@ -5,8 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Restoration, Score, View
+from sucre_bench.arrays import Array
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Observations"]
 

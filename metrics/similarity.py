@@ -13,10 +13,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.colour import srgb_encode
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Mask, Restoration, Score, View
+from sucre_bench.imaging.encoding import srgb_encode
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Psnr", "Ssim"]
 

@@ -23,9 +23,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.colour import to_8bit
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Restoration, Score, View
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Uciqe", "uciqe"]
 

@@ -30,9 +30,10 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.colour import to_8bit
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Mask, Restoration, Score, View
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Recipe", "Uiqm", "alpha_trimmed_mean", "eme", "uicm", "uiconm", "uism"]
 

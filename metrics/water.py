@@ -7,9 +7,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.plugins import metric
-from sucre_bench.scene import Array, Restoration, Score, View
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.scene import Restoration, Score, View
 from sucre_bench.scene import Water as TrueWater
 
 __all__ = ["Water"]

@@ -24,7 +24,7 @@ if [ -f "$stamp" ] && [ "$(cat "$stamp")" = "$state" ]; then exit 0; fi
 missing=()
 while IFS=: read -r library package; do
   ldconfig -p 2>/dev/null | grep -q "$library" || missing+=("$package")
-done < <(sed -n 's/^    "\(lib[^"]*\)": "\([^"]*\)",$/\1:\2/p' sucre_bench/doctor.py)
+done < <(sed -n 's/^    "\(lib[^"]*\)": "\([^"]*\)",$/\1:\2/p' sucre_bench/programs/doctor.py)
 if [ ${#missing[@]} -gt 0 ] && command -v apt-get >/dev/null; then
   if [ "$(id -u)" = 0 ]; then
     say "installing ${missing[*]}"

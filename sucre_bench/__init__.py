@@ -16,35 +16,38 @@ __version__ = "0.1.0"
 
 # Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
 _HOME = {
-    "sucre_bench.api": ("load_scenes", "restore", "score"),
+    "sucre_bench.engine.one_view": ("load_scenes", "restore", "score"),
     "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
+    "sucre_bench.programs.contract": ("breaches",),
     "sucre_bench.plugins": ("dataset", "method", "metric", "load_file"),
-    "sucre_bench.progress": ("track",),
-    "sucre_bench.scene": ("Arrays", "Camera", "Chart", "Pixels", "Restoration", "Scene", "Score", "View", "Water"),
+    "sucre_bench.machine.progress": ("track",),
+    "sucre_bench.camera": ("Camera",),
+    "sucre_bench.scene": ("Arrays", "Chart", "Pixels", "Restoration", "Scene", "Score", "View", "Water"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
 
 __all__ = [*_MODULE, "__version__"]
 
 if TYPE_CHECKING:
-    from sucre_bench.api import load_scenes as load_scenes
-    from sucre_bench.api import restore as restore
-    from sucre_bench.api import score as score
+    from sucre_bench.camera import Camera as Camera
     from sucre_bench.degrade import Degradation as Degradation
     from sucre_bench.degrade import degraded as degraded
+    from sucre_bench.engine.one_view import load_scenes as load_scenes
+    from sucre_bench.engine.one_view import restore as restore
+    from sucre_bench.engine.one_view import score as score
     from sucre_bench.errors import InputError as InputError
     from sucre_bench.errors import NotApplicableError as NotApplicableError
     from sucre_bench.errors import PluginError as PluginError
     from sucre_bench.errors import SolveError as SolveError
     from sucre_bench.errors import SucreBenchError as SucreBenchError
+    from sucre_bench.machine.progress import track as track
     from sucre_bench.plugins import dataset as dataset
     from sucre_bench.plugins import load_file as load_file
     from sucre_bench.plugins import method as method
     from sucre_bench.plugins import metric as metric
-    from sucre_bench.progress import track as track
+    from sucre_bench.programs.contract import breaches as breaches
     from sucre_bench.scene import Arrays as Arrays
-    from sucre_bench.scene import Camera as Camera
     from sucre_bench.scene import Chart as Chart
     from sucre_bench.scene import Pixels as Pixels
     from sucre_bench.scene import Restoration as Restoration

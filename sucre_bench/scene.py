@@ -14,47 +14,23 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 import numpy as np
-import numpy.typing as npt
 from cachetools import LRUCache, cached
 
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 
-__all__ = [
-    "Array",
-    "Arrays",
-    "Camera",
-    "Chart",
-    "Encoding",
-    "Mask",
-    "Pixels",
-    "Plane",
-    "Restoration",
-    "Scene",
-    "Score",
-    "View",
-    "Water",
-]
+__all__ = ["Arrays", "Chart", "Encoding", "Pixels", "Plane", "Restoration", "Scene", "Score", "View", "Water"]
 
-Array = npt.NDArray[np.floating[Any]]
-Mask = npt.NDArray[np.bool_]
 Encoding = Literal["gamma", "linear"]
+
+
 Plane = Literal["rgb", "depth", "reference"]
+
 
 # Decoded planes kept for reuse, so that a method may say `view.rgb` five times without five decodes,
 # and a 5,000-image dive still does not fill the memory.
 _KEPT_BYTES = 768 << 20
-
-
-@dataclass(frozen=True, eq=False)
-class Camera:
-    """A pinhole camera without distortion.
-
-    K: (3, 3) float64 intrinsic matrix in pixels, pixel centres at +0.5; width, height: image size in pixels.
-    """
-
-    K: Array
-    width: int
-    height: int
 
 
 @dataclass(frozen=True, eq=False)
@@ -153,7 +129,7 @@ class View:
     @property
     def distance(self) -> Array:
         """(H, W) float32 metres from the camera's centre, 0 = unknown: ||K^-1 (u + .5, v + .5, 1) d||."""
-        from sucre_bench.multiview.geometry import distance_map
+        from sucre_bench.camera import distance_map
 
         if self.camera is None:
             raise InputError(f"{self.name}: the view has no camera; distance needs one")

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 
 from sucre_bench import Arrays, Camera, View
-from sucre_bench.layout import Place
-from sucre_bench.revisit import Frame
+from sucre_bench.engine.reopen import Frame
+from sucre_bench.results.layout import Place
 
 
 def make_frame(out: Path, view: View, **pictures: np.ndarray) -> Frame:

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench import Arrays, Restoration, Scene, View
-from sucre_bench.plugins import Method
+from sucre_bench.plugins.plugin import Method
 
 NOISE = np.random.default_rng(0).random((24, 32, 3), dtype=np.float32)
 UNWANTED = {

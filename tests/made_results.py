@@ -15,8 +15,9 @@ import cv2
 import numpy as np
 import pandas as pd
 
-from sucre_bench import layout, results
-from sucre_bench.results import Row
+from sucre_bench import results
+from sucre_bench.results import layout
+from sucre_bench.results.rows import Row
 
 # psnr by method and view.
 PSNR = {"plain": (20.0, 22.0, 21.0), "clever": (25.0, 27.0, 26.5), "broken": (18.0, 19.0, None)}

@@ -12,7 +12,7 @@ from colmap_folder import write_model
 from scipy.spatial.transform import Rotation
 from spots import BOTH, HEIGHT, POINT, WIDTH, camera_and_pose, check_both, disk_depth, pose_of, seen, write_spot
 
-from sucre_bench.multiview.geometry import project
+from sucre_bench.camera import project
 from sucre_bench.scene import Scene
 
 K = np.array([[150.0, 0, 83], [0, 150, 57], [0, 0, 1]])

@@ -9,9 +9,9 @@ import cv2
 import numpy as np
 import pytest
 
+from sucre_bench.camera import Camera, project, relative_pose, unproject
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project, relative_pose, unproject
-from sucre_bench.scene import Camera, Scene, View
+from sucre_bench.scene import Scene, View
 
 WIDTH, HEIGHT = 160, 120
 FAR = 9.0  # depth around the disk

@@ -10,9 +10,9 @@ import pytest
 from scipy.spatial.transform import Rotation
 from spots import BOTH, HEIGHT, POINT, WIDTH, camera_and_pose, centre, check_message, cut, pose_of, seen, write_spot
 
+from sucre_bench.camera import project
 from sucre_bench.datasets.aqualoc import Aqualoc
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project
 from sucre_bench.scene import Scene
 
 K = np.array([[110.0, 0, 82.5], [0, 112, 56.5], [0, 0, 1]])  # of Kalibr: pixel centres at whole numbers

@@ -10,9 +10,10 @@ import pytest
 from made_haze import NOISE, UNWANTED, restored
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.options import Option, options_of
-from sucre_bench.plugins import Plugin, find
+from sucre_bench.plugins.options import Option, options_of
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.plugins.registry import find
 
 NAMES = ["clahe", "fusion_2012", "fusion_2018", "haze_lines", "ibla", "red_compensation", "rghs", "udcp", "ulap"]
 METHODS = {name: find("method", name) for name in NAMES}

@@ -11,12 +11,13 @@ import numpy as np
 import pytest
 from test_charts import TILTED, painted
 
-from sucre_bench.charts import KINDS
-from sucre_bench.cielab import ciede2000, lab_d50, srgb_of_lab_d50
-from sucre_bench.colour import stretch
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
+from sucre_bench.imaging.display import stretch
 from sucre_bench.metrics.charts import De00, Psi, angle_deg
 from sucre_bench.metrics.patch_colour import PatchColour
-from sucre_bench.scene import Array, Arrays, Chart, Restoration, Score, View
+from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 D5 = Path(__file__).resolve().parents[2] / "shared" / "data" / "seathru_d5_charts"
 
@@ -81,7 +82,8 @@ def test_the_two_dgk_lists_agree_on_the_mixed_colours_and_differ_on_the_primarie
 
 def test_numbers_are_written_in_full_after_colours_were_scored() -> None:
     ours = (
-        "import numpy as np; from sucre_bench.cielab import lab_d50; lab_d50(np.ones(3)); print(str(np.float64(1) / 3))"
+        "import numpy as np; from sucre_bench.imaging.cielab import lab_d50; "
+        "lab_d50(np.ones(3)); print(str(np.float64(1) / 3))"
     )
     said = subprocess.run([sys.executable, "-c", ours], capture_output=True, text=True, check=True).stdout
     assert float(said) == 1 / 3

@@ -21,17 +21,19 @@ from made_scene import make_camera, make_pose
 from test_charts import TILTED, painted
 
 import sucre_bench as sb
-from sucre_bench.charting.command import charts
-from sucre_bench.charting.detect import detect
-from sucre_bench.charting.order import reading_order
-from sucre_bench.charting.propagate import propose
-from sucre_bench.charting.server import PageServer
-from sucre_bench.charting.session import Session
-from sucre_bench.charting.store import ChartsFile
-from sucre_bench.charts import KINDS, image_from_chart, measure
+from sucre_bench.arrays import Array
+from sucre_bench.commands.charts import charts
 from sucre_bench.errors import InputError
-from sucre_bench.loading.files import Files
-from sucre_bench.scene import Array, Arrays, Chart, View
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.charts.orientation import reading_order
+from sucre_bench.imaging.charts.reading import image_from_chart, measure
+from sucre_bench.loading.view_files import Files
+from sucre_bench.programs.mark_charts.carry_over import propose
+from sucre_bench.programs.mark_charts.charts_json import ChartsFile
+from sucre_bench.programs.mark_charts.detect import detect
+from sucre_bench.programs.mark_charts.server import PageServer
+from sucre_bench.programs.mark_charts.session import Session
+from sucre_bench.scene import Arrays, Chart, View
 
 # A DGK chart of 60 x 40 cm in the world, standing on nothing: its corners in metres, slanted, 3 m along z.
 BOARD = np.array([[-0.3, -0.2, 3.0], [0.29, -0.2, 3.1], [0.29, 0.2, 3.1], [-0.3, 0.2, 3.0]])
@@ -176,7 +178,7 @@ def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) 
 
 
 def _proposal(view: str, name: str) -> Any:
-    from sucre_bench.charting.propagate import Proposal
+    from sucre_bench.programs.mark_charts.carry_over import Proposal
 
     return Proposal(view, Chart(name, "dgk", TILTED), "a.png")
 

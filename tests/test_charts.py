@@ -1,4 +1,4 @@
-"""sucre_bench.charts: the tables against published data, the measuring against painted charts."""
+"""sucre_bench.imaging.charts.reading: the tables against published data, the measuring against painted charts."""
 
 from __future__ import annotations
 
@@ -9,10 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sucre_bench.charts import KINDS, ChartKind, chart_kind, kind_id, measure
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import KINDS, ChartKind, chart_kind, kind_id
+from sucre_bench.imaging.charts.reading import measure
 from sucre_bench.loading.charts_file import read_charts
-from sucre_bench.scene import Array, Chart
+from sucre_bench.scene import Chart
 
 TILTED = np.array([[61.0, 40.0], [352.0, 22.0], [377.0, 268.0], [33.0, 241.0]])
 

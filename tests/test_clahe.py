@@ -5,8 +5,8 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench import Arrays, Scene, View
+from sucre_bench.imaging.filters.lab import to_lab
 from sucre_bench.methods.clahe import Clahe
-from sucre_bench.steps.lab import to_lab
 
 RNG = np.random.default_rng(0)
 DULL = np.float32([0.2, 0.4, 0.45]) + np.float32(0.1) * RNG.random((64, 80, 1), dtype=np.float32)

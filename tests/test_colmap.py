@@ -23,10 +23,11 @@ from colmap_folder import (
     write_model,
 )
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project
-from sucre_bench.scene import Array, Scene, View
+from sucre_bench.scene import Scene, View
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 # At (5, 0, 10), looking along the world's -x, y down: x is the world's z. A turn of +90 degrees about y, written with

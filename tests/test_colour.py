@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 
 from sucre_bench import InputError
-from sucre_bench.colour import display, srgb_decode, srgb_encode
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 
 IMAGE = np.random.default_rng(0).uniform(-0.1, 1.3, (40, 50, 3))
 

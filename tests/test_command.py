@@ -26,15 +26,15 @@ from sucre_bench import (
     Restoration,
     Scene,
     View,
-    config,
     load_scenes,
     plugins,
     restore,
 )
-from sucre_bench.colour import srgb_encode
+from sucre_bench.engine.restore import measured_restore
+from sucre_bench.imaging.encoding import srgb_encode
+from sucre_bench.jobs import command as config
 from sucre_bench.methods.doors import Command, command
 from sucre_bench.methods.doors.process import Ended, run_program
-from sucre_bench.restoring import measured_restore
 
 LEVELS = np.arange(4 * 6 * 3, dtype=np.float32).reshape(4, 6, 3) * 3  # no two channels alike, so that a swap shows
 RGB = LEVELS / np.float32(255)

@@ -8,7 +8,7 @@ import pandas as pd
 import pytest
 
 from sucre_bench import InputError, compare
-from sucre_bench.results import Row, frame, replicated
+from sucre_bench.results.rows import Row, frame, replicated
 
 ROW = Row(
     dataset="sea", scene="reef", view="a", method="m", options="{}", options_id="o", metric="psnr", variant="masked",

@@ -13,8 +13,8 @@ from pathlib import Path
 import pytest
 from click.shell_completion import shell_complete
 
-from sucre_bench import completion
 from sucre_bench.cli import cli
+from sucre_bench.commands import completion
 
 FOLDER = Path(sys.executable).parent
 

@@ -5,13 +5,14 @@ from pathlib import Path
 import pytest
 import yaml
 
-from sucre_bench import InputError, config, job
+from sucre_bench import InputError
+from sucre_bench.jobs import command, job
 
 pytestmark = pytest.mark.usefixtures("toys")
 
 
-def jobs(*overrides: str, multirun: bool = False) -> config.Sweep:
-    return config.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun)
+def jobs(*overrides: str, multirun: bool = False) -> command.Sweep:
+    return command.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun)
 
 
 @pytest.mark.parametrize(
@@ -105,7 +106,7 @@ def test_labels_that_would_share_a_folder_are_refused():
 
 
 def test_an_option_of_the_swept_methods_need_not_be_one_of_the_default_method():
-    sweep = config.jobs(["dataset=toy", "method=gain,gain2", "method.gain=2", "metrics=[psnr]"], multirun=True)
+    sweep = command.jobs(["dataset=toy", "method=gain,gain2", "method.gain=2", "metrics=[psnr]"], multirun=True)
     assert [job.method.options["gain"] for job in sweep.jobs] == [2, 2]
 
 
@@ -115,7 +116,7 @@ def test_every_job_of_a_sweep_is_checked_before_any_runs():
 
 
 def test_an_experiment_brings_its_own_sweep():
-    sweep = config.jobs(["experiment=demo"], multirun=False)
+    sweep = command.jobs(["experiment=demo"], multirun=False)
     assert sweep.multirun
     labels = [job.method.label for job in sweep.jobs]
     assert labels == [
@@ -154,10 +155,10 @@ def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
 
 
 def test_the_seed_reaches_whatever_has_one_and_swept_seeds_have_labels_of_their_own():
-    (job,) = config.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
+    (job,) = command.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
     assert job.dataset.options["seed"] == 7
     assert job.dataset.label == "demo"
-    replicates = config.jobs(["dataset=demo", "method=gain", "seed=0,1"], multirun=True)
+    replicates = command.jobs(["dataset=demo", "method=gain", "seed=0,1"], multirun=True)
     assert [j.dataset.label for j in replicates.jobs] == ["demo,seed=0", "demo,seed=1"]
 
 

@@ -13,11 +13,12 @@ import pytest
 from made_networks import ARCHITECTURES, network_options
 
 from sucre_bench import plugins
-from sucre_bench.kit.contract import Subject, check, rules
-from sucre_bench.kit.elsewhere import imported, restored
-from sucre_bench.kit.methods import alike
-from sucre_bench.kit.scenes import TARGET, submerged, wall
-from sucre_bench.plugins import Plugin, discover
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
+from sucre_bench.programs.contract.contract import Subject, check, rules
+from sucre_bench.programs.contract.fresh_process import imported, restored
+from sucre_bench.programs.contract.made_scenes import TARGET, submerged, wall
+from sucre_bench.programs.contract.rules_methods import alike
 
 ORDINARY_WORDS = {"command", "photos", "onnx"}  # as plugins' names; the engine may use them for something else
 QUICK: dict[str, dict[str, Any]] = {"sucre_paper": {"steps": 3}, "command": {"run": "cp {input} {output}"}}

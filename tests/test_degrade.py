@@ -12,11 +12,14 @@ import numpy as np
 import pytest
 from made_scene import WATER, make_camera, make_pose, make_scene, make_view
 
-from sucre_bench import Arrays, Camera, Chart, InputError, Scene, View, Water, config, plugins, sweep
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench import Arrays, Camera, Chart, InputError, Scene, View, Water, plugins
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
 from sucre_bench.degrade import Degradation, degraded
-from sucre_bench.multiview.geometry import project
-from sucre_bench.scene import Array, Encoding, Plane
+from sucre_bench.engine import sweep
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.jobs import command
+from sucre_bench.scene import Encoding, Plane
 
 NINE = (0.1, 0.2, 0.3, 0.4, 0.2, 0.1, 0.3, 0.2, 0.15)
 
@@ -444,7 +447,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
 )
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str):
     with pytest.raises(InputError) as fault:
-        config.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
+        command.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
     assert said in str(fault.value)
     assert "\n" not in str(fault.value)
 

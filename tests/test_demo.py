@@ -9,7 +9,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from sucre_bench.charts import KINDS, measure
+from sucre_bench.arrays import Array
+from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import Demo
 from sucre_bench.datasets.demo.boards import SITES, place_board
 from sucre_bench.datasets.demo.files import make_once
@@ -21,10 +22,11 @@ from sucre_bench.datasets.demo.terrain import make_terrain
 from sucre_bench.datasets.demo.texture import make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import pixel_rays
-from sucre_bench.options import create
-from sucre_bench.plugins import find
-from sucre_bench.scene import Array, Scene, View
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.charts.reading import measure
+from sucre_bench.plugins.options import create
+from sucre_bench.plugins.registry import find
+from sucre_bench.scene import Scene, View
 
 SMALL: dict[str, Any] = {"width": 160, "height": 120, "views": 4}
 LEVEL = 1 / 255

@@ -15,13 +15,13 @@ from colmap_folder import write_dive
 from made_scene import make_scene
 from test_charts import TILTED, painted
 
-from sucre_bench.charts import KINDS
-from sucre_bench.describe.command import describe
-from sucre_bench.describe.facts import look_at
-from sucre_bench.describe.faults import Fault, find_faults
-from sucre_bench.describe.overlaps import overlaps
+from sucre_bench.camera import pixel_rays
+from sucre_bench.commands.describe import describe
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import pixel_rays
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.programs.describe.facts import look_at
+from sucre_bench.programs.describe.faults import Fault, find_faults
+from sucre_bench.programs.describe.overlaps import overlaps
 from sucre_bench.scene import Arrays, Chart, View
 
 

@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.metrics.distances import ChartDistance, DistanceVariance
-from sucre_bench.scene import Array, Arrays, Camera, Chart, Restoration, Score, View
+from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 CAMERA = Camera(np.array([[300.0, 0, 161.3], [0, 310, 118.9], [0, 0, 1]]), 320, 240)
 MIDDLE = np.array([1.1, 0.6, 4.0])  # of the chart, in the camera's frame, metres

@@ -10,9 +10,10 @@ from typing import Any
 
 import pytest
 
-from sucre_bench import config, plugins
+from sucre_bench import plugins
 from sucre_bench.cli import cli
-from sucre_bench.plugins import Plugin
+from sucre_bench.jobs import command as config
+from sucre_bench.plugins.plugin import Plugin
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

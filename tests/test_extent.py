@@ -5,8 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sucre_bench.arrays import Array
 from sucre_bench.metrics.extent import Coverage, Negative
-from sucre_bench.scene import Array, Arrays, Restoration, Score, View
+from sucre_bench.scene import Arrays, Restoration, Score, View
 
 NAN = np.nan
 IMAGE = np.array([[[0.1, 0.2, 0.3], [-0.1, 0.2, -0.3]], [[NAN, 0.2, 0.3], [1.5, -0.2, 0.0]]], np.float32)

@@ -14,10 +14,10 @@ from PIL import Image
 
 import sucre_bench
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.figures import against, pictures, scores, style
-from sucre_bench.results import Row, frame
-from sucre_bench.studies import Study
-from sucre_bench.studies.along import Value
+from sucre_bench.reports.paper import Study
+from sucre_bench.reports.paper.figures import against, pictures, scores, style
+from sucre_bench.reports.paper.follow_option import Value
+from sucre_bench.results.rows import Row, frame
 
 ROW = Row(
     dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d",

@@ -12,12 +12,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from sucre_bench import figures, layout, results
+from sucre_bench import results
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.figures import style
-from sucre_bench.figures.charts import seen_charts, with_places
-from sucre_bench.results import Row
-from sucre_bench.studies import Study
+from sucre_bench.reports.paper import Study, figures
+from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.figures.charts import seen_charts, with_places
+from sucre_bench.results import layout
+from sucre_bench.results.rows import Row
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -14,14 +14,14 @@ from made_observations import made
 from made_scene import WATER
 
 from sucre_bench.errors import InputError, NotApplicableError
-from sucre_bench.figures import residuals as residuals_figure
-from sucre_bench.figures import scaling, seams
-from sucre_bench.layout import Place
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import colours_in
-from sucre_bench.results import Row, frame
-from sucre_bench.studies import Study
-from sucre_bench.told import told
+from sucre_bench.reports.paper import Study
+from sucre_bench.reports.paper.figures import residuals as residuals_figure
+from sucre_bench.reports.paper.figures import scaling, seams
+from sucre_bench.results.layout import Place
+from sucre_bench.results.restorations import told
+from sucre_bench.results.rows import Row, frame
 
 STUDY = Study("trial")
 WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])

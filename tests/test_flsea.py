@@ -10,10 +10,10 @@ import pytest
 import tifffile
 from spots import HEIGHT, WIDTH, Saying, centre, check_message, cut, disk_depth, write_spot
 
+from sucre_bench.camera import unproject
 from sucre_bench.datasets.flsea import Flsea
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import unproject
-from sucre_bench.progress import watched_by
+from sucre_bench.machine.progress import watched_by
 from sucre_bench.scene import Scene
 
 K = np.array([[150.0, 0, 82.5], [0, 148, 56.5], [0, 0, 1]])  # of Kalibr: pixel centres at whole numbers

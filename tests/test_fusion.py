@@ -8,6 +8,7 @@ from scipy import ndimage
 from skimage.color import rgb2lab
 
 from sucre_bench import Arrays, Scene, View
+from sucre_bench.imaging.filters.saliency import binomial, saliency
 from sucre_bench.methods.fusion import (
     Fusion2012,
     Fusion2018,
@@ -17,7 +18,6 @@ from sucre_bench.methods.fusion import (
     _weight_2012,
     _weight_2018,
 )
-from sucre_bench.steps.saliency import binomial, saliency
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((13, 17, 3), dtype=np.float32)

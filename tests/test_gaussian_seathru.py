@@ -12,10 +12,11 @@ from scipy.stats import norm
 
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
+from sucre_bench.imaging.filters.water_column import TwoTerm, trusted
 from sucre_bench.methods import gaussian_seathru
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
-from sucre_bench.plugins import Plugin, discover
-from sucre_bench.steps.through_water import TwoTerm, trusted
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
 
 
 def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:

@@ -6,13 +6,7 @@ import numpy as np
 import pytest
 
 from sucre_bench import Camera
-from sucre_bench.multiview.geometry import (
-    distance_map,
-    pixel_rays,
-    project,
-    relative_pose,
-    unproject,
-)
+from sucre_bench.camera import distance_map, pixel_rays, project, relative_pose, unproject
 
 # The point X = (0.1, 0.2, 2) of the world. The first camera sits at the origin: x = 100 * 0.1 / 2 + 50 = 55,
 # y = 100 * 0.2 / 2 + 40 = 50. The second is at (2, 0, 2) and looks along -x (its right is +z): in its frame X is

@@ -9,7 +9,7 @@ import pytest
 from made_haze import NOISE, UNWANTED, hazy, restored, tiles
 
 from sucre_bench import Arrays, Restoration, Scene, View
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.haze_lines import HazeLines
 from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
 from sucre_bench.methods.haze_lines.lines import (
@@ -21,7 +21,7 @@ from sucre_bench.methods.haze_lines.lines import (
     transmission,
 )
 from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
-from sucre_bench.restoring import restored as engine_restored
+from sucre_bench.plugins.calling import restored as engine_restored
 from sucre_bench.scene import Encoding
 
 A = np.array([0.08, 0.30, 0.42])

@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 from test_charts import TILTED, painted
 
-from sucre_bench.charts import KINDS
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.metrics.hue import Hue, HueError, hue_deg, turn_deg
-from sucre_bench.scene import Array, Arrays, Chart, Restoration, Score, View
+from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 
 def scores(metric: Hue | HueError, shown: Array, variant: str, kind: str = "dgk") -> dict[str, Score]:

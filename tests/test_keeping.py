@@ -11,10 +11,9 @@ import pandas as pd
 import pytest
 from test_run import calls, run
 
-from sucre_bench.keeping import keep_whole, kept_arrays, kept_whole
-from sucre_bench.plugins import find
-from sucre_bench.restoring import Measured
-from sucre_bench.results import Row
+from sucre_bench.plugins.registry import find
+from sucre_bench.results.restorations import Measured, keep_whole, kept_arrays, kept_whole
+from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, Water
 
 BASE = Row("sea", "reef", "a.png", "m", options_id="o1", data_id="d1", code="c1")

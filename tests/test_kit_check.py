@@ -14,9 +14,9 @@ from click.testing import CliRunner, Result
 from colmap_folder import write_dive
 
 from sucre_bench import InputError, plugins
-from sucre_bench.kit import Subject, breaches, check, rules
-from sucre_bench.kit.command import check as command
-from sucre_bench.plugins import discover, find, load_file
+from sucre_bench.commands.check import check as command
+from sucre_bench.plugins.registry import discover, find, load_file
+from sucre_bench.programs.contract import Subject, breaches, check, rules
 
 HEAD = """
 import os, random, warnings
@@ -386,7 +386,7 @@ def test_what_is_random_is_accused_of_nothing_else(tmp_path: Path) -> None:
 
 
 def test_signs_are_plain_where_the_terminal_knows_no_others(tmp_path: Path) -> None:
-    from sucre_bench.kit.report import lines
+    from sucre_bench.programs.contract.text import lines
 
     subject = Subject(find("method", "underwater"))
     for outcome in check(subject, rules(subject.plugin, lasting=False)):

@@ -18,8 +18,8 @@ from test_kit_check import only_built_in  # noqa: F401  plugins that are written
 
 from sucre_bench import plugins
 from sucre_bench.cli import cli
-from sucre_bench.kit.command import new as command
-from sucre_bench.kit.new import checkout_of
+from sucre_bench.commands.new import new as command
+from sucre_bench.programs.contract.new import checkout_of
 
 ROOT = Path(__file__).resolve().parents[1]
 Bench = Callable[..., "subprocess.CompletedProcess[str]"]
@@ -89,7 +89,7 @@ def test_this_repository_is_known_from_every_folder_of_it(tmp_path: Path) -> Non
 
 def test_a_method_is_short() -> None:
     """At most 15 lines of code, as counted without blank lines, docstrings and comments."""
-    from sucre_bench.kit.new import _filled
+    from sucre_bench.programs.contract.new import _filled
 
     for depth in (False, True):
         about = {"kind": "method", "name": "x", "cls": "X", "depth": depth, "place": "folder", "is_named": False}

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sucre_bench.kit.scenes import charted, least, wall
-from sucre_bench.kit.state import changed, snapshot
+from sucre_bench.programs.contract.made_scenes import charted, least, wall
+from sucre_bench.programs.contract.process_state import changed, snapshot
 
 
 def test_the_least_scene_has_what_is_needed_and_nothing_else() -> None:
@@ -25,7 +25,7 @@ def test_both_views_of_the_wall_see_it_at_the_same_place() -> None:
 
 
 def test_the_painted_charts_are_read_as_what_they_are() -> None:
-    from sucre_bench.charts import measure
+    from sucre_bench.imaging.charts.reading import measure
 
     view = charted()["far.png"]
     for chart in view.charts:

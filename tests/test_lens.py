@@ -12,7 +12,7 @@ from colmap_folder import FORWARD, to_binary, write_image, write_model
 
 from sucre_bench import Camera, InputError
 from sucre_bench.datasets.colmap import Colmap
-from sucre_bench.loading.brown import BrownLens
+from sucre_bench.loading.brown_lens import BrownLens
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, view_of
 

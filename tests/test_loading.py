@@ -15,12 +15,12 @@ from sucre_bench.datasets.seathru import Seathru
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
 from sucre_bench.datasets.squid import Squid
 from sucre_bench.errors import InputError
-from sucre_bench.images import decode
-from sucre_bench.loading.depth import find_depths
-from sucre_bench.loading.files import fingerprint
-from sucre_bench.loading.folders import folders_below, inside, walk
-from sucre_bench.loading.named import ImageFolder, inner_path
-from sucre_bench.loading.single_images import image_names
+from sucre_bench.imaging.image_files import decode
+from sucre_bench.loading.depth_maps import find_depths
+from sucre_bench.loading.find_folders import folders_below, inside, walk
+from sucre_bench.loading.fingerprints import fingerprint
+from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.match_images import ImageFolder, inner_path
 
 
 def circle(root: Path) -> Path:

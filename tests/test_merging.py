@@ -7,7 +7,8 @@ from typing import Any
 import pytest
 
 from sucre_bench import results
-from sucre_bench.results import Part, Row
+from sucre_bench.results.rows import Row
+from sucre_bench.results.table import Part
 
 
 def row(view: str, **other) -> Row:

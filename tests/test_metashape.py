@@ -29,7 +29,7 @@ from spots import (
 
 from sucre_bench.datasets.metashape import Metashape
 from sucre_bench.errors import InputError
-from sucre_bench.progress import watched_by
+from sucre_bench.machine.progress import watched_by
 from sucre_bench.scene import Scene
 
 SCALE = 2.5  # metres in a unit of the chunk

@@ -14,11 +14,11 @@ from made_networks import ARCHITECTURES, random_state, weights_file
 from torch.nn import functional
 
 from sucre_bench import Arrays, InputError, Scene, View, restore
+from sucre_bench.imaging.filters.lab import equalised
 from sucre_bench.methods.networks import architectures, funie_gan, on_torch, water_net
 from sucre_bench.methods.networks.sizes import limited, resized, tiled
 from sucre_bench.methods.networks.water_net import WaterNet, white_balanced
 from sucre_bench.methods.networks.weights import read_state
-from sucre_bench.steps.lab import equalised
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.random((20, 24, 3), dtype=np.float32)

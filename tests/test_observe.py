@@ -15,11 +15,11 @@ import pytest
 from made_scene import make_camera, make_pose, make_scene
 
 from sucre_bench import Arrays, InputError, SolveError, View
+from sucre_bench.machine.progress import watched_by
 from sucre_bench.multiview import observe as module
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 from sucre_bench.multiview.pairing import lift, match
-from sucre_bench.progress import watched_by
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]

@@ -14,7 +14,7 @@ from onnx.helper import make_node
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
 from sucre_bench.methods.networks.on_onnx import opened
 from sucre_bench.methods.networks.sizes import resized
-from sucre_bench.source import source_hash
+from sucre_bench.plugins.code_hash import source_hash
 
 RNG = np.random.default_rng(0)
 NOISE = RNG.random((20, 24, 3), dtype=np.float32)

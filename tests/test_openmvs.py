@@ -24,7 +24,7 @@ from spots import (
 
 from sucre_bench.datasets.openmvs import Openmvs
 from sucre_bench.errors import InputError
-from sucre_bench.loading.dmap import read_dmap_depth
+from sucre_bench.loading.openmvs_dmap import read_dmap_depth
 from sucre_bench.scene import Scene
 
 K = np.array([[210.0, 0, 77.25], [0, 190.0, 61.5], [0, 0, 1]])  # pixel centres at whole numbers, as OpenMVS has them

@@ -9,9 +9,11 @@ from typing import Literal
 import pytest
 
 from sucre_bench import InputError, PluginError, method, metric, plugins
-from sucre_bench.config import jobs
-from sucre_bench.options import create, options_of
-from sucre_bench.plugins import Broken, discover, find, load_file, missing_packages
+from sucre_bench.jobs.command import jobs
+from sucre_bench.plugins.options import create, options_of
+from sucre_bench.plugins.plugin import Broken
+from sucre_bench.plugins.registry import discover, find, load_file
+from sucre_bench.plugins.requirements import missing_packages
 
 METHOD = """
 from dataclasses import dataclass

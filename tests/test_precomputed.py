@@ -11,8 +11,17 @@ import pytest
 import tifffile
 from PIL import Image
 
-from sucre_bench import Arrays, InputError, NotApplicableError, Restoration, Scene, View, restore, score
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench import (
+    Arrays,
+    InputError,
+    NotApplicableError,
+    Restoration,
+    Scene,
+    View,
+    restore,
+    score,
+)
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.doors import Precomputed, pattern
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder
 

@@ -18,23 +18,23 @@ from click.testing import CliRunner
 from made_scene import make_pose
 
 import sucre_bench as sb
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, depth_at, pixel_rays, project
+from sucre_bench.commands.prepare import prepare as command
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
-from sucre_bench.loading.depth import read_depth
+from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
-from sucre_bench.multiview.geometry import depth_at, pixel_rays, project
-from sucre_bench.prepare import mapping, undistort, writing
-from sucre_bench.prepare.command import prepare as command
-from sucre_bench.prepare.depthmaps import write_depth
-from sucre_bench.prepare.holes import without_small_holes
-from sucre_bench.prepare.photos import find_photos
-from sucre_bench.prepare.pipeline import Options, prepare
-from sucre_bench.prepare.quality import quality_of
-from sucre_bench.prepare.record import Prepared, Settled, given, read_record, settled_by
-from sucre_bench.prepare.relief import relief_of
-from sucre_bench.prepare.scale import Known, Length, Scale, find_scale
-from sucre_bench.prepare.shots import Shot, neighbours, read_shots
-from sucre_bench.scene import Array, Camera
+from sucre_bench.programs.prepare import mapping, undistort, writing
+from sucre_bench.programs.prepare.depthmaps import write_depth
+from sucre_bench.programs.prepare.fill_holes import without_small_holes
+from sucre_bench.programs.prepare.photos import find_photos
+from sucre_bench.programs.prepare.pipeline import Options, prepare
+from sucre_bench.programs.prepare.quality import quality_of
+from sucre_bench.programs.prepare.record import Prepared, Settled, given, read_record, settled_by
+from sucre_bench.programs.prepare.relief import relief_of
+from sucre_bench.programs.prepare.scale import Known, Length, Scale, find_scale
+from sucre_bench.programs.prepare.sparse_points import Shot, neighbours, read_shots
 
 WIDTH, HEIGHT = 320, 240
 CAMERA = Camera(np.array([[290.0, 0, WIDTH / 2], [0, 290, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
@@ -423,7 +423,7 @@ def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: 
 
 
 def test_the_command_imports_nothing_heavy():
-    code = "import sys, sucre_bench.prepare.command\nprint(*sorted({m.split('.')[0] for m in sys.modules}))"
+    code = "import sys, sucre_bench.commands.prepare\nprint(*sorted({m.split('.')[0] for m in sys.modules}))"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
     assert not {"cv2", "pycolmap", "open3d", "numba", "scipy", "torch"} & set(said.split())
 

@@ -10,8 +10,8 @@ import pandas as pd
 import pytest
 
 import sucre_bench as sb
-from sucre_bench import sweep
-from sucre_bench.charts import measure
+from sucre_bench.engine import sweep
+from sucre_bench.imaging.charts.reading import measure
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 # psi-bar of the unrestored photographs, degrees, by chart from near to far.

@@ -9,7 +9,7 @@ from click.testing import CliRunner
 
 from sucre_bench import InputError, compare
 from sucre_bench.cli import cli
-from sucre_bench.results import Row, frame, replicated
+from sucre_bench.results.rows import Row, frame, replicated
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", value=1.0, better="higher", data_id="d")
 

@@ -18,10 +18,13 @@ import pandas as pd
 import pytest
 from made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
 
-from sucre_bench import config, plugins, report, results, sweep
-from sucre_bench.report import pictures
-from sucre_bench.report.commands import Command
-from sucre_bench.results import Row
+from sucre_bench import plugins, results
+from sucre_bench.engine import sweep
+from sucre_bench.jobs import command
+from sucre_bench.jobs.rerun import Command
+from sucre_bench.reports import page as report
+from sucre_bench.reports.page import pictures
+from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 
@@ -239,7 +242,7 @@ def test_pages_of_the_same_results_are_the_same(tmp_path: Path):
 
 def composed(words: list[str]) -> Any:
     assert words[:2] == ["sucre-bench", "run"]
-    return config.jobs(shlex.split(shlex.join(words))[2:], False).jobs[0]
+    return command.jobs(shlex.split(shlex.join(words))[2:], False).jobs[0]
 
 
 @pytest.mark.parametrize(
@@ -257,9 +260,9 @@ def composed(words: list[str]) -> Any:
     ],
 )
 def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: list[str]):
-    from sucre_bench.tasks import base_row
+    from sucre_bench.engine.tasks import base_row
 
-    job = config.jobs(overrides, False).jobs[0]
+    job = command.jobs(overrides, False).jobs[0]
     row = base_row(job)
     again = composed(Command(row.dataset, row.method, json.loads(row.options), row.seed).words())
     assert json.loads(base_row(again).options) == json.loads(row.options)
@@ -306,7 +309,7 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
 
 def test_every_score_that_is_in_the_rows_can_be_asked_for(tmp_path: Path):
     (dataset,) = made(tmp_path).datasets
-    job = config.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metric_words"][""])], False).jobs[0]
+    job = command.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metric_words"][""])], False).jobs[0]
     asked = {(m.plugin.name, variant) for m in job.metrics for variant in m.variants}
     rows = made_results(tmp_path)
     assert asked == set(rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(index=False, name=None))

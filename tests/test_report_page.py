@@ -16,7 +16,7 @@ import pytest
 from browser import Browser, chromium
 from made_results import DE00, PATCHES, PSNR, made_results
 
-from sucre_bench import report
+from sucre_bench.reports import page as report
 
 HOSTILE = "</script><img src=x onerror=console.error('run')>"
 

@@ -7,14 +7,15 @@ import pytest
 from made_scene import make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View
-from sucre_bench.colour import display
+from sucre_bench.imaging.display import display
 from sucre_bench.methods.gray_world import GrayWorld
 from sucre_bench.methods.histogram_stretch import HistogramStretch
 from sucre_bench.methods.stitching import Stitching
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
 from sucre_bench.methods.underwater import Underwater
 from sucre_bench.multiview.pairing import lift, match
-from sucre_bench.plugins import Plugin, discover
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]

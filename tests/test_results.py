@@ -10,7 +10,9 @@ import pytest
 
 from sucre_bench import InputError, results
 from sucre_bench.errors import OutputError
-from sucre_bench.results import Part, Row, frame, merge, read
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.results.rows import Row, frame
+from sucre_bench.results.table import Part, merge, read
 
 ROW = Row(
     dataset="sea", scene="reef", view="a.png", method="m", options="{}", options_id="o1", metric="psnr",
@@ -124,7 +126,7 @@ def test_two_jobs_of_one_process_and_name_keep_all_their_rows(tmp_path: Path):
 def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: str):
     (tmp_path / "a_file").write_text("")
     with pytest.raises(OutputError, match="cannot be written"):
-        results.write_atomically(tmp_path / place, b"")
+        write_atomically(tmp_path / place, b"")
 
 
 def _write_slowly(out: Path, job: str) -> None:

@@ -10,7 +10,8 @@ from pathlib import Path
 
 import pandas as pd
 
-from sucre_bench import results, sweep
+from sucre_bench import results
+from sucre_bench.engine import sweep
 
 # A plugin file that ends its own process, without a word, at the n-th change of the disk: before it, and from then on
 # after it. What a run changes on the disk it changes by renaming and unlinking.

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from sucre_bench import Arrays, Scene, View
+from sucre_bench.imaging.filters.lab import from_lab, to_lab
 from sucre_bench.methods.rghs import _SPREAD, Rghs, _coloured, _equalised, _range, _top
-from sucre_bench.steps.lab import from_lab, to_lab
 
 RNG = np.random.default_rng(0)
 WATER = np.float32([0.15, 0.4, 0.5]) * (0.6 + 0.8 * RNG.random((61, 47, 3), dtype=np.float32))

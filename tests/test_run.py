@@ -16,10 +16,11 @@ import pandas as pd
 import pytest
 
 import sucre_bench as sb
-from sucre_bench import plugins, results, sweep
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench import plugins, results
+from sucre_bench.engine import sweep
 from sucre_bench.errors import OutputError
-from sucre_bench.plugins import find
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.plugins.registry import find
 
 
 def run(out: Path, *overrides: str, multirun: bool = False) -> sweep.Outcome:

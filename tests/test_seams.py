@@ -5,9 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
+from sucre_bench.imaging.filters.seams import find_seams
 from sucre_bench.metrics.seams import Seams
-from sucre_bench.scene import Array, Arrays, Camera, Restoration, Score, View
-from sucre_bench.steps.seams import find_seams
+from sucre_bench.scene import Arrays, Restoration, Score, View
 
 H, W = 240, 320
 

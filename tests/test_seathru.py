@@ -12,7 +12,8 @@ from made_seabed import CLEAR, alone, in_water, random_seabed
 
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.filters.water_column import TwoTerm
 from sucre_bench.methods.seathru import Seathru
 from sucre_bench.methods.seathru.attenuation import (
     amplified,
@@ -23,8 +24,8 @@ from sucre_bench.methods.seathru.attenuation import (
 )
 from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
 from sucre_bench.methods.seathru.illuminant import local_average
-from sucre_bench.plugins import Plugin, discover
-from sucre_bench.steps.through_water import TwoTerm
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
 
 CHARTS = Path(__file__).resolve().parents[2] / "shared" / "data" / "seathru_d5_charts"
 

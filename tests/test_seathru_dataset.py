@@ -14,12 +14,13 @@ import pytest
 import tifffile
 from colmap_folder import write_image, write_model
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
 from sucre_bench.datasets.colmap import Colmap
 from sucre_bench.datasets.seathru import Seathru
 from sucre_bench.datasets.seathru.published_charts import published_charts
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project
-from sucre_bench.scene import Array, Scene
+from sucre_bench.scene import Scene
 
 DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
 WIDTH, HEIGHT = 60, 40

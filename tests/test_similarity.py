@@ -5,10 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.metrics.similarity import Psnr, Ssim
-from sucre_bench.scene import Array, Arrays, Mask, Restoration, Score, View
+from sucre_bench.scene import Arrays, Restoration, Score, View
 
 RNG = np.random.default_rng(3)
 REFERENCE = RNG.random((40, 50, 3)).astype(np.float32)

@@ -19,9 +19,10 @@ import pandas as pd
 import pytest
 import slurm_cluster
 
-from sucre_bench import results, sweep
-from sucre_bench.slurm import controller, waiting
-from sucre_bench.slurm.waiting import Submitted, wait
+from sucre_bench import results
+from sucre_bench.engine import sweep
+from sucre_bench.engine.slurm import controller, waiting
+from sucre_bench.engine.slurm.waiting import Submitted, wait
 
 BENCH = str(Path(sys.executable).with_name("sucre-bench"))
 TOYS = Path(__file__).parent / "toy_plugins.py"

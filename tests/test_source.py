@@ -12,8 +12,8 @@ from pathlib import Path
 import pytest
 
 from sucre_bench import source
-from sucre_bench.plugins import find, load_file
-from sucre_bench.source import source_hash
+from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.registry import find, load_file
 
 METHOD = '''
 from dataclasses import dataclass
@@ -88,7 +88,7 @@ def test_a_class_typed_into_a_session_has_a_hash_of_its_own():
 
 ASK = """
 from sucre_bench.plugins import find
-from sucre_bench.source import source_hash
+from sucre_bench.plugins.code_hash import source_hash
 print(source_hash(find("method", "sucre")))
 """
 

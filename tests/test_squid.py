@@ -15,10 +15,11 @@ import pytest
 import scipy.io
 from colmap_folder import HEIGHT, WIDTH
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
 from sucre_bench.datasets.squid import Squid
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project
-from sucre_bench.scene import Array, Scene
+from sucre_bench.scene import Scene
 
 # As MATLAB writes them: matrices stand transposed, pixels count from 1, rows are points, millimetres.
 LEFT: dict[str, Any] = {"IntrinsicMatrix": [[50.0, 0, 0], [0, 50, 0], [20.5, 15.5, 1]], "ImageSize": [[30.0, 40.0]]}

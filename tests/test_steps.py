@@ -5,12 +5,12 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench.steps.dark_channel import dark_channel, window_max
-from sucre_bench.steps.denoised import denoised
-from sucre_bench.steps.guided_filter import box_mean, guided_filter
-from sucre_bench.steps.lab import equalised, from_lab, to_lab
-from sucre_bench.steps.luma import luma
-from sucre_bench.steps.white_balance import gray_world, mid_gray_gain, red_from_green
+from sucre_bench.imaging.filters.bilateral import denoised
+from sucre_bench.imaging.filters.dark_channel import dark_channel, window_max
+from sucre_bench.imaging.filters.guided_filter import box_mean, guided_filter
+from sucre_bench.imaging.filters.lab import equalised, from_lab, to_lab
+from sucre_bench.imaging.filters.luma import luma
+from sucre_bench.imaging.filters.white_balance import gray_world, mid_gray_gain, red_from_green
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((20, 23, 3)).astype(np.float32)
@@ -63,7 +63,7 @@ def test_the_guided_filter_is_a_plain_mean_where_the_guide_is_flat(guide: np.nda
 
 
 def test_an_image_of_many_rows_is_filtered_as_one(monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr("sucre_bench.steps.guided_filter._BAND", 6)
+    monkeypatch.setattr("sucre_bench.imaging.filters.guided_filter._BAND", 6)
     np.testing.assert_allclose(guided_filter(IMAGE, PLANE, 2, 1e-2), guided_by_hand(IMAGE, PLANE, 2, 1e-2), atol=2e-5)
 
 

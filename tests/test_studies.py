@@ -14,12 +14,13 @@ import pytest
 import yaml
 from matplotlib.figure import Figure
 
-from sucre_bench import InputError, config, figures
+from sucre_bench import InputError
 from sucre_bench.compare import COSTS
+from sucre_bench.engine.tasks import base_row
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.results import Row, frame
-from sucre_bench.studies import Study, Written, along, write
-from sucre_bench.tasks import base_row
+from sucre_bench.jobs import command
+from sucre_bench.reports.paper import Study, Written, along, figures, write
+from sucre_bench.results.rows import Row, frame
 
 ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
 
@@ -97,7 +98,7 @@ def test_what_a_restoration_costs_may_be_asked_for():
     assert Study.of({"name": "s", "metrics": list(COSTS)}).metrics == COSTS
 
 
-@pytest.mark.parametrize("path", sorted((Path(config.__file__).parent / "conf/experiment").glob("*.yaml")), ids=str)
+@pytest.mark.parametrize("path", sorted((Path(command.__file__).parent / "conf/experiment").glob("*.yaml")), ids=str)
 def test_every_experiment_has_a_study_that_can_be_made(path: Path):
     experiment = yaml.safe_load(path.read_text())
     if "study" not in experiment:
@@ -113,7 +114,7 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
 
 
 def test_what_an_experiment_sweeps_over_may_be_given():
-    sweep = config.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
+    sweep = command.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
     assert [(job.dataset.label, job.method.label) for job in sweep.jobs] == [
         ("demo,within=50", "sucre"),
         ("demo", "sucre"),
@@ -122,7 +123,7 @@ def test_what_an_experiment_sweeps_over_may_be_given():
 
 
 def test_the_ablation_varies_where_water_and_colours_come_from():
-    jobs = {job.method.label: job.method.options for job in config.jobs(["experiment=ablation"], False).jobs}
+    jobs = {job.method.label: job.method.options for job in command.jobs(["experiment=ablation"], False).jobs}
     chosen = {label: (own["water_from"], own["colours"]) for label, own in jobs.items() if "water_from" in own}
     assert chosen == {
         "sucre_multi_view_J": ("seathru", "multi_view"),
@@ -141,7 +142,7 @@ def test_the_ablation_varies_where_water_and_colours_come_from():
     ],
 )
 def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):
-    jobs = config.jobs(["dataset=demo", "method=sucre", swept], True).jobs
+    jobs = command.jobs(["dataset=demo", "method=sucre", swept], True).jobs
     rows = frame(replace(base_row(job), view="v", value=1.0) for job in jobs)
     one = followed(rows, swept.partition("=")[0])
     assert words(one) == expected
@@ -373,7 +374,7 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Any:
     """Give `draw` functions the names of figures."""
 
     def add(name: str, draw: Any) -> None:
-        module = ModuleType(f"sucre_bench.figures.{name}")
+        module = ModuleType(f"sucre_bench.reports.paper.figures.{name}")
         module.draw = draw  # type: ignore[attr-defined]
         monkeypatch.setitem(sys.modules, module.__name__, module)
 

@@ -16,8 +16,9 @@ import pandas as pd
 import pytest
 from rich.console import Console
 
-from sucre_bench import compare, tables
-from sucre_bench.results import Row, frame
+from sucre_bench import compare
+from sucre_bench.compare import text as tables
+from sucre_bench.results.rows import Row, frame
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
 FORMATS = ("md", "latex", "html", "csv", "json")

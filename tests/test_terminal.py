@@ -15,8 +15,10 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from sucre_bench import config, doctor, provenance
 from sucre_bench.cli import cli
+from sucre_bench.jobs import command as config
+from sucre_bench.machine import provenance
+from sucre_bench.programs import doctor
 
 PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
 ESCAPE, COLOUR = "\x1b[", re.compile(r"\x1b\[(?:\d+;)*3\d")

@@ -12,16 +12,16 @@ from click.testing import CliRunner
 from made_frames import make_frame, plain, wall_view
 from made_scene import BOX, PLANE, make_camera, make_pose, make_view
 
-from sucre_bench import InputError, View, sweep
-from sucre_bench.colour import srgb_decode
-from sucre_bench.loading.files import scaled_camera
-from sucre_bench.multiview.geometry import project
-from sucre_bench.revisit import Frame, revisit
-from sucre_bench.texture import surface
-from sucre_bench.texture.command import texture
-from sucre_bench.texture.files import mean_up, write_model
-from sucre_bench.texture.picture import rendered, vantage
-from sucre_bench.texture.surface import Cells, Model, choose_cells, fuse
+from sucre_bench import InputError, View
+from sucre_bench.camera import project, scaled_camera
+from sucre_bench.commands.texture import texture
+from sucre_bench.engine import sweep
+from sucre_bench.engine.reopen import Frame, revisit
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.programs.surface import surface
+from sucre_bench.programs.surface.render import rendered, vantage
+from sucre_bench.programs.surface.surface import Cells, Model, choose_cells, fuse
+from sucre_bench.programs.surface.write_ply_glb import mean_up, write_model
 
 GRAY = np.full((48, 64, 3), 0.5, np.float32)
 RED, GREEN = (200, 30, 20), (20, 180, 40)

@@ -12,10 +12,10 @@ from made_seabed import CLEAR, alone, in_water, random_seabed
 
 import sucre_bench as sb
 from sucre_bench import Arrays, Restoration, View, Water
-from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.filters.water_column import TwoTerm, channels, is_flat, trusted
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru
-from sucre_bench.steps.through_water import TwoTerm, channels, is_flat, trusted
 
 each = pytest.mark.parametrize("method", ["seathru", "gaussian_seathru"])
 

@@ -9,16 +9,19 @@ import pandas as pd
 import pytest
 from mlflow import MlflowClient
 
-from sucre_bench import results, sweep, tracking
-from sucre_bench.figures import style
+from sucre_bench import results
+from sucre_bench.commands.run_summary import track
+from sucre_bench.engine import sweep
+from sucre_bench.reports import mlflow
+from sucre_bench.reports.paper.figures import style
 
 pytestmark = pytest.mark.usefixtures("toys")
 
 
-def track(*overrides: str, multirun: bool = False) -> sweep.Outcome:
+def run_and_track(*overrides: str, multirun: bool = False) -> sweep.Outcome:
     """Run and log, as the command line does."""
     outcome = sweep.run(overrides, multirun)
-    sweep.track(outcome)
+    track(outcome)
     return outcome
 
 
@@ -31,7 +34,7 @@ def runs(uri: str) -> list:
 def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     out = tmp_path / "out"
     arguments = ["dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}"]
-    outcome = track(*arguments, multirun=True)
+    outcome = run_and_track(*arguments, multirun=True)
     logged = runs(f"sqlite:///{out / 'mlflow.db'}")
     (parent,) = [r for r in logged if "mlflow.parentRunId" not in r.data.tags]
     children = {r.data.tags["method"]: r for r in logged if r is not parent}
@@ -65,7 +68,7 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
 
 def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
     out = tmp_path / "out"
-    track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
+    run_and_track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
     uri = f"sqlite:///{out / 'mlflow.db'}"
     client = MlflowClient(tracking_uri=uri)
     (experiment,) = [e for e in client.search_experiments() if e.name == "sucre_bench"]
@@ -85,7 +88,7 @@ def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
 def test_pictures_have_the_step_of_their_view_in_every_run(tmp_path: Path):
     """The view that one method failed on leaves a gap; mlflow shows the others beside the right ones."""
     out = tmp_path / "out"
-    track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
+    run_and_track("dataset=toy", "method=gain,faulty", "metrics=[redness]", f"out={out}", multirun=True)
     steps = {}
     for run in runs(f"sqlite:///{out / 'mlflow.db'}"):
         folder = Path(run.info.artifact_uri.removeprefix("file://")) / "images"
@@ -96,11 +99,11 @@ def test_pictures_have_the_step_of_their_view_in_every_run(tmp_path: Path):
 
 
 def test_the_page_opens_on_the_runs(tmp_path: Path):
-    from sucre_bench import tracking
+    from sucre_bench.reports import mlflow
 
     uri = f"sqlite:///{tmp_path / 'mlflow.db'}"
-    first, second = (tracking.runs_page(uri, name, 5001) for name in ("dives", "others"))
-    assert first == tracking.runs_page(uri, "dives", 5001) != second
+    first, second = (mlflow.runs_page(uri, name, 5001) for name in ("dives", "others"))
+    assert first == mlflow.runs_page(uri, "dives", 5001) != second
     assert first.startswith("http://127.0.0.1:5001/#/experiments/")
 
 
@@ -163,7 +166,7 @@ def test_runs_that_start_together_on_a_new_store_are_all_kept(bench, toys: str, 
 def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str], monkeypatch):
     monkeypatch.setenv("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "0")
     arguments = ["dataset=toy", "method=gain", "metrics=[redness]", f"out={tmp_path / 'out'}"]
-    outcome = track(*arguments, "tracking.uri=http://127.0.0.1:9")
+    outcome = run_and_track(*arguments, "tracking.uri=http://127.0.0.1:9")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert capsys.readouterr().err.count("mlflow: not logged") == 1
 
@@ -175,7 +178,7 @@ def test_means_are_those_of_the_table(tmp_path: Path):
 
     list(Demo(root=tmp_path, width=480, height=360, views=5).scenes())
     demo = ["dataset=demo", f"dataset.root={tmp_path}", "dataset.width=480", "dataset.height=360", "dataset.views=5"]
-    outcome = track(*demo, "method=underwater", "metrics=[psi]", f"out={tmp_path / 'out'}")
+    outcome = run_and_track(*demo, "method=underwater", "metrics=[psi]", f"out={tmp_path / 'out'}")
     (column,) = [c for c in compare.compare(outcome.rows)[0].columns if c.metric == "psi"]
     (child,) = [r for r in runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}") if "method" in r.data.tags]
     assert column.n_units % column.n_views, "the views must differ in their number of charts to show it"
@@ -185,7 +188,7 @@ def test_means_are_those_of_the_table(tmp_path: Path):
 
 def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
     out = tmp_path / "50% done"
-    outcome = track("dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'")
+    outcome = run_and_track("dataset=toy", "method=gain", "metrics=[redness]", f"out='{out}'")
     assert (outcome.ok, outcome.exit_code) == (3, 0)
     assert "mlflow: not logged" in capsys.readouterr().err
 
@@ -196,7 +199,7 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
     rows = results.read(out)
     picture = out / "restored/toy/gain/v1.png"
     picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
-    original, told = tracking.runs._Store.succeed, []
+    original, told = mlflow.runs._Store.succeed, []
 
     def breaks(*given: object) -> None:
         told.append(given)
@@ -205,10 +208,10 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
         original(*given)
 
     with monkeypatch.context() as patch:
-        patch.setattr(tracking.runs._Store, "succeed", breaks)
+        patch.setattr(mlflow.runs._Store, "succeed", breaks)
         with pytest.raises(ConnectionError):
-            tracking.log(out, rows, uri, "sucre_bench")
+            mlflow.log(out, rows, uri, "sucre_bench")
     assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]
-    assert tracking.log(out, rows, uri, "sucre_bench") == 1
+    assert mlflow.log(out, rows, uri, "sucre_bench") == 1
     latest = {r.data.tags.get("method", ""): r.info.status for r in runs(uri) if r.data.tags.get("latest") == "yes"}
     assert latest == {"": "FINISHED", "gain": "FINISHED", "gain2": "FINISHED"}

@@ -6,8 +6,9 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
+from sucre_bench.arrays import Array
 from sucre_bench.metrics.uciqe import Uciqe, uciqe
-from sucre_bench.scene import Array, Arrays, Restoration, Score, View
+from sucre_bench.scene import Arrays, Restoration, Score, View
 
 VARIANTS = tuple(Uciqe.__plugin__.variants)
 

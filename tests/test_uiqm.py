@@ -8,8 +8,19 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from sucre_bench.metrics.uiqm import _VARIANTS, PANETTA, Recipe, Uiqm, alpha_trimmed_mean, eme, uicm, uiconm, uism
-from sucre_bench.scene import Array, Arrays, Restoration, Score, View
+from sucre_bench.arrays import Array
+from sucre_bench.metrics.uiqm import (
+    _VARIANTS,
+    PANETTA,
+    Recipe,
+    Uiqm,
+    alpha_trimmed_mean,
+    eme,
+    uicm,
+    uiconm,
+    uism,
+)
+from sucre_bench.scene import Arrays, Restoration, Score, View
 
 VARIANTS = tuple(Uiqm.__plugin__.variants)
 Image = npt.NDArray[np.uint8]

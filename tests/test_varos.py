@@ -9,10 +9,11 @@ import numpy as np
 import pytest
 from colmap_folder import picture, write_image
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
 from sucre_bench.datasets.varos import Varos
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import project
-from sucre_bench.scene import Array, Scene, View
+from sucre_bench.scene import Scene, View
 
 WIDTH, HEIGHT = 32, 18
 CAMERA = "focal_length: 30.0\nsensor_width: 32.0\nsensor_height: 24.0\nresolution:\n  width: 32\n  height: 18\n"

@@ -13,13 +13,14 @@ import pytest
 from click.testing import CliRunner
 from made_frames import make_frame, plain, wall_view
 
-from sucre_bench import Arrays, InputError, View, sweep
-from sucre_bench.colour import srgb_decode, srgb_encode, to_8bit
-from sucre_bench.revisit import Frame
-from sucre_bench.video.command import _labels, video
-from sucre_bench.video.flicker import Flicker, _mean, flicker
-from sucre_bench.video.frames import composed, panel_size
-from sucre_bench.video.writing import write_video
+from sucre_bench import Arrays, InputError, View
+from sucre_bench.commands.video import _labels, video
+from sucre_bench.engine import sweep
+from sucre_bench.engine.reopen import Frame
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode, to_8bit
+from sucre_bench.programs.video.flicker import Flicker, _mean, flicker
+from sucre_bench.programs.video.frames import composed, panel_size
+from sucre_bench.programs.video.write_vp9 import write_video
 
 G = 1.25
 

@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from sucre_bench import plugins
+from sucre_bench.arrays import Array
 from sucre_bench.metrics.water_parameters import WaterParameters
-from sucre_bench.scene import Array, Arrays, Restoration, Score, View, Water
+from sucre_bench.scene import Arrays, Restoration, Score, View, Water
 
 IMAGE = np.zeros((2, 2, 3), np.float32)
 WATER = Water(np.array([0.1, 0.2, 0.4]), np.array([0.5, 0.3, 0.2]), np.array([0.7, np.nan, 0.6]))

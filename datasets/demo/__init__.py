@@ -10,10 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from sucre_bench.charts import KINDS
 from sucre_bench.datasets.demo.water import WATERS, Preset
 from sucre_bench.errors import InputError
-from sucre_bench.plugins import dataset
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
 __all__ = ["VERSION", "Demo"]

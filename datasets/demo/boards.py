@@ -6,10 +6,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.charts import KINDS
+from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.terrain import Terrain, height_at
 from sucre_bench.datasets.demo.texture import Texture, make_texture
-from sucre_bench.scene import Array
+from sucre_bench.imaging.charts.kinds import KINDS
 
 __all__ = ["SITES", "Board", "Site", "place_board"]
 

@@ -15,11 +15,12 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.colour import to_8bit
+from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.made import MadeScene
 from sucre_bench.datasets.demo.water import LAMP
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Chart
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.machine.progress import track
+from sucre_bench.scene import Chart
 
 __all__ = ["make_once", "write"]
 

@@ -7,7 +7,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.colour import to_8bit
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, pixel_rays
 from sucre_bench.datasets.demo.boards import SITES, place_board
 from sucre_bench.datasets.demo.noise import Grid, Noise
 from sucre_bench.datasets.demo.path import make_camera, make_path
@@ -15,9 +16,9 @@ from sucre_bench.datasets.demo.render import Surfaces, build, render, visible_ch
 from sucre_bench.datasets.demo.seabed import paint_seabed
 from sucre_bench.datasets.demo.terrain import GROUND, make_terrain
 from sucre_bench.datasets.demo.water import WATERS, Preset, underwater
-from sucre_bench.multiview.geometry import pixel_rays
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Camera, Chart, Water
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.machine.progress import track
+from sucre_bench.scene import Chart, Water
 
 __all__ = ["MadeScene", "make"]
 

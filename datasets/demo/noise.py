@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["Grid", "Noise", "smoothstep"]
 

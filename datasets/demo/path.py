@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from sucre_bench.scene import Array, Camera
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 
 __all__ = ["make_camera", "make_path"]
 

@@ -12,12 +12,13 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, pixel_rays, project
 from sucre_bench.datasets.demo.boards import Board
 from sucre_bench.datasets.demo.terrain import Terrain, triangles
 from sucre_bench.datasets.demo.texture import Texture, sample
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import pixel_rays, project
-from sucre_bench.scene import Array, Camera, Chart
+from sucre_bench.scene import Chart
 
 __all__ = ["Surfaces", "build", "render", "visible_charts"]
 

@@ -7,10 +7,10 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.noise import Grid, Noise, smoothstep
 from sucre_bench.datasets.demo.terrain import Terrain
 from sucre_bench.datasets.demo.texture import Texture, make_texture
-from sucre_bench.scene import Array
 
 __all__ = ["paint_seabed"]
 

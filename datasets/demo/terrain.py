@@ -10,8 +10,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.noise import Grid, Noise, smoothstep
-from sucre_bench.scene import Array
 
 __all__ = ["GROUND", "Terrain", "height_at", "make_terrain", "triangles"]
 

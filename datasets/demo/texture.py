@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["Texture", "make_texture", "sample"]
 

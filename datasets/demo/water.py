@@ -11,7 +11,8 @@ from typing import Literal
 
 import numpy as np
 
-from sucre_bench.scene import Array, Water
+from sucre_bench.arrays import Array
+from sucre_bench.scene import Water
 
 __all__ = ["LAMP", "WATERS", "Lamp", "Preset", "apply", "lamp_light", "underwater"]
 

@@ -2,7 +2,7 @@
 
 root/cameras.xml            File > Export > Export Cameras, Agisoft XML; or a project: .psx with its .files/, .psz
 root/images/<label>.jpg     the photographs, sub-folders are fine; or what Export > Undistort Photos wrote (undistorted)
-root/depths/<label>.tif     optional: depth maps, see `sucre_bench.loading.depth`
+root/depths/<label>.tif     optional: depth maps, see `loading.depth_maps`
 
 Poses become metric by the scale of the component or chunk; large geographic coordinates are left away. Lenses, frames
 and units: `chunk.py`; where the parts of a project are: `document.py`.
@@ -16,17 +16,20 @@ from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.datasets.metashape.chunk import Aligned, Component, read_components
 from sucre_bench.datasets.metashape.document import find_document, read_chunk
 from sucre_bench.errors import InputError
-from sucre_bench.loading.depth import find_depths, read_depth
-from sucre_bench.loading.files import check_scale, data_id_of
-from sucre_bench.loading.folders import existing
-from sucre_bench.loading.named import ImageFolder, inner_path
+from sucre_bench.loading.depth_maps import find_depths, read_depth
+from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.match_images import ImageFolder, inner_path
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.plugins import dataset
-from sucre_bench.progress import say, track
-from sucre_bench.scene import Array, Camera, Encoding, Plane, Scene
+from sucre_bench.machine.progress import say, track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Metashape"]
 

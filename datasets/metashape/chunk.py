@@ -19,15 +19,16 @@ from xml.etree.ElementTree import Element
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.datasets.metashape.document import Chunk
 from sucre_bench.errors import InputError
-from sucre_bench.loading.brown import lens_of
-from sucre_bench.loading.files import scaled_pose
+from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.named import without_suffix
+from sucre_bench.loading.match_images import without_suffix
 from sucre_bench.loading.photograph import is_rigid
-from sucre_bench.progress import say
-from sucre_bench.scene import Array, Camera
+from sucre_bench.loading.view_files import scaled_pose
+from sucre_bench.machine.progress import say
 
 __all__ = ["Aligned", "Component", "read_components"]
 

@@ -17,7 +17,7 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from sucre_bench.errors import InputError, did_you_mean
-from sucre_bench.loading.folders import inside
+from sucre_bench.loading.find_folders import inside
 
 __all__ = ["Chunk", "find_document", "read_chunk"]
 

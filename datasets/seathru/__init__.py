@@ -20,19 +20,23 @@ from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from sucre_bench.camera import Camera
 from sucre_bench.datasets.seathru.published_charts import FULL_SIZE, published_charts
 from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, raw_size, read_raw
 from sucre_bench.errors import InputError
-from sucre_bench.images import SUFFIXES, image_size, read_rgb, same_shape
+from sucre_bench.imaging.charts.reading import scaled_chart
+from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
-from sucre_bench.loading.depth import find_depths
-from sucre_bench.loading.files import check_length, check_scale, data_id_of, scaled_chart, scaled_pose
-from sucre_bench.loading.folders import existing, folders_below, scene_name
+from sucre_bench.loading.depth_maps import find_depths
+from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_scale import check_scale
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.plugins import dataset
-from sucre_bench.progress import track
-from sucre_bench.scene import Camera, Chart, Encoding, Plane, Scene
+from sucre_bench.loading.view_files import check_length, scaled_pose
+from sucre_bench.machine.progress import track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.scene import Chart, Encoding, Plane, Scene
 
 __all__ = ["Seathru"]
 

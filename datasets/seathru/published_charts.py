@@ -14,7 +14,8 @@ from importlib.resources import files
 
 import numpy as np
 
-from sucre_bench.scene import Array, Chart
+from sucre_bench.arrays import Array
+from sucre_bench.scene import Chart
 
 __all__ = ["FULL_SIZE", "published_charts"]
 
@@ -40,7 +41,7 @@ def _frame(patches: Array) -> Array:
     """Return the corners (4, 2) of a chart's frame from those of its patches' extent, through the chart's plane."""
     import cv2
 
-    from sucre_bench.charts import chart_kind
+    from sucre_bench.imaging.charts.kinds import chart_kind
 
     boxes = np.array([patch.box for patch in chart_kind("dgk").patches])
     (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)

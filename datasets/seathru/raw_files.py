@@ -13,9 +13,9 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.images import same_shape
-from sucre_bench.scene import Array
+from sucre_bench.imaging.image_files import same_shape
 
 __all__ = ["RAW_SUFFIXES", "raw_size", "read_raw"]
 

@@ -17,13 +17,21 @@ from math import nan
 from pathlib import Path
 from typing import Any, Literal
 
-from sucre_bench import InputError, NotApplicableError, Restoration, Scene, SucreBenchError, View, method
+from sucre_bench import (
+    InputError,
+    NotApplicableError,
+    Restoration,
+    Scene,
+    SucreBenchError,
+    View,
+    method,
+)
+from sucre_bench.machine.progress import track
 from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder, check_pattern
 from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
 from sucre_bench.methods.doors.process import Ended, run_program
 from sucre_bench.methods.doors.template import placeholders
-from sucre_bench.progress import track
 
 __all__ = ["Command"]
 

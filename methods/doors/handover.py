@@ -10,11 +10,12 @@ from typing import Literal
 
 import numpy as np
 
-from sucre_bench.colour import converted
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.encoding import converted
 from sucre_bench.methods.doors.pattern import inside
 from sucre_bench.methods.doors.picture import FileEncoding, encoding_of
-from sucre_bench.scene import Array, View
+from sucre_bench.scene import View
 
 __all__ = ["DepthFormat", "Handover", "names_for"]
 

@@ -15,15 +15,15 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path, PurePosixPath
 
-from sucre_bench import images
 from sucre_bench.errors import InputError, NotApplicableError
+from sucre_bench.imaging import image_files
 from sucre_bench.methods.doors.template import placeholders
 
 __all__ = ["SUFFIXES", "ImageFolder", "check_pattern", "inside"]
 
 _ByName = dict[str, list[PurePosixPath]]
 
-SUFFIXES = (*images.SUFFIXES, ".npy", ".npz")
+SUFFIXES = (*image_files.SUFFIXES, ".npy", ".npz")
 
 
 def check_pattern(pattern: str, option: str) -> None:

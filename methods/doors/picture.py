@@ -14,11 +14,12 @@ from zipfile import BadZipFile
 
 import numpy as np
 
-from sucre_bench.colour import converted
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
-from sucre_bench.images import decode, same_shape
-from sucre_bench.loading.water_file import read_water
-from sucre_bench.scene import Array, Encoding, Mask, View, Water
+from sucre_bench.imaging.encoding import converted
+from sucre_bench.imaging.image_files import decode, same_shape
+from sucre_bench.results.water_file import read_water
+from sucre_bench.scene import Encoding, View, Water
 
 __all__ = ["FileEncoding", "Holes", "Reading", "encoding_of", "water_beside"]
 

@@ -11,14 +11,16 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.colour import gray_world_gain, srgb_decode, srgb_encode
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.display import gray_world_gain
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.filters.veiling_light import recovered, reduced, transmissions
+from sucre_bench.machine.progress import track
 from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
 from sucre_bench.methods.haze_lines.lines import channel_transmission, transmission
 from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Water
-from sucre_bench.steps.veiling_light import recovered, reduced, transmissions
+from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.scene import Water
 
 __all__ = ["HazeLines"]
 

@@ -12,9 +12,9 @@ import functools
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.filters.guided_filter import guided_filter
 from sucre_bench.methods.haze_lines.jerlov import WaterType
-from sucre_bench.scene import Array
-from sucre_bench.steps.guided_filter import guided_filter
 
 __all__ = ["channel_transmission", "compensated", "directions", "least_transmission", "transmission"]
 

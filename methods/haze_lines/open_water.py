@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.scene import Array, Mask
-from sucre_bench.steps.dark_channel import window_max
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.imaging.filters.dark_channel import window_max
 
 __all__ = ["OpenWater", "textureless_area"]
 

@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.arrays import Array
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.networks.on_torch import loaded
 from sucre_bench.methods.networks.sizes import tiled
 from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
-from sucre_bench.scene import Array
-from sucre_bench.threads import Device
 
 __all__ = ["FunieGan"]
 

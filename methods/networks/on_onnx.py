@@ -11,10 +11,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.machine.cores import Device, usable_cores
 from sucre_bench.methods.networks.weights import check_file
-from sucre_bench.scene import Array
-from sucre_bench.threads import Device, usable_cores
 
 __all__ = ["Layout", "OnnxNetwork", "model_file", "opened"]
 

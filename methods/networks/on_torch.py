@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.networks.weights import fill
-from sucre_bench.scene import Array
-from sucre_bench.threads import Device
 
 if TYPE_CHECKING:
     import torch

@@ -13,12 +13,12 @@ from typing import Literal
 import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
+from sucre_bench.arrays import Array
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.networks.on_onnx import Layout, OnnxNetwork, model_file, opened
 from sucre_bench.methods.networks.sizes import resized, tiled
 from sucre_bench.methods.networks.working import restored_at
-from sucre_bench.scene import Array
-from sucre_bench.threads import Device
+from sucre_bench.plugins.ranges import check_ranges
 
 __all__ = ["Onnx"]
 

@@ -6,8 +6,8 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from sucre_bench.progress import track
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
+from sucre_bench.machine.progress import track
 
 __all__ = ["limited", "resized", "tiled"]
 

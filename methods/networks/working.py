@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
+from sucre_bench.arrays import Array
 from sucre_bench.methods.networks.sizes import resized
-from sucre_bench.scene import Array, Restoration, View
+from sucre_bench.scene import Restoration, View
 
 __all__ = ["restored_at"]
 

@@ -10,8 +10,8 @@ from typing import Literal
 
 import numpy as np
 
-from sucre_bench.scene import Array
-from sucre_bench.steps.through_water import TwoTerm
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.filters.water_column import TwoTerm
 
 __all__ = ["Kind", "amplified", "at_bound", "constant_attenuation", "fit_attenuation", "illuminant_by_distance"]
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["Backscatter", "dark_pixels", "fit_backscatter"]
 

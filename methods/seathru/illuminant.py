@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from sucre_bench.scene import Array, Mask
+from sucre_bench.arrays import Array, Mask
 
 if TYPE_CHECKING:
     from scipy.sparse import csr_array

@@ -13,8 +13,11 @@ from typing import Any, Literal
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, Water, method
-from sucre_bench.colour import converted, gray_world_gain
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.display import gray_world_gain
+from sucre_bench.imaging.encoding import converted
+from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
 from sucre_bench.methods.seathru.attenuation import (
     Kind,
     amplified,
@@ -25,8 +28,7 @@ from sucre_bench.methods.seathru.attenuation import (
 )
 from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
 from sucre_bench.methods.seathru.illuminant import local_average
-from sucre_bench.scene import Array, Encoding
-from sucre_bench.steps.through_water import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.scene import Encoding
 
 __all__ = ["Seathru"]
 

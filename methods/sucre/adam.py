@@ -24,10 +24,10 @@ from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import Array
+from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.model import derivatives
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.progress import track
-from sucre_bench.scene import Array
 
 if TYPE_CHECKING:
     import torch

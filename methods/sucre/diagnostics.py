@@ -12,8 +12,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.reduced import ReducedSystem
-from sucre_bench.scene import Array, Mask
 
 __all__ = ["CHANNELS", "ROUNDING", "Trust", "judge", "of_given", "with_noise"]
 

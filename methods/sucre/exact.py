@@ -19,7 +19,9 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import ROUNDING, Trust, judge
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
@@ -27,8 +29,6 @@ from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.starts import bounds_for, promising
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Array, Mask
-from sucre_bench.threads import Device
 
 __all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
 

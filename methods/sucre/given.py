@@ -7,12 +7,13 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from sucre_bench import plugins
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.layout import file_name
-from sucre_bench.loading.water_file import read_water
-from sucre_bench.options import create
-from sucre_bench.restoring import restored
-from sucre_bench.scene import Array, Encoding, Scene, View, Water
+from sucre_bench.plugins.calling import restored
+from sucre_bench.plugins.options import create
+from sucre_bench.results.layout import file_name
+from sucre_bench.results.water_file import read_water
+from sucre_bench.scene import Encoding, Scene, View, Water
 
 __all__ = ["check_source", "water_by", "water_of"]
 

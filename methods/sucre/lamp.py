@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import SolveError
+from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Indices, Observations
-from sucre_bench.progress import track
-from sucre_bench.scene import Array, Mask
 
 __all__ = ["Lamp", "LampFit", "estimate", "lit"]
 

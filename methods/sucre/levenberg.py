@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.reduced import ReducedSystem
-from sucre_bench.scene import Array, Mask
 
 __all__ = ["Bounds", "Minimum", "minimise"]
 

@@ -8,13 +8,14 @@ from dataclasses import replace
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
+from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.progress import say
-from sucre_bench.scene import Array, Encoding, Restoration, View, Water
+from sucre_bench.scene import Encoding, Restoration, View, Water
 
 # From this share of an image's colours on it is worth a word.
 _MANY = 0.1

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench import InputError, Restoration, Scene, View, method
-from sucre_bench.threads import Device
+from sucre_bench.machine.cores import Device
 
 __all__ = ["CITES", "SucrePaper"]
 
@@ -55,7 +55,7 @@ class SucrePaper:
         """
         from sucre_bench.methods.sucre.outcome import named, restoration, with_residuals
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
-        from sucre_bench.multiview.store import paired
+        from sucre_bench.multiview.cache import paired
 
         observations = paired(scene, view)
         started = time.perf_counter()

@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["posterior"]
 

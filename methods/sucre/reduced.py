@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["ReducedSystem"]
 

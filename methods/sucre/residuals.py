@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
 from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.multiview.observations import Indices, Observations
-from sucre_bench.scene import Array, Mask
 
 __all__ = ["residuals"]
 

@@ -20,11 +20,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.methods.sucre.kernels.dense import Block, blocks, fill
 from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Array
-from sucre_bench.threads import usable_cores
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit

@@ -11,9 +11,9 @@ from collections.abc import Callable, Sequence
 import numpy as np
 
 from sucre_bench.errors import InputError, SolveError
+from sucre_bench.machine.progress import say, track
 from sucre_bench.methods.sucre.exact import SAMPLE, sampled
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.progress import say, track
 from sucre_bench.scene import Scene, View
 
 __all__ = ["samples"]

@@ -13,13 +13,13 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
+from sucre_bench.machine.cores import Device
+from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.diagnostics import Trust, judge, of_given, with_noise
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, backend_for, opened
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.progress import track
-from sucre_bench.scene import Array
-from sucre_bench.threads import Device
 
 __all__ = ["Solution", "colours_in", "solve_adam", "solve_adam_closed_form", "solve_exact", "start_of"]
 

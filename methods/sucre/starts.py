@@ -12,9 +12,9 @@ from collections.abc import Callable
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.levenberg import Bounds
 from sucre_bench.methods.sucre.reduced import ReducedSystem
-from sucre_bench.scene import Array
 
 __all__ = ["bounds_for", "promising"]
 

@@ -11,14 +11,15 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
-from sucre_bench.colour import srgb_decode, srgb_encode
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.machine.cores import Device
+from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.given import check_source, water_by, water_of
 from sucre_bench.methods.sucre.kernels import Backend
 from sucre_bench.methods.sucre.paper import CITES
 from sucre_bench.methods.sucre.prior import posterior
-from sucre_bench.progress import say
-from sucre_bench.scene import Array, Encoding
-from sucre_bench.threads import Device
+from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
@@ -167,7 +168,7 @@ class Sucre:
         return restoration(view, observations, solution, stages, self._fitted(view))
 
     def _observe(self, scene: Scene, view: View) -> Observations:
-        from sucre_bench.multiview.store import paired
+        from sucre_bench.multiview.cache import paired
 
         return paired(scene, view, self.pairs, **self._pairing)
 

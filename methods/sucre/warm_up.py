@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import numpy as np
 
+from sucre_bench.camera import Camera
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.kernels import Backend, opened
 from sucre_bench.multiview.observe import Options, observe
-from sucre_bench.scene import Arrays, Camera, View
-from sucre_bench.threads import Device
+from sucre_bench.scene import Arrays, View
 
 __all__ = ["compile_for"]
 

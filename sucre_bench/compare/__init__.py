@@ -6,9 +6,10 @@ its charts and over its repetitions. Intervals are 95 %, by a hierarchical boots
 methods tie when the interval of their paired difference holds 0.
 """
 
-from sucre_bench.compare.comparison import COSTS, By, Cell, Column, Comparison
+from sucre_bench.compare.model import Cell, Column, Comparison
 from sucre_bench.compare.refusals import load, refuse
-from sucre_bench.compare.table import compare, is_fresh, without_replicates
+from sucre_bench.compare.tables import compare, is_fresh, without_replicates
+from sucre_bench.results.rows import COSTS, By
 
 __all__ = [
     "COSTS",

@@ -17,7 +17,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["interval", "resampled_means"]
 

@@ -9,9 +9,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from sucre_bench import results
-from sucre_bench.compare.comparison import COSTS
-from sucre_bench.compare.table import asked_for, is_fresh
+from sucre_bench.compare.tables import asked_for, is_fresh
 from sucre_bench.errors import InputError
+from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
     import pandas as pd

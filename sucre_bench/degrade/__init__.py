@@ -15,15 +15,16 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.degrade import geometry, sensor
-from sucre_bench.degrade.degradation import VIEWS, Degradation, hashed
+from sucre_bench.arrays import Array
+from sucre_bench.camera import distance_map, scaled_camera
+from sucre_bench.degrade import depth_and_pose, sensor
 from sucre_bench.degrade.draws import generator
+from sucre_bench.degrade.options import VIEWS, Degradation, hashed
 from sucre_bench.degrade.views import kept_views
 from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError
-from sucre_bench.loading.files import scaled_camera, scaled_chart
-from sucre_bench.multiview.geometry import distance_map
-from sucre_bench.scene import Array, Chart, Plane, Scene, View
+from sucre_bench.imaging.charts.reading import scaled_chart
+from sucre_bench.scene import Chart, Plane, Scene, View
 
 __all__ = ["Degradation", "around", "degraded", "degraded_whole"]
 
@@ -89,7 +90,7 @@ def _view(scene: Scene, view: View, d: Degradation) -> View:
         charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
     if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
         rng = generator(d.seed, scene.name, view.name, "pose")
-        pose = geometry.noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
+        pose = depth_and_pose.noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
     pixels = view.pixels
     if d.alters_pixels:
         pixels = _Degraded(view, scene.name, d, "reference" in scene.has)
@@ -135,9 +136,9 @@ class _Degraded:
     def _depth(self) -> Array | None:
         d, depth = self.degradation, self._scaled(self.view.pixels.load("depth"))
         if depth is not None and d.depth_noise:
-            depth = geometry.noisy_depth(depth, d.depth_noise, d.depth_noise_px, self._rng("depth_noise"))
+            depth = depth_and_pose.noisy_depth(depth, d.depth_noise, d.depth_noise_px, self._rng("depth_noise"))
         if depth is not None and d.depth_holes:
-            depth = geometry.with_holes(depth, d.depth_holes, d.depth_hole_px, self._rng("depth_holes"))
+            depth = depth_and_pose.with_holes(depth, d.depth_holes, d.depth_hole_px, self._rng("depth_holes"))
         return depth
 
     def _dry(self) -> Array:

@@ -6,7 +6,7 @@ import hashlib
 
 import numpy as np
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["generator", "random_field"]
 

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 
-from sucre_bench.colour import converted
-from sucre_bench.scene import Array, Encoding
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.encoding import converted
+from sucre_bench.scene import Encoding
 
 __all__ = ["blurred", "noisy", "quantised", "shrunk", "through_jpeg"]
 

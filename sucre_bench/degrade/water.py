@@ -7,8 +7,9 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Array, Water
+from sucre_bench.scene import Water
 
 __all__ = ["read_water", "under_water"]
 
@@ -45,7 +46,7 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
 
 
 def _from_file(path: Path) -> Water:
-    from sucre_bench.loading.water_file import read_water as in_file
+    from sucre_bench.results.water_file import read_water as in_file
 
     remedy = 'write {"B": [r, g, b], "beta": ..., "gamma": ...}'
     try:

@@ -5,7 +5,7 @@
 
 Corners are pixels of the image as stored, of the chart's frame: top left, top right, bottom right, bottom left as the
 chart is read. "kind" holds for charts that do not say theirs; without it they are "dgk". It may be the path, from
-here, of a CSV file that describes the chart (see `sucre_bench.chart_kinds`). Anything else in the file is left alone.
+here, of a CSV file that describes the chart (see `imaging.charts.kinds`). Anything else in the file is left alone.
 """
 
 from __future__ import annotations
@@ -18,8 +18,9 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.charts import chart_kind, check_corners
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import chart_kind
+from sucre_bench.imaging.charts.reading import check_corners
 from sucre_bench.scene import Chart
 
 __all__ = ["chart_of", "read_charts"]

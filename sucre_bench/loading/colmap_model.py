@@ -20,9 +20,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
-from sucre_bench.scene import Array, Camera
 
 __all__ = ["Posed", "read_model"]
 

@@ -10,8 +10,8 @@ from pathlib import Path
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Array
 
 __all__ = ["read_exr"]
 

@@ -21,9 +21,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
-from sucre_bench.scene import Camera
 
 __all__ = ["read_kalibr"]
 

@@ -14,8 +14,9 @@ from typing import Literal
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
-from sucre_bench.scene import Array, Camera
 
 __all__ = ["Lens"]
 

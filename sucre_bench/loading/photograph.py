@@ -8,12 +8,15 @@ from pathlib import Path
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError
-from sucre_bench.images import image_size, read_rgb, same_shape
-from sucre_bench.loading.depth import read_depth
-from sucre_bench.loading.files import Files, scaled_camera, scaled_chart
+from sucre_bench.imaging.charts.reading import scaled_chart
+from sucre_bench.imaging.image_files import image_size, read_rgb, same_shape
+from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
-from sucre_bench.scene import Array, Camera, Chart, Encoding, Plane, View
+from sucre_bench.loading.view_files import Files
+from sucre_bench.scene import Chart, Encoding, Plane, View
 
 __all__ = ["Photograph", "is_rigid", "straight_lens", "view_of"]
 

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.scene import Array
+from sucre_bench.arrays import Array
 
 __all__ = ["Observations", "Seen", "arrange", "compact", "in_memory"]
 

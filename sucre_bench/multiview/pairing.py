@@ -16,11 +16,12 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.camera import Camera, relative_pose, unproject
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.geometry import relative_pose, unproject
-from sucre_bench.multiview.mutual import mutual
-from sucre_bench.multiview.occlusion import agreeing
-from sucre_bench.scene import Array, Camera, Mask, View
+from sucre_bench.multiview.match_depth import agreeing
+from sucre_bench.multiview.match_mutual import mutual
+from sucre_bench.scene import View
 
 __all__ = ["Matches", "Rule", "Surface", "lift", "match", "own_matches", "visible_pixels"]
 

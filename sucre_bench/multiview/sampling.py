@@ -8,11 +8,12 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.colour import srgb_decode
-from sucre_bench.multiview.compiling import compiled
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.camera import Camera
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.machine.compiling import compiled
 from sucre_bench.multiview.observations import compact
 from sucre_bench.multiview.pairing import Matches
-from sucre_bench.scene import Array, Camera, Mask
 
 __all__ = ["colours_at", "rays_at"]
 

@@ -3,7 +3,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 from sucre_bench import Arrays, Restoration, Scene, View, load_scenes
-from sucre_bench.kit import breaches
+from sucre_bench.programs.contract import breaches
 
 from colour_extras.colourfulness import Colourfulness
 from colour_extras.white_patch import WhitePatch

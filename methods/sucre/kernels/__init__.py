@@ -8,11 +8,11 @@ from __future__ import annotations
 from contextlib import AbstractContextManager
 from typing import Literal, Protocol
 
+from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Array
-from sucre_bench.threads import Device
 
 __all__ = ["Backend", "Kernel", "backend_for", "opened"]
 

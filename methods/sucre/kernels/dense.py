@@ -18,9 +18,9 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Array
 
 __all__ = ["DARKEST", "WALL", "Block", "blocks", "colours", "fill", "products"]
 

@@ -17,11 +17,11 @@ from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.methods.sucre.kernels.dense import Block, blocks, colours, fill, products
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Array
-from sucre_bench.threads import usable_cores
 
 __all__ = ["on_jax"]
 

@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.kernels.dense import blocks, colours, fill, products
 from sucre_bench.methods.sucre.reduced import ReducedSystem
 from sucre_bench.multiview.observations import Observations
-from sucre_bench.scene import Array
 
 __all__ = ["on_numpy"]
 

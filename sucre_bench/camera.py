@@ -1,0 +1,87 @@
+"""Pinhole geometry: pixels to rays, points and back (SUCRe, eq. 4 and 5).
+
+Pixel coordinates are (x, y) with pixel centres at +0.5. A rigid transform is (4, 4); ``cam_from_world`` maps world
+points to the camera's frame. Images of rays and the like keep coordinates last; `unproject`, made for millions of
+scattered points, keeps them first, (3, ...), which NumPy works several times faster.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array
+
+__all__ = ["Camera", "depth_at", "distance_map", "pixel_rays", "project", "relative_pose", "scaled_camera", "unproject"]
+
+
+def pixel_rays(camera: Camera) -> Array:
+    """Return K^-1 (u + .5, v + .5, 1) of every pixel: (H, W, 3) float32, third component 1."""
+    u = np.arange(camera.width) + 0.5
+    v = np.arange(camera.height) + 0.5
+    grid = np.stack([*np.meshgrid(u, v), np.ones((camera.height, camera.width))], axis=-1)
+    return np.asarray(grid @ np.linalg.inv(camera.K).T, dtype=np.float32)
+
+
+def distance_map(camera: Camera, depth: Array) -> Array:
+    """Return the Euclidean distance (H, W) float32 of planar depth (H, W), both in metres; 0 stays 0."""
+    return np.asarray(np.linalg.norm(pixel_rays(camera), axis=-1) * depth, dtype=np.float32)
+
+
+def relative_pose(to_cam_from_world: Array, from_cam_from_world: Array) -> Array:
+    """Return the (4, 4) transform from one camera's frame to another's."""
+    return np.asarray(to_cam_from_world @ np.linalg.inv(from_cam_from_world))
+
+
+def project(camera: Camera, points: Array) -> tuple[Array, Array]:
+    """Project points (..., 3) of the camera's frame: pixel coordinates (..., 2) and depth (...,).
+
+    Points at or behind the camera's plane (Z <= 0) get NaN coordinates.
+    """
+    z = points[..., 2]
+    with np.errstate(divide="ignore", invalid="ignore", over="ignore"):
+        xy = np.where((z > 0)[..., None], points[..., :2] / z[..., None], np.nan)
+    return xy @ np.asarray(camera.K[:2, :2].T, dtype=points.dtype) + np.asarray(camera.K[:2, 2], dtype=points.dtype), z
+
+
+def depth_at(depth: Array, xy: Array) -> Array:
+    """Return the depth (P,) float64 of the pixels that coordinates (P, 2) lie in; 0 where it is unknown, and outside.
+
+    NaN coordinates, of points behind a camera, are outside.
+    """
+    height, width = depth.shape
+    with np.errstate(invalid="ignore"):
+        inside = (xy >= 0).all(axis=1) & (xy[:, 0] < width) & (xy[:, 1] < height)
+    column, row = xy[inside].astype(np.int64).T
+    found = np.zeros(len(xy))
+    found[inside] = depth[row, column]
+    return found
+
+
+def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: Array) -> Array:
+    """Return the points (3, ...), in the camera's frame, at pixel coordinates and planar depth, in depth's type."""
+    K_inv = np.linalg.inv(camera.K).astype(depth.dtype)
+    xy1 = np.stack([x, y, np.ones_like(x)]).astype(depth.dtype, copy=False)
+    # Not by BLAS: for products as thin as this one, its threads wait longer for each other than they work.
+    return np.asarray(np.einsum("ij,j...->i...", K_inv, xy1) * depth)
+
+
+@dataclass(frozen=True, eq=False)
+class Camera:
+    """A pinhole camera without distortion.
+
+    K: (3, 3) float64 intrinsic matrix in pixels, pixel centres at +0.5; width, height: image size in pixels.
+    """
+
+    K: Array
+    width: int
+    height: int
+
+
+def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:
+    """Return a camera brought from its own size to `size` (width, height) times `image_scale`."""
+    width, height = (max(1, round(side * image_scale)) for side in size)
+    return Camera(np.diag([width / camera.width, height / camera.height, 1.0]) @ camera.K, width, height)

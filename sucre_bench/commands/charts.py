@@ -1,0 +1,80 @@
+"""`sucre-bench charts`: mark the colour charts of a scene's views."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from sucre_bench.commands import complete
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.mark_charts.session import Session
+
+__all__ = ["charts"]
+
+
+@click.command(
+    context_settings={"ignore_unknown_options": True}, short_help="Mark colour charts, in a page of the browser."
+)
+@click.argument(
+    "words",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    metavar="VIEW... [KEY=VALUE]...",
+    shell_complete=complete.complete_views,
+)
+@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="What new charts are.")
+@click.option("--accept", is_flag=True, help="Open no page: take proposals whose patches are in order.")
+@click.option("--no-browser", is_flag=True, help="Print the page's address, open no browser.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; default any that is free.")
+def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
+    """Mark colour charts: click four corners in a page of this machine's browser.
+
+    \b
+    sucre-bench charts dive/images/a.png
+    sucre-bench charts dataset=colmap dataset.root=dive/ views=[a.png,b.png]
+    sucre-bench charts dive/images/a.png --kind colorchecker24
+    sucre-bench charts dataset=colmap dataset.root=dive/ --accept
+
+    VIEW is an image in a folder images/ of the layout that dataset=colmap reads, or a view's name beside dataset=.
+    Kinds: dgk, colorchecker24, colorchecker_sg, or a CSV file. ColorCheckers are looked for first; charts marked in one
+    view are carried over to all others of the scene by depth and poses, to be confirmed there; the page shows the views
+    that are named first. All is kept in the scene's charts.json.
+    """
+    import webbrowser
+
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.mark_charts import open_session
+
+    with terminal.live():
+        session = open_session.open_session(words, kind)
+        session.prepare()
+    if accept:
+        with terminal.live():
+            accepted, doubtful = session.accept()
+        for proposal, fault in doubtful:
+            click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
+        proposals = "1 proposal" if len(accepted) == 1 else f"{len(accepted)} proposals"
+        click.echo(f"{proposals} taken, {len(doubtful)} left to be looked at")
+    else:
+        from sucre_bench.programs.mark_charts.server import PageServer
+
+        with PageServer(session, port) as server:
+            click.echo(f"page     {server.url}  (Ctrl-C ends it)")
+            if not no_browser:
+                webbrowser.open(server.url)
+            try:
+                server.serve_forever()
+            except KeyboardInterrupt:
+                click.echo("stopped; what was confirmed is kept")
+    _show(session)
+
+
+def _show(session: Session) -> None:
+    for view in session.everything:
+        marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
+        if marked or proposed:
+            open_ = f", {len(proposed)} to be confirmed" if proposed else ""
+            click.echo(f"{view.name}: {len(marked)} chart{'' if len(marked) == 1 else 's'}{open_}")
+    click.echo(f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}")

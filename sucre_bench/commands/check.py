@@ -1,0 +1,59 @@
+"""`sucre-bench check`: whether a plugin keeps the contract."""
+
+from __future__ import annotations
+
+import sys
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sucre_bench.commands.common import KINDS, json_option, refuse_options
+from sucre_bench.commands.complete import complete_words
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.contract.contract import Outcome, Subject
+
+__all__ = ["check"]
+
+
+@click.command(
+    short_help="Does a plugin keep the contract? What to mend.", context_settings={"ignore_unknown_options": True}
+)
+@click.argument("plugin")
+@click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=complete_words)
+@click.option("--kind", type=KINDS, help="Where plugins of two kinds have the name.")
+@click.option("--on", default="demo", show_default=True, metavar="DATASET", help="What a method is tried on at last.")
+@click.option("--quick", is_flag=True, help="Leave out what starts processes or makes scenes.")
+@json_option
+def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool) -> None:
+    """Say whether a plugin keeps the contract, and what to do where it does not.
+
+    \b
+    sucre-bench check gray_world
+    sucre-bench check my_method.py
+    sucre-bench check my_method.py method.factor=0.3 --json
+    sucre-bench check colmap dataset.root=dive/
+
+    PLUGIN is a name, or a .py file with plugins. Options follow as in `sucre-bench run`: method.NAME=VALUE,
+    dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE. The exit code is 1 where something must be mended.
+    """
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.contract import contract, report
+    from sucre_bench.programs.contract.subjects import subjects
+
+    refuse_options(overrides, "check")
+    checked: list[tuple[Subject, list[Outcome]]] = []
+    for subject in subjects(plugin, overrides, kind, on):
+        if not as_json:
+            terminal.out.print(report.title(subject), soft_wrap=True)
+        outcomes: list[Outcome] = []
+        for outcome in contract.check(subject, contract.rules(subject.plugin, lasting=not quick)):
+            outcomes.append(outcome)
+            for line in () if as_json else report.lines(outcome, terminal.out.encoding):
+                terminal.out.print(line, soft_wrap=True)
+        if not as_json:
+            terminal.out.print(report.summary(outcomes), soft_wrap=True)
+        checked.append((subject, outcomes))
+    if as_json:
+        click.echo(report.as_json(checked))
+    sys.exit(1 if any(outcome.status == "broken" for _, outcomes in checked for outcome in outcomes) else 0)

@@ -1,0 +1,52 @@
+"""What commands share: their common options, and a line on stderr."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any, TypeVar
+
+import click
+
+__all__ = ["KINDS", "json_option", "load_plugins", "plugin_option", "refuse_options", "say"]
+
+_F = TypeVar("_F", bound=Callable[..., Any])
+
+# As `plugins.KINDS`, which would import numpy for every --help.
+KINDS = click.Choice(["method", "dataset", "metric"])
+
+
+def json_option(command: _F) -> _F:
+    """Add --json, for programs: the command prints one JSON value on stdout and nothing else there."""
+    text = "For programs: one JSON object on stdout, and nothing else there."
+    return click.option("--json", "as_json", is_flag=True, help=text)(command)
+
+
+def plugin_option(command: _F) -> _F:
+    """Add --plugin FILE, which may be repeated; give its value to `load_plugins`."""
+    text = "A .py file with plugins of your own."
+    return click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help=text)(command)
+
+
+def load_plugins(files: Sequence[str]) -> None:
+    """Register the plugins of Python files. Raises PluginError if a file does not exist or does not import."""
+    if files:
+        from sucre_bench import plugins
+
+        for file in files:
+            plugins.load_file(file)
+
+
+def refuse_options(words: Sequence[str], command: str) -> None:
+    """Raise click.UsageError if one of a command's words looks like an option, which click would pass on as a word."""
+    for word in words:
+        if word.startswith("-"):
+            raise click.UsageError(f"no option {word}; see sucre-bench {command} --help")
+
+
+def say(text: str, colour: str) -> None:
+    """Print a line on stderr, in colour if stderr is a terminal that wants colours."""
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+
+    terminal.err.print(Text(text, style=colour), soft_wrap=True)

@@ -1,0 +1,74 @@
+"""`sucre-bench compare`: one table of results folders."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sucre_bench.commands import complete
+from sucre_bench.errors import InputError
+
+__all__ = ["compare"]
+
+
+@click.command(short_help="One table of output folders, with 95 % intervals.")
+@click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option("--by", type=click.Choice(["method", "view", "region"]), default="method", show_default=True)
+@click.option(
+    "--metric",
+    "metrics",
+    multiple=True,
+    metavar="NAME[:VARIANT]",
+    shell_complete=complete.complete_metrics,
+    help="Only these; may be repeated.",
+)
+@click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this one.")
+@click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
+@click.option("--spread", is_flag=True, help="Show standard deviations too.")
+@click.option(
+    "--format",
+    "how",
+    type=click.Choice(["terminal", "md", "latex", "html", "csv", "json"]),
+    default="terminal",
+    show_default=True,
+)
+@click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
+def compare(
+    folders: Sequence[Path],
+    by: Any,
+    metrics: Sequence[str],
+    baseline: str,
+    common: bool,
+    spread: bool,
+    how: Any,
+    as_json: bool,
+) -> None:
+    """One table over one or more output folders, with 95 % intervals.
+
+    \b
+    sucre-bench compare results
+    sucre-bench compare results --baseline sucre_paper --metric psnr --metric psi
+    sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
+    sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
+
+    Methods are compared on the same images only. What cannot stand side by side is refused, with the difference said.
+    """
+    from sucre_bench import compare
+    from sucre_bench.compare import text as tables
+    from sucre_bench.machine import terminal
+
+    rows = compare.load(folders)
+    compare.refuse(rows, metrics, common)
+    compared = compare.compare(rows, metrics, by, baseline=baseline)
+    if not any(table.columns for table in compared):
+        raise InputError("\n".join(f"{table.title}: {note}" for table in compared for note in table.notes))
+    if as_json or how != "terminal":
+        click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
+        return
+    for table in compared:
+        terminal.out.print(tables.as_table(table, terminal.out.width, spread))
+        for line in tables.verdicts(table):
+            click.echo(line)

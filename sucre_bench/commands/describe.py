@@ -1,0 +1,84 @@
+"""`sucre-bench describe`: what a dataset holds, and what is wrong with it."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sucre_bench.commands import complete
+from sucre_bench.commands.common import json_option, load_plugins, plugin_option, refuse_options
+
+__all__ = ["describe"]
+
+_SUFFIXES = (".png", ".jpg", ".jpeg")
+
+
+@click.command(
+    context_settings={"ignore_unknown_options": True}, short_help="What a dataset holds, and what is wrong with it."
+)
+@click.argument(
+    "words",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    metavar="[DATASET] [KEY=VALUE]...",
+    shell_complete=complete.complete_datasets,
+)
+@json_option
+@click.option(
+    "--sheet",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Contact sheet, .png or .jpg [default: SCENE-sheet.png]",
+)
+@click.option("--no-sheet", is_flag=True, help="Write no contact sheet.")
+@click.option("--most", default=400, show_default=True, type=click.IntRange(1), help="Views of a scene, evenly chosen.")
+@plugin_option
+def describe(
+    words: tuple[str, ...],
+    as_json: bool,
+    sheet: Path | None,
+    no_sheet: bool,
+    most: int,
+    plugin_files: tuple[str, ...],
+) -> None:
+    """Say what a dataset holds, show it on a contact sheet, and find what is wrong with it.
+
+    \b
+    sucre-bench describe colmap dataset.root=dive/
+    sucre-bench describe dataset=demo dataset.water=turbid every=4 --json
+
+    Words are those of `sucre-bench run`: dataset=, its options, views=, every=, first=, degrade.
+    What is wrong is listed with its remedy; the exit code is 0 unless no view could be read.
+    """
+    from sucre_bench.engine.tasks import select
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine import terminal
+    from sucre_bench.machine.files import write_atomically
+    from sucre_bench.programs.describe import description
+    from sucre_bench.programs.describe.scale_note import noted_scale
+    from sucre_bench.results import layout
+
+    suffix = ".png" if sheet is None else sheet.suffix
+    if sheet is not None and sheet.is_dir():
+        raise InputError(f"{sheet}: is a folder; give --sheet a file, like {sheet / 'sheet.png'}")
+    if suffix.lower() not in _SUFFIXES:
+        raise InputError(f"{sheet}: is not named as a picture; end it in {', '.join(_SUFFIXES)}")
+    load_plugins(plugin_files)
+    refuse_options(words, "describe")
+    overrides = [word if "=" in word else f"dataset={word}" for word in words]
+    with terminal.live():
+        selections = select(overrides)
+        described = [description.described(s.dataset.label, s.scene, s.views, most, noted_scale(s)) for s in selections]
+    if as_json:
+        click.echo(description.as_json(described))
+    for one in described:
+        if not as_json:
+            description.show(one)
+        if not no_sheet:
+            name = f"{layout.file_name(one.name)}-sheet{suffix}"
+            file_name = Path(name) if sheet is None else sheet if len(described) == 1 else sheet.with_name(name)
+            write_atomically(file_name, one.sheet(suffix))
+            click.echo(f"sheet    {file_name}", err=as_json)
+    if not any(view.mean for one in described for view in one.facts):
+        raise InputError("describe: no view could be read; mend the files named above")

@@ -1,0 +1,42 @@
+"""`sucre-bench new`: write a plugin to start from, and its test."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sucre_bench.commands.common import KINDS
+
+__all__ = ["new"]
+
+
+@click.command(short_help="A plugin to start from, and its test.")
+@click.argument("kind", type=KINDS)
+@click.argument("name")
+@click.option(
+    "--package", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Make a package of it there."
+)
+@click.option("--depth", is_flag=True, help="A method that needs depth, and leaves holes where there is none.")
+def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
+    """Write a plugin to start from, which works as it is, and its test.
+
+    \b
+    sucre-bench new method warm_up_reds
+    sucre-bench new method fade_less --depth
+    sucre-bench new metric redness --package ~/my-metrics
+
+    In a checkout of sucre_bench the files go into methods/, datasets/ or metrics/, and tests/; elsewhere into the
+    current folder. Nothing is overwritten.
+    """
+    from sucre_bench.programs.contract.new import write_new
+    from sucre_bench.programs.contract.text import shown_path
+
+    if depth and kind != "method":
+        raise click.UsageError("--depth is for methods; see sucre-bench new --help")
+    written = write_new(kind, name, Path.cwd(), package, depth)
+    for path in written.files:
+        click.echo(f"{'wrote':8} {shown_path(path)}")
+    for what, command in written.commands:
+        click.echo(f"{what:8} {command}")

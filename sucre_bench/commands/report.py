@@ -1,0 +1,23 @@
+"""`sucre-bench report`: write the page of a results folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+__all__ = ["report"]
+
+
+@click.command("report", short_help="Write the page of tables and pictures.")
+@click.argument("folder", type=click.Path(path_type=Path))
+def report(folder: Path) -> None:
+    """Write FOLDER/report/index.html, a page of tables, plots and pictures that opens from disk.
+
+    \b
+    sucre-bench report results
+    """
+    from sucre_bench import results
+    from sucre_bench.reports import page
+
+    click.echo(page.write(folder, results.read(folder)))

@@ -1,0 +1,84 @@
+"""`sucre-bench run`: restore a dataset with methods, and score the restorations."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+
+import click
+
+from sucre_bench.commands import complete
+from sucre_bench.commands.common import json_option, plugin_option, refuse_options
+
+__all__ = ["run"]
+
+
+@click.command(
+    context_settings={"ignore_unknown_options": True}, short_help="Restore a dataset's views with methods, score them."
+)
+@click.argument(
+    "overrides", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...", shell_complete=complete.complete_words
+)
+@click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
+@plugin_option
+@click.option("--cfg", is_flag=True, help="Print the configuration and stop.")
+@json_option
+def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, as_json: bool) -> None:
+    """Restore views of a dataset with a method, and score them.
+
+    \b
+    sucre-bench run dataset=demo method=gray_world
+    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre views=[a.png]
+    sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
+    sucre-bench run -m method.pairing=mutual,depth hydra/launcher=joblib
+    sucre-bench run -m experiment=table1
+    sucre-bench run --json dataset=demo method=gray_world | jq .table
+
+    Words are Hydra's key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their options
+    follow a dot: method.pairing=depth. With -m, values parted by commas are all run.
+
+    \b
+    out=FOLDER              where results go; the same one again adds to it
+    views=[NAME,...]        only these, or those of a .txt list
+    every=N first=N         each Nth view, the first N
+    metrics=[psnr,psi]      only these; metrics.uciqe.variants=[all]
+    degrade.noise=0.02      worse data: `sucre-bench list degradations`
+    save=full               also J, B, beta, gamma (.npz), for metrics of later on
+    overwrite=always        again what is there; never: keep whatever there is
+    seed=N                  other draws
+    report=false            no page
+    tracking.uri=off        no mlflow; or the address of yours
+
+    What is done is not done again: the same command goes on where it was stopped.
+
+    The exit code is 0 when all was done but what had a reason not to be, 1 when a view or a score failed or nothing at
+    all was done, 2 for a mistake in the command, 130 after Ctrl-C.
+    """
+    from sucre_bench import plugins
+    from sucre_bench.commands.run_summary import track
+    from sucre_bench.engine import sweep
+
+    refuse_options(overrides, "run")
+    if cfg:
+        from sucre_bench.jobs import command as config
+
+        for file in plugin_files:
+            plugins.load_file(file)
+        click.echo(config.jobs(overrides, multirun).jobs[0].config, nl=False)
+        return
+    from sucre_bench.commands import run_summary
+
+    # What a plugin prints is no part of the object.
+    with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+        outcome = sweep.run(overrides, multirun, plugin_files)
+        try:
+            if as_json:
+                told = run_summary.as_object(outcome)
+            else:
+                run_summary.show(outcome)
+        finally:  # also when whoever reads our output has gone
+            track(outcome)
+    if as_json:
+        click.echo(json.dumps(told, indent=1))
+    sys.exit(outcome.exit_code)

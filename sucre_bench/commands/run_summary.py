@@ -1,0 +1,160 @@
+"""What a run came to, at its end: lines and tables for people, one JSON object for programs."""
+
+from __future__ import annotations
+
+import itertools
+import os
+from collections.abc import Iterator, Sequence
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+from rich.text import Text
+
+from sucre_bench import compare, results
+from sucre_bench.compare import text as tables
+from sucre_bench.engine.sweep import Outcome
+from sucre_bench.errors import one_line
+from sucre_bench.machine import progress, terminal
+from sucre_bench.reports import mlflow, paper
+from sucre_bench.reports import page as report
+from sucre_bench.reports.paper import Written
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sucre_bench.engine.sweep import Fault, Outcome
+    from sucre_bench.reports.paper import Written
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["as_object", "show"]
+
+
+def as_object(outcome: Outcome) -> dict[str, Any]:
+    """Write the study's tables and figures and the page, and return the counts, every fault and where everything is.
+
+    The counts are of restorations; paths are as given in out=, null where nothing was written.
+    """
+    study, page = _written(outcome)
+    return {
+        "exit_code": outcome.exit_code,
+        "ok": outcome.ok,
+        "cached": outcome.cached,
+        "failed": [asdict(fault) for fault in outcome.failed],
+        "skipped": [asdict(fault) for fault in outcome.skipped],
+        "scores_failed": [asdict(fault) for fault in outcome.scores_failed],
+        "interrupted": outcome.interrupted,
+        "crashed": outcome.crashed,
+        "datasets": list(outcome.datasets),
+        "methods": list(outcome.methods),
+        "out": str(outcome.out),
+        "table": str(outcome.out / results.TABLE) if len(outcome.rows) else None,
+        "log": str(_log(outcome)) if _has_faults(outcome) else None,
+        "page": None if page is None else str(page),
+        "study": [str(path) for path in study.paths],
+        "notes": list(study.notes),
+    }
+
+
+def show(outcome: Outcome) -> None:
+    """Write the study's files and the page; print tables, what failed and why, the counts, and where everything is."""
+    study, page = _written(outcome)
+    if (outcome.rows["status"] == "ok").any():
+        for table in compare.compare(outcome.rows, order=outcome.methods):
+            terminal.out.print(tables.as_table(table, terminal.out.width))
+            for line in tables.verdicts(table):
+                click.echo(line)
+    for colour, kind, faults in (
+        ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
+        ("yellow", "skipped", outcome.skipped),
+    ):
+        for line in _grouped(faults):
+            _say(f"{kind}  {line}", colour)
+    for line in _not_scored(outcome.rows):
+        _say(f"not scored  {line}", "dim")
+    if outcome.interrupted:
+        click.echo("stopped; the same command goes on from here")
+    made = f" ({outcome.cached} cached)" if outcome.cached else ""
+    scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
+    click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")
+    if _has_faults(outcome):
+        click.echo(f"log      {_log(outcome)}")
+    click.echo(f"results  {outcome.out}")
+    for note in study.notes:
+        _say(note, "yellow")
+    for folder, own in itertools.groupby(study.paths, lambda path: path.parent):
+        click.echo(f"{folder.name:9}{folder}{os.sep}{{{','.join(sorted(path.name for path in own))}}}")
+    if page is not None:
+        click.echo(f"page     {page}")
+
+
+def _written(outcome: Outcome) -> tuple[Written, Path | None]:
+    """The study's files and the page, where they are wanted."""
+    study = write_study(outcome)
+    wanted = outcome.wants_report and len(outcome.rows)
+    return study, report.write(outcome.out, outcome.rows) if wanted else None
+
+
+def _has_faults(outcome: Outcome) -> bool:
+    return bool(outcome.failed or outcome.scores_failed)
+
+
+def _log(outcome: Outcome) -> Path:
+    return outcome.out / "logs" / "failures.log"
+
+
+def _say(text: str, style: str) -> None:
+    terminal.out.print(Text(text, style=style), soft_wrap=True)
+
+
+def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
+    """A line a reason; many views that share one are counted."""
+    by_reason: dict[tuple[str, str], list[str]] = {}
+    for fault in faults:
+        by_reason.setdefault((fault.where, fault.reason), []).append(fault.view)
+    for (where, reason), views in by_reason.items():
+        which = views[0] if len(views) == 1 else f"{len(views)} views"
+        yield f"{where} / {which}: {reason}"
+
+
+def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
+    """A line a reason for the scores that views could not give."""
+    skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != "seconds")]
+    skipped = skipped[~skipped["reason"].str.startswith("nothing to score")]  # a method without water, say
+    why = skipped["reason"].str.split(",").str[0]
+    for reason, own in skipped.groupby(why, sort=False):
+        views = own[["dataset", "scene", "view"]].drop_duplicates()
+        everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
+        where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
+        metrics = [_with_variants(name, scores, rows) for name, scores in own.groupby("metric", sort=False)]
+        methods = list(dict.fromkeys(own["method"]))
+        of = "" if len(methods) == rows["method"].nunique() else f" of {', '.join(methods)}"
+        yield f"{', '.join(metrics)}{of}{where}: {reason}"
+
+
+def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
+    """A metric's name, with the variants that are lost where others are not."""
+    variants = list(dict.fromkeys(lost["variant"]))
+    every = rows.loc[rows["metric"] == metric, "variant"].nunique()
+    return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"
+
+
+def write_study(outcome: Outcome) -> Written:
+    """Write the tables and figures that the command's experiment asks for, if it does."""
+    if outcome.study is None:
+        return Written((), ())
+    return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets)
+
+
+def track(outcome: Outcome) -> None:
+    """Tell mlflow, where that is wanted; say in one line what it could not do, and go on."""
+    if outcome.tracking.uri == "off":
+        return
+    with terminal.live():
+        try:
+            mlflow.log(outcome.out, outcome.rows, outcome.tracking.uri, outcome.tracking.experiment)
+        except Exception as fault:
+            reason = f"{type(fault).__name__}: {one_line(fault)[:200]}"
+            progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

@@ -1,0 +1,80 @@
+"""`sucre-bench texture`: a scene as a coloured surface, from what a run left."""
+
+from __future__ import annotations
+
+import time
+from pathlib import Path
+
+import click
+
+from sucre_bench.commands.common import load_plugins, plugin_option
+
+__all__ = ["texture"]
+
+
+@click.command(short_help="A scene as points or a mesh in restored colours.")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--method", required=True, metavar="LABEL", help='Whose colours; "input" for the views themselves.')
+@click.option("--dataset", default="", metavar="LABEL", help="Where the results have several.")
+@click.option("--scene", default="", metavar="NAME", help="Where the dataset has several.")
+@click.option(
+    "--voxel", type=click.FloatRange(0, min_open=True), metavar="METRES", help="How fine [default: as the pixels]."
+)
+@click.option("--mesh", is_flag=True, help="Triangles, not points, in a .ply; a .glb always has them.")
+@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Also a .png: input beside restored.")
+@plugin_option
+def texture(
+    results: Path,
+    out: Path,
+    method: str,
+    dataset: str,
+    scene: str,
+    voxel: float | None,
+    mesh: bool,
+    picture: Path | None,
+    plugin_files: tuple[str, ...],
+) -> None:
+    """Fuse the views of a run into a point cloud or a mesh with restored colours.
+
+    \b
+    sucre-bench texture results scene.glb --method sucre --picture scene.png
+    sucre-bench texture results points.ply --method sucre --voxel 0.005
+    sucre-bench texture results input.glb --method input
+
+    RESULTS is what `sucre-bench run out=RESULTS` wrote. Needs depth and poses; views come from the dataset again.
+    """
+    from sucre_bench.engine.reopen import INPUT, revisit
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.surface.surface import choose_cells, fuse
+    from sucre_bench.programs.surface.write_ply_glb import SUFFIXES, mean_up, write_model
+
+    if out.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{out}: is not named as a surface; end it in {' or '.join(SUFFIXES)}")
+    if picture is not None and picture.suffix.lower() != ".png":
+        raise InputError(f"{picture}: is not named as a picture; end it in .png")
+    load_plugins(plugin_files)
+    started = time.perf_counter()
+    triangles = mesh or out.suffix.lower() == ".glb"
+    with terminal.live():
+        found = revisit(results, [method], dataset, scene)
+        cells = choose_cells(found.frames, voxel)
+        model = fuse(found.frames, method, cells, triangles)
+        write_model(out, model, mean_up([frame.view for frame in found.frames]))
+        if picture is not None:
+            from sucre_bench.imaging.image_files import write_png
+            from sucre_bench.programs.surface.render import side_by_side
+
+            restored = model if triangles else fuse(found.frames, method, cells)
+            models = {INPUT: fuse(found.frames, INPUT, cells, mask=method), method: restored}
+            write_png(picture, side_by_side(models, found.frames)[..., ::-1])
+    what = f"{len(model.points)} points" + (f", {len(model.triangles)} triangles" if triangles else "")
+    size = f"{out.stat().st_size / 1e6:.1f} MB, voxels of {cells.voxel:.3g} m"
+    click.echo(
+        f"{found.dataset} / {found.scene} / {method}: {len(found.frames)} views, {what}, {size}, "
+        f"{time.perf_counter() - started:.0f} s"
+    )
+    click.echo(f"surface  {out}")
+    if picture is not None:
+        click.echo(f"picture  {picture}")

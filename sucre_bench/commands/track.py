@@ -1,0 +1,44 @@
+"""`sucre-bench track`: log a results folder in mlflow."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from textwrap import shorten
+
+import click
+
+from sucre_bench.errors import OutputError, SucreBenchError, one_line
+
+__all__ = ["track"]
+
+
+@click.command(short_help="Tell mlflow what a folder holds; open mlflow's page.")
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI; default: a store in FOLDER.")
+@click.option("--experiment", default="sucre_bench", show_default=True, help="mlflow's experiment.")
+@click.option("--ui", is_flag=True, help="Then open mlflow's page on this machine, until Ctrl-C.")
+@click.option("--port", default=5000, show_default=True, help="Of that page.")
+def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
+    """Tell mlflow what FOLDER holds: after a run on a cluster, or one that was stopped.
+
+    \b
+    sucre-bench track results --uri http://127.0.0.1:5000
+    sucre-bench track results --ui
+
+    What mlflow has been told before is not told again.
+    """
+    from sucre_bench import results
+    from sucre_bench.reports import mlflow
+
+    uri = uri or mlflow.default_uri(folder)
+    try:
+        new = mlflow.log(folder, results.read(folder), uri, experiment)
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        raise OutputError(f"{uri}: mlflow cannot be told, {shorten(one_line(fault), 200)}; check the URI") from fault
+    click.echo(f"mlflow   {uri}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
+    if ui:
+        click.echo(f"page     {mlflow.runs_page(uri, experiment, port)}")
+        sys.exit(mlflow.open_ui(uri, port))

@@ -1,0 +1,121 @@
+"""`sucre-bench video`: a before/after video of a run's views, and how much methods flicker."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sucre_bench.commands.common import load_plugins, plugin_option
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.video.flicker import Flicker
+
+__all__ = ["video"]
+
+
+@click.command(short_help="A dive before and after, as a video; how it flickers.")
+@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--methods", required=True, metavar="A,B", help="Labels, in the order of their panels.")
+@click.option("--dataset", default="", metavar="LABEL", help="Where the results have several.")
+@click.option("--scene", default="", metavar="NAME", help="Where the dataset has several.")
+@click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(0.1, 120), help="Views a second.")
+@click.option("--split", is_flag=True, help="One panel a method: the input left of a moving divider.")
+@click.option("--height", default=540, show_default=True, type=click.IntRange(64, 4320), help="Of a panel, at most.")
+@plugin_option
+def video(
+    results: Path,
+    out: Path,
+    methods: str,
+    dataset: str,
+    scene: str,
+    fps: float,
+    split: bool,
+    height: int,
+    plugin_files: tuple[str, ...],
+) -> None:
+    """Show a run's views in capture order, before and after, and say how much each method flickers.
+
+    \b
+    sucre-bench video results dive.mp4 --methods gray_world,sucre
+    sucre-bench video results dive.webm --methods sucre --split --fps 5
+
+    RESULTS is what `sucre-bench run out=RESULTS` wrote. Beside the video comes OUT.json, as dive.mp4.json, with the
+    flicker as numbers.
+    """
+    from sucre_bench.engine.reopen import revisit
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine import terminal
+    from sucre_bench.machine.files import write_atomically
+    from sucre_bench.programs.video.flicker import FORMULAE, flicker
+    from sucre_bench.programs.video.frames import composed, panel_size
+    from sucre_bench.programs.video.write_vp9 import SUFFIXES, write_video
+
+    if out.suffix.lower() not in SUFFIXES:
+        raise InputError(f"{out}: is not named as a video; end it in {' or '.join(SUFFIXES)}")
+    labels = _labels(methods)
+    if not labels:
+        raise InputError("--methods: no label; name some, parted by commas")
+    load_plugins(plugin_files)
+    with terminal.live():
+        found = revisit(results, labels, dataset, scene)
+        size = panel_size(found.frames[0], height)
+        count = write_video(out, composed(found.frames, labels, size, fps, split), fps)
+        flickers = flicker(found.frames, labels)
+    left_out = f" ({found.left_out} that some method lacks are left out)" if found.left_out else ""
+    click.echo(f"{found.dataset} / {found.scene}: {count} views{left_out}, {out.stat().st_size / 1e6:.1f} MB")
+    terminal.out.print(_table(flickers))
+    click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
+    about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
+    told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": _plain(flickers)}
+    numbers = out.with_name(f"{out.name}.json")
+    write_atomically(numbers, (json.dumps(told, indent=1) + "\n").encode())
+    click.echo(f"video    {out}\nnumbers  {numbers}")
+
+
+def _labels(text: str) -> list[str]:
+    """Labels parted by commas, where a label may hold one itself: what has no "=" before it begins another."""
+    labels: list[str] = []
+    for word in (part.strip() for part in text.split(",")):
+        if "=" in word and labels:
+            labels[-1] += f",{word}"
+        elif word and word not in labels:
+            labels.append(word)
+    return labels
+
+
+def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
+    """A line a method and measure, which is narrow enough for every terminal."""
+    from rich.table import Table
+    from rich.text import Text
+
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column("method", overflow="fold")
+    table.add_column("flicker")
+    for name in ("mean", "95 %", "pairs"):
+        table.add_column(name, justify="right", no_wrap=True)
+    for method, own in flickers.items():
+        for n, (name, f) in enumerate(own.items()):
+            interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
+            table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
+    return table
+
+
+def _plain(flickers: Mapping[str, Mapping[str, Flicker]]) -> dict[str, Any]:
+    """As JSON keeps it, which knows no NaN."""
+
+    def number(value: float) -> float | None:
+        return value if math.isfinite(value) else None
+
+    return {
+        method: {
+            name: {"mean": f.mean, "low": number(f.low), "high": number(f.high), "pairs": f.pairs}
+            for name, f in own.items()
+        }
+        for method, own in flickers.items()
+    }

@@ -1,0 +1,74 @@
+"""What need not be done again: a view whose picture and scores are there, from the same options, data and code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sucre_bench import results
+from sucre_bench.engine.score import code_of
+from sucre_bench.errors import InputError
+from sucre_bench.jobs.job import Job
+from sucre_bench.results.rows import Row
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Done"]
+
+
+@dataclass(frozen=True)
+class _Kept:
+    """What the table holds of a score."""
+
+    metric: str
+    variant: str
+    code: str
+    status: str
+    options_id: str
+    data_id: str
+
+
+@dataclass(frozen=True)
+class Done:
+    """What an output folder holds of a job, by the names of scene and view; nothing that failed."""
+
+    job: Job
+    kept: dict[tuple[str, str], list[_Kept]]
+
+    @classmethod
+    def of(cls, job: Job) -> Done:
+        """Read the output folder of a job; one without a table holds nothing."""
+        try:
+            rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
+            return cls.among(rows, job)
+        except InputError:
+            return cls(job, {})
+
+    @classmethod
+    def among(cls, rows: pd.DataFrame, job: Job) -> Done:
+        """Pick what a table holds of a job."""
+        kept: dict[tuple[str, str], list[_Kept]] = {}
+        own = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
+        for r in own[own["status"] != "failed"].itertuples():
+            one = _Kept(r.metric, r.variant, r.code, r.status, r.options_id, r.data_id)
+            kept.setdefault((r.scene, r.view), []).append(one)
+        return cls(job, kept)
+
+    def covers(self, base: Row, picture: Path) -> bool:
+        """Whether a view needs no work. base: what its rows would say; picture: where its restoration is kept."""
+        kept = self.kept.get((base.scene, base.view), [])
+        if self.job.overwrite == "always":
+            return False
+        if self.job.overwrite == "never":
+            return bool(kept)
+        kept = [k for k in kept if (k.options_id, k.data_id) == (base.options_id, base.data_id)]
+        there = {(k.metric, k.variant, k.code) for k in kept}
+        whole = (base.metric, base.variant, base.code)
+        if any(k.metric == base.metric and k.status == "skipped" for k in kept):
+            return whole in there
+        suffixes = [".png", ".json", *([".npz"] if self.job.save == "full" else [])]
+        files = [picture.with_suffix(suffix) for suffix in suffixes]
+        wanted = {(m.plugin.name, variant, code_of(base, m)) for m in self.job.metrics for variant in m.variants}
+        return {whole, *wanted} <= there and all(file.is_file() for file in files)

@@ -1,0 +1,141 @@
+"""The check before the work: everything a command selects is opened, made and compared with what is already there."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from sucre_bench import plugins, results
+from sucre_bench.engine.done import Done
+from sucre_bench.engine.tasks import Task, open_scenes, tasks
+from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.jobs.command import Sweep
+from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.results.layout import file_name
+from sucre_bench.scene import Scene
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Planned", "ProblemsError", "check", "states"]
+
+
+class ProblemsError(SucreBenchError):
+    """Everything the check before the work found, a line each."""
+
+
+@dataclass(frozen=True)
+class Planned:
+    """A job with what it will do, and the data it works on."""
+
+    job: Job
+    tasks: tuple[Task, ...]
+    data_id: str
+
+
+def check(sweep: Sweep) -> list[Planned]:
+    """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
+    problems: list[str] = []
+    if len({job.out.resolve() for job in sweep.jobs}) > 1:
+        problems.append("out: not the same for all jobs of the sweep; give one folder")
+    for plugin in _plugins_of(sweep.jobs):
+        if line := plugins.missing_packages(plugin):
+            problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
+    problems += _unknown_baseline(sweep.jobs)
+    opened: dict[str, list[Scene]] = {}
+    planned: list[Planned] = []
+    for job in sweep.jobs:
+        key = results.fingerprint({**job.dataset.record, "replicate": job.dataset.seed})[1]
+        try:
+            for choice in (job.method, *(m.choice for m in job.metrics)):
+                _made(choice)
+            if key not in opened:
+                opened[key] = open_scenes(job.dataset)
+            planned.append(Planned(job, tuple(tasks(job, opened[key])), _data_id(job, opened[key])))
+        except SucreBenchError as fault:
+            problems.append(str(fault))
+    if not problems:
+        problems = _clashes(planned)
+    if problems:
+        raise ProblemsError("\n".join(dict.fromkeys(problems)))
+    return planned
+
+
+def _unknown_baseline(jobs: Sequence[Job]) -> list[str]:
+    """A baseline that is neither among the sweep's methods nor any method at all; one that does not run is left out."""
+    known = {*(job.method.label for job in jobs), *plugins.discover("method")}
+    asked = jobs[0].study.baseline if jobs[0].study else ""
+    unknown = asked and asked not in known
+    return [f"study.baseline: no method is called '{asked}'; {did_you_mean(asked, known)}"] if unknown else []
+
+
+def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:
+    every = [p for job in jobs for p in (job.dataset.plugin, job.method.plugin, *(m.plugin for m in job.metrics))]
+    return list({(p.kind, p.name): p for p in every}.values())
+
+
+def _made(choice: Choice) -> None:
+    try:
+        choice.make()
+    except SucreBenchError:
+        raise
+    except ANY_FAULT as fault:
+        raise InputError(f"{choice.plugin.name}: {one_line(fault)}; mend its options") from fault
+
+
+def _data_id(job: Job, scenes: Sequence[Scene]) -> str:
+    return ",".join(sorted({job.drawn.data_id(scene.data_id) for scene in scenes}))
+
+
+def _clashes(planned: Sequence[Planned]) -> list[str]:
+    """Labels that already stand for something else in the output folder: their results would be overwritten."""
+    try:
+        rows = results.read(planned[0].job.out)
+    except InputError as fault:
+        return [str(fault)] if "not a table" in str(fault) else []
+    said = []
+    for plan in planned:
+        job = plan.job
+        if job.overwrite == "always":
+            continue
+        there = rows[rows["dataset"] == job.dataset.label]
+        scenes = {results.unreplicated(scene)[0] for scene in there["scene"]} - {""}
+        if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
+            said.append(
+                f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
+                "give another out=... or dataset.label=..."
+            )
+        same_folder = set(there["method"]) - {job.method.label}
+        for other in sorted(o for o in same_folder if file_name(o) == file_name(job.method.label)):
+            said.append(
+                f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give it another method.label"
+            )
+        own = there[(there["method"] == job.method.label) & (there["scene"] != "")]
+        if len(own) and set(own["options_id"]) != {results.fingerprint(job.method.record)[1]}:
+            said.append(
+                f"{job.out}: its '{job.method.label}' has other options; "
+                "give another method.label=... or overwrite=always"
+            )
+    return said
+
+
+def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[tuple[str, str, bool]]:
+    """Status, reason and newness of each of a job's tasks; what it never got to is "missing".
+
+    What was there before counts where it is what was asked for.
+    """
+    job, done = plan.job, Done.among(rows, plan.job)
+    own = rows[(rows["metric"] == "seconds") & (rows["dataset"] == job.dataset.label)]
+    own = own[own["method"] == job.method.label]
+    known = {(r.scene, r.view): (r.status, r.reason, r.time) for r in own.itertuples()}
+    whole = known.get(("", ""), ("missing", "did not finish", ""))
+    states = []
+    for task in plan.tasks:
+        status, reason, when = known.get((task.base.scene, task.view.name), whole)
+        is_new = when >= started
+        if not is_new and not done.covers(task.base, task.place.restored(job.out, job.method.label)):
+            status, reason = "missing", "did not finish"
+        states.append((status, reason, is_new))
+    return states

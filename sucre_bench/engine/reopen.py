@@ -1,0 +1,180 @@
+"""What a run restored, seen again: views of its dataset, opened once more, with the pictures methods made of them.
+
+The dataset, its options and what was done to it stand in the folder's config.yaml, that of the last command that wrote
+there; rows say which views a method restored, and of which data. A picture has 8 bits; black in it stands for no colour
+(see `sucre_bench.imaging.encoding.to_8bit`).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sucre_bench.arrays import Picture
+from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import to_8bit
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sucre_bench.jobs.job import Job
+    from sucre_bench.results.layout import Place
+    from sucre_bench.scene import View
+
+__all__ = ["INPUT", "Frame", "Revisited", "revisit"]
+
+# What stands for the view itself where a method's label is asked for.
+INPUT = "input"
+
+
+@dataclass(frozen=True, eq=False)
+class Frame:
+    """A view, and where the pictures that methods made of it are kept. out: the folder of results."""
+
+    view: View
+    place: Place
+    out: Path
+
+    def picture(self, method: str) -> Picture:
+        """Return what a method made of the view, (H, W, 3) uint8 RGB, or the view itself for "input".
+
+        Raises InputError when the picture cannot be read, or is not of the view's size.
+        """
+        import cv2
+
+        from sucre_bench.imaging.image_files import decode
+
+        rgb = self.view.rgb
+        if method == INPUT:
+            return to_8bit(display(rgb, "none", self.view.encoding))
+        path = self.place.restored(self.out, method)
+        if not path.is_file():
+            raise InputError(f"{path}: is gone; give the run's command again, which makes what is missing")
+        restored = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
+        if restored.shape != rgb.shape:
+            sizes = f"{restored.shape[1]}x{restored.shape[0]}, its view {rgb.shape[1]}x{rgb.shape[0]}"
+            raise InputError(f"{path}: is {sizes}; give the run's command again with overwrite=always")
+        return np.ascontiguousarray(restored)
+
+
+@dataclass(frozen=True, eq=False)
+class Revisited:
+    """A scene of a run, as far as all chosen methods restored it.
+
+    dataset: its label; scene: its name in rows; frames: in capture order; left_out: views that some method lacks.
+    """
+
+    dataset: str
+    scene: str
+    frames: tuple[Frame, ...]
+    left_out: int
+
+
+def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "") -> Revisited:
+    """Open the data of a run again, and find what methods made of them; pixels stay unread.
+
+    methods: labels, or "input" for the views themselves; dataset, scene: may be left out where there is only one.
+    Raises InputError for a label or scene that the results do not have, and where config.yaml tells of another dataset
+    or the data are no longer those that were restored.
+    """
+    from sucre_bench import results
+    from sucre_bench.engine.tasks import open_scenes, tasks
+
+    rows = results.read(out)
+    rows = rows[(rows["metric"] == "seconds") & (rows["status"] == "ok")]
+    dataset = _only("dataset", _with_all(rows, methods, "dataset"), dataset, out)
+    rows = rows[rows["dataset"] == dataset]
+    scene = _only("scene", _with_all(rows, methods, "scene"), scene, out)
+    rows = rows[rows["scene"] == scene]
+    job = _job(out, dataset, scene)
+    try:
+        opened = [task for task in tasks(job, open_scenes(job.dataset)) if task.base.scene == scene]
+    except InputError as fault:
+        where = f"{out / 'config.yaml'} says where the data are, seen from where the run was started"
+        raise InputError(f"{fault} ({where})") from fault
+    restored = _restored(rows, methods)
+    frames = [Frame(task.view, task.place, out) for task in opened if task.view.name in restored]
+    if not frames:
+        raise InputError(f"{out}: no view of '{scene}' was restored by {' and '.join(methods)}; run them on the same")
+    own = rows["method"].isin(methods) if set(methods) - {INPUT} else slice(None)
+    if stale := set(rows.loc[own, "data_id"]) - {task.base.data_id for task in opened}:
+        raise InputError(
+            f"{out}: '{dataset}' is not as it was restored (data {', '.join(sorted(stale))}); give the run's "
+            "command again"
+        )
+    return Revisited(dataset, scene, tuple(frames), rows["view"].nunique() - len(frames))
+
+
+def _restored(rows: pd.DataFrame, methods: Sequence[str]) -> set[str]:
+    """The views that all methods restored."""
+    own = (set(rows.loc[rows["method"] == method, "view"]) for method in methods if method != INPUT)
+    return set(rows["view"]).intersection(*own)
+
+
+def _with_all(rows: pd.DataFrame, methods: Sequence[str], column: str) -> list[str]:
+    """The datasets or scenes of which every method restored something."""
+    known = set(rows["method"]) | {INPUT}
+    for method in methods:
+        if method not in known:
+            raise InputError(f"method '{method}': no results of it; {did_you_mean(method, known)}")
+    own = (set(rows.loc[rows["method"] == method, column]) for method in methods if method != INPUT)
+    return sorted(set(rows[column]).intersection(*own))
+
+
+def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:
+    """The one that is given, or the only one there is."""
+    if given in known:
+        return given
+    if given:
+        raise InputError(f"{what} '{given}': not in {out} with these methods; {did_you_mean(given, known)}")
+    if len(known) != 1:
+        hint = f"choose one: --{what} {' or '.join(known)}" if known else f"run these methods on the same {what}"
+        raise InputError(f"{out}: {len(known) or 'no'} {what}s have results of these methods; {hint}")
+    return known[0]
+
+
+def _job(out: Path, dataset: str, scene: str) -> Job:
+    """A job of the dataset that the results are of, with all its views."""
+    from sucre_bench.jobs.schema import Shard
+    from sucre_bench.results.rows import unreplicated
+
+    _, replicate = unreplicated(scene)
+    path = out / "config.yaml"
+    labels = []
+    for job in _jobs(path):
+        if job.dataset.label == dataset and job.replicate == replicate:
+            return replace(job, views=None, every=1, first=None, shard=Shard())
+        labels.append(job.dataset.label)
+    told = ", ".join(dict.fromkeys(labels))
+    raise InputError(
+        f"{path}: tells of '{told}', as its last run did, not of '{dataset}' as in scene '{scene}'; "
+        "give that one's command again, nothing is computed anew"
+    )
+
+
+def _jobs(path: Path) -> Iterator[Job]:
+    """The jobs that a run wrote down: see `sweep`."""
+    import yaml
+    from omegaconf import DictConfig, OmegaConf
+
+    from sucre_bench import plugins
+    from sucre_bench.jobs.job import Job
+    from sucre_bench.jobs.schema import RunConfig
+
+    try:
+        told: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+        each = told.pop("jobs", [{}])
+    except (OSError, ValueError, AttributeError, yaml.YAMLError) as fault:
+        raise InputError(f"{path}: cannot be read as a run's configuration; give the run's command again") from fault
+    told.pop("sweep", None)
+    for file in told.get("plugins") or ():
+        plugins.load_file(file)
+    for one in each:
+        config = OmegaConf.merge(OmegaConf.structured(RunConfig), OmegaConf.create({**told, **one}))
+        assert isinstance(config, DictConfig)
+        yield Job.of(config)

@@ -1,0 +1,29 @@
+"""Restoring one view, measured, and checked against what a method must return."""
+
+from __future__ import annotations
+
+import time
+from typing import Any
+
+from sucre_bench.machine.memory import _PeakMemory
+from sucre_bench.plugins.calling import restored, with_truth
+from sucre_bench.results.restorations import Measured
+from sucre_bench.scene import Scene, View
+
+__all__ = ["measured_restore"]
+
+
+def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
+    """Restore a view and measure it. PluginError when the result is not what a method must return.
+
+    The view's own planes are decoded before the clock starts: reading the target is not restoring it. Where a method
+    says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done elsewhere, that counts.
+    """
+    _ = view.rgb, view.has_depth
+    with _PeakMemory() as memory:
+        started = time.perf_counter()
+        restoration = restored(method, scene, view)
+        seconds = time.perf_counter() - started
+    info = restoration.info
+    took = (float(info.get(name, own)) for name, own in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
+    return Measured(with_truth(restoration, scene, view), *took)

@@ -1,0 +1,134 @@
+"""One job: a dataset x a method x metrics, view by view, to rows and pictures. A fault is a row, not the end."""
+
+from __future__ import annotations
+
+import importlib
+from collections.abc import Callable
+from contextlib import nullcontext
+from dataclasses import replace
+from typing import Any
+
+from sucre_bench import plugins
+from sucre_bench.engine.done import Done
+from sucre_bench.engine.restore import measured_restore
+from sucre_bench.engine.score import score_rows, without
+from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
+from sucre_bench.imaging.display import display
+from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.machine import progress
+from sucre_bench.machine.log import keep_traceback, now
+from sucre_bench.multiview.cache import sharing
+from sucre_bench.plugins.calling import with_truth
+from sucre_bench.results.layout import file_name, log_path, pairs_path
+from sucre_bench.results.restorations import Measured, keep, keep_whole, kept_whole
+from sucre_bench.results.rows import Row
+from sucre_bench.results.table import Part
+
+__all__ = ["failed_row", "run_job"]
+
+
+def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> None:
+    """Restore and score every selected view that is not done yet, writing rows and pictures under job.out.
+
+    after_view: called when a view is done, computed or not.
+    Raises OutputError where results cannot be written; every other fault becomes a row.
+    """
+    part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
+    try:
+        every = list(tasks(job, open_scenes(job.dataset)))
+    except ANY_FAULT as fault:
+        part.add([failed_row(job, fault)])
+        part.flush()
+        return
+    done = Done.of(job)
+    todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
+    for _ in range(len(every) - len(todo)):
+        after_view()
+    if not todo:
+        return
+    try:
+        method = _ready(job.method)
+        _warm_up(method)
+    except ANY_FAULT as fault:
+        whole = failed_row(job, fault)
+        part.add([replace(whole, scene=t.base.scene, view=t.view.name, data_id=t.base.data_id) for t in todo])
+        part.flush()
+        return
+    try:
+        with sharing(pairs_path(job.out) / job.sharing, job.pairs_gb * 2**30) if job.sharing else nullcontext():
+            for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
+                part.add(_rows(job, method, replace(task, base=replace(task.base, time=now()))))
+                after_view()
+    finally:
+        part.flush()
+
+
+def _ready(choice: Choice) -> Any:
+    """Make the method, and import what it needs so that the first view's time is not that of imports."""
+    for package in choice.plugin.requires:
+        importlib.import_module(package)
+    return choice.make()
+
+
+def _warm_up(method: Any) -> None:
+    """Let a method that has a `warm_up()` compile, so that the first view's time is not that of compilers."""
+    if hasattr(method, "warm_up"):
+        method.warm_up()
+
+
+# -- doing it ----------------------------------------------------------------------------------------------
+
+
+def _rows(job: Job, method: Any, task: Task) -> list[Row]:
+    """Restore, keep and score one view."""
+    scene, view = task.scene, task.view
+    if absent := plugins.missing_needs(job.method.plugin, scene.has):
+        return [without(task.base, "skipped", absent)]
+    try:
+        if "depth" in job.method.plugin.needs and not view.has_depth:
+            return [without(task.base, "skipped", f"{view.name} has no depth map")]
+        whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
+        if job.overwrite != "always" and (kept := kept_whole(whole, task.base)):
+            return _scored(job, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
+        measured = measured_restore(method, scene, view)
+        if job.save == "full":
+            keep_whole(whole, measured, task.base)
+        else:
+            whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
+        return _scored(job, task, measured)
+    except OutputError:
+        raise
+    except NotApplicableError as reason:
+        return [without(task.base, "skipped", one_line(reason))]
+    except ANY_FAULT as fault:
+        return [_failed(job, task.base, fault)]
+
+
+def _scored(job: Job, task: Task, measured: Measured) -> list[Row]:
+    """Keep the picture, and score it."""
+    restoration, view = measured.restoration, task.view
+    shown = display(restoration.image, job.method.display, view.encoding)
+    keep(job.out, task.place, job.method.label, view, restoration, shown)
+    base = replace(
+        task.base,
+        seconds=measured.seconds,
+        peak_mb=measured.peak_mb,
+        device=str(restoration.info.get("device", "cpu")),
+        n_pixels=int(restoration.valid.sum()),
+        coverage=float(restoration.valid.mean()),
+    )
+    return score_rows(measured, shown, view, job.metrics, base, log_path(job.out))
+
+
+def failed_row(job: Job, fault: BaseException) -> Row:
+    """Say that a whole job failed, and return the row that says why."""
+    return _failed(job, base_row(job), fault)
+
+
+def _failed(job: Job, base: Row, fault: BaseException) -> Row:
+    """Say so at once, keep the traceback in the log, and return the row that says why."""
+    where = " / ".join(name for name in (base.dataset, base.scene, base.view, base.method) if name)
+    keep_traceback(log_path(job.out), where)
+    progress.say(f"failed  {where}: {one_line(fault)}")
+    return without(base, "failed", one_line(fault))

@@ -1,0 +1,97 @@
+"""Scoring one restoration: a row a score, a skipped or failed row where a metric gives none."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+from sucre_bench import plugins
+from sucre_bench.arrays import Array
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, one_line
+from sucre_bench.jobs.job import MetricChoice
+from sucre_bench.machine.log import keep_traceback
+from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.results.restorations import Measured
+from sucre_bench.results.rows import Row, Status, fingerprint
+from sucre_bench.scene import Restoration, View
+
+__all__ = ["code_of", "score_rows", "without"]
+
+
+def score_rows(
+    measured: Measured, shown: Array, view: View, metrics: Iterable[MetricChoice], base: Row, log: Path | None = None
+) -> list[Row]:
+    """Return the rows of a restoration: what it took, then every score.
+
+    shown: the picture made of it; base: everything a row says that is not the score's; log: keeps tracebacks.
+    """
+    took = (("seconds", "wall", "s", measured.seconds), ("peak_mb", "resident", "MB", measured.peak_mb))
+    rows = [
+        replace(base, metric=name, variant=variant, unit=unit, better="lower", value=value)
+        for name, variant, unit, value in took
+    ]
+    offers = _offers(view, measured.restoration)
+    restoration = replace(measured.restoration, image=_locked(measured.restoration.image))
+    shown = _locked(shown)
+    for choice in metrics:
+        plugin = choice.plugin
+        own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code_of(base, choice))
+        absent = plugins.missing_needs(plugin, offers).replace("the scene", "the view")
+        for variant in choice.variants:
+            row = replace(own, variant=variant)
+            if absent:
+                rows.append(without(row, "skipped", absent))
+            else:
+                rows += _scored(choice, restoration, shown, view, row, log)
+    return rows
+
+
+def _locked(array: Array) -> Array:
+    """The same array, read-only: what one metric may not do to the next."""
+    locked = array.view()
+    locked.setflags(write=False)
+    return locked
+
+
+def code_of(base: Row, metric: MetricChoice) -> str:
+    """What a score's row says as code: the restoration's hash, then the metric's source and options."""
+    options = f"-{fingerprint(metric.choice.options)[1]}" if metric.choice.options else ""
+    return f"{base.code.split('.')[0]}.{source_hash(metric.plugin)}{options}"
+
+
+def without(base: Row, status: Status, reason: str) -> Row:
+    """Return a row that says why there is no value."""
+    return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
+
+
+def _scored(
+    choice: MetricChoice, restoration: Restoration, shown: Array, view: View, base: Row, log: Path | None
+) -> list[Row]:
+    try:
+        scores = list(choice.choice.make().score(restoration, shown, view, base.variant))
+        rows = [
+            replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=float(s.coverage))
+            for s in scores
+        ]
+    except NotApplicableError as reason:
+        return [without(base, "skipped", one_line(reason))]
+    except ANY_FAULT as fault:
+        keep_traceback(log, f"{base.dataset} / {base.method} / {view.name} / {base.metric}:{base.variant}")
+        return [without(base, "failed", one_line(fault))]
+    rows = [without(row, "skipped", "no value (NaN)") if math.isnan(row.value) else row for row in rows]
+    return rows or [without(base, "skipped", "nothing to score in this view")]
+
+
+def _offers(view: View, restoration: Restoration) -> frozenset[str]:
+    """What this view offers to a metric; the scene may offer it in other views only."""
+    offers = {
+        "depth": view.has_depth,
+        "poses": view.cam_from_world is not None,
+        "reference": view.reference is not None,
+        "charts": bool(view.charts),
+        "truth": "true_water" in restoration.info,
+        "restoration": True,
+    }
+    return frozenset(name for name, there in offers.items() if there)

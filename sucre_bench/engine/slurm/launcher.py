@@ -1,0 +1,181 @@
+"""Hydra's launcher for SLURM: a job of the queue for every job of a sweep, and one report at the end.
+
+What a job gets is its configuration as text, so that nothing of this process need exist where it runs but the same
+Python, the same files and plugin files. What it gives are rows, in a part of its own under the output folder: a job
+that is killed takes only the view it was at with it, and the same command does what is left.
+"""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from hydra.core.utils import JobReturn, JobStatus
+from hydra.plugins import launcher as hydra_launcher
+
+from sucre_bench import results
+from sucre_bench.engine.score import without
+from sucre_bench.engine.slurm import squeue
+from sucre_bench.engine.slurm.job_main import work
+from sucre_bench.engine.slurm.waiting import Submitted, Teller, wait
+from sucre_bench.engine.tasks import base_row
+from sucre_bench.errors import InputError, PluginError, one_line
+from sucre_bench.jobs.job import Job
+from sucre_bench.machine import progress
+from sucre_bench.results.layout import file_name
+
+if TYPE_CHECKING:
+    from hydra.types import HydraContext, TaskFunction
+    from omegaconf import DictConfig
+    from submitit import Executor
+
+__all__ = ["Launcher"]
+
+# Named alike by submitit for every kind of queue; what else there is of sbatch's gets a prefix.
+_COMMON = {"timeout_min", "cpus_per_task", "mem_gb", "gpus_per_node", "name"}
+# What starts threads, and reads how many when it is loaded.
+_THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
+
+
+class Launcher(hydra_launcher.Launcher):
+    """Submits jobs, waits for all of them, and reports those that were lost. Options: see `jobs.slurm_settings`."""
+
+    def __init__(self, submitit_folder: str, latency_s: float, **asked: Any) -> None:
+        self._folder = Path(submitit_folder).absolute()
+        self._latency_s = latency_s
+        self._asked = {name: _plain(value) for name, value in asked.items()}
+
+    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
+        """Keep what jobs are made of."""
+        self._context, self._config, self._task = hydra_context, config, task_function
+
+    def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
+        """Run the jobs. InputError before any is submitted, PluginError when the queue refuses them.
+
+        However a job ends, that is told by its rows: the values returned say nothing.
+        """
+        jobs = [self._job(overrides) for overrides in job_overrides]
+        squeue.check_is_there()
+        self._folder.mkdir(parents=True, exist_ok=True)
+        _check_nobody_works(self._folder)
+        submitted: list[Submitted] = []
+        try:
+            self._submit([job.config for job in jobs], submitted)
+            self._wait(jobs, submitted)
+        except BaseException:
+            _cancel(submitted)
+            raise
+        done = JobReturn(status=JobStatus.COMPLETED)
+        return [done] * len(jobs)
+
+    def _job(self, overrides: Sequence[str]) -> Job:
+        from hydra.core.hydra_config import HydraConfig
+        from omegaconf import open_dict
+
+        settings = self._context.config_loader.load_sweep_config(self._config, list(overrides))
+        HydraConfig.instance().set_config(settings)  # for values that refer to Hydra's own
+        with open_dict(settings):
+            return Job.of(settings)
+
+    def _submit(self, configurations: Sequence[str], submitted: list[Submitted]) -> None:
+        """Submit jobs in arrays as large as SLURM takes, noting each in `submitted` at once."""
+        executor, most = self._executor(), squeue.largest_array()
+        for start in range(0, len(configurations), most):
+            own = configurations[start : start + most]
+            try:
+                with _in_no_job():
+                    jobs = executor.map_array(work, [self._task] * len(own), own)
+            except Exception as fault:  # sbatch's refusal, in its words
+                taken = f"SLURM took {len(submitted)} of {len(configurations)} jobs"
+                raise PluginError(f"{taken}; {_refusal(fault)}") from fault
+            for job in jobs:
+                paths = job.paths
+                submitted.append(Submitted(job.job_id, paths.result_pickle, paths.stdout, paths.stderr))
+
+    def _executor(self) -> Executor:
+        from submitit import AutoExecutor
+
+        asked = dict(self._asked)
+        cpus = asked["cpus_per_task"]
+        asked["signal_delay_s"] = min(asked["signal_delay_s"], 15 * asked["timeout_min"])
+        asked["setup"] = [*(f"export {name}={cpus}" for name in _THREADS), *asked["setup"]]
+        asked["srun_args"] = [f"--cpus-per-task={cpus}"]  # srun does not take over sbatch's, since SLURM 22.05
+        executor = AutoExecutor(self._folder, cluster="slurm", slurm_max_num_timeout=0)
+        given = {name: value for name, value in asked.items() if value is not None}
+        named = {name if name in _COMMON else f"slurm_{name}": value for name, value in given.items()}
+        executor.update_parameters(**named, slurm_wckey=None)  # submitit's default is not known to every cluster
+        return executor
+
+    def _wait(self, jobs: Sequence[Job], submitted: Sequence[Submitted]) -> None:
+        job_of = {one.id: job for one, job in zip(submitted, jobs, strict=True)}
+        lost: dict[str, list[tuple[Job, str]]] = {}
+        ids = ", ".join(dict.fromkeys(squeue.array_of(one.id) for one in submitted))
+        progress.say(f"SLURM job {ids}: logs in {self._folder}")
+        with progress.line(f"{len(jobs)} jobs on SLURM", len(jobs)) as step:
+            for ended, fault in wait(submitted, squeue.states, self._latency_s, Teller(jobs[0].out)):
+                if fault:
+                    job = job_of[ended.id]
+                    name = f"{job.dataset.label} / {job.method.label}"
+                    shard = f" (shard {job.shard.index} of {job.shard.count})" if job.shard.count > 1 else ""
+                    reason = f"SLURM job {ended.id}{shard} {fault}"
+                    progress.say(f"failed  {name}: {reason}")
+                    lost.setdefault(name, []).append((job, reason))
+                else:
+                    _tidy(self._folder, ended)
+                step()
+        for (job, reason), *others in lost.values():
+            more = f"; and {len(others)} more of its jobs" if others else ""
+            part = results.Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
+            part.add([without(base_row(job), "failed", reason + more)])
+            part.flush()
+
+
+def _plain(value: Any) -> Any:
+    from omegaconf import OmegaConf
+
+    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
+
+
+@contextmanager
+def _in_no_job() -> Iterator[None]:
+    """Hide what SLURM says of the job that this process may itself be in; what users tell sbatch (SBATCH_...) stays."""
+    hidden = ("SLURM_", "SLURMD_", "SRUN_", "SUBMITIT_")
+    of_ours = {name: os.environ[name] for name in os.environ if name.startswith(hidden) and name != "SLURM_CONF"}
+    for name in of_ours:
+        del os.environ[name]
+    try:
+        yield
+    finally:
+        os.environ.update(of_ours)
+
+
+def _refusal(fault: Exception) -> str:
+    told = [line for line in str(fault).splitlines() if "error" in line]
+    return told[0].strip() if told else one_line(fault)
+
+
+def _check_nobody_works(folder: Path) -> None:
+    """Raise InputError while jobs of an earlier command are in the queue: they would do the same work."""
+    earlier = {path.name.partition("_")[0] for path in folder.glob("*_submission.sh")}
+    if both := sorted(earlier & {squeue.array_of(job) for job in squeue.at_work()}):
+        raise InputError(
+            f"{folder}: SLURM job {', '.join(both)} of an earlier command is not done; "
+            f"wait for it, or end it with `scancel {' '.join(both)}`"
+        )
+
+
+def _tidy(folder: Path, job: Submitted) -> None:
+    """Remove what was only there to hand a job over; its logs stay."""
+    for path in (job.result, folder / f"{job.id}_submitted.pkl"):
+        path.unlink(missing_ok=True)
+
+
+def _cancel(submitted: Sequence[Submitted]) -> None:
+    """Cancel what is still in the queue, and give it a while to write down what it has."""
+    arrays = sorted({squeue.array_of(one.id) for one in submitted})
+    if arrays:
+        progress.say(f"cancelling SLURM job {', '.join(arrays)}; what is done is kept")
+        squeue.cancel(arrays)

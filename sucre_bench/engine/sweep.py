@@ -1,0 +1,183 @@
+"""A whole command: check everything before any work, run the jobs through Hydra, join their rows, say what came out."""
+
+from __future__ import annotations
+
+import shutil
+from collections.abc import Iterator, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import results
+from sucre_bench.engine.launch import Ended, launch, rescue
+from sucre_bench.engine.preflight import Planned, check, states
+from sucre_bench.jobs import command as config
+from sucre_bench.jobs.command import Sweep
+from sucre_bench.jobs.schema import Tracking
+from sucre_bench.machine import provenance, terminal
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.interrupts import terminated_as_interrupt
+from sucre_bench.machine.log import now
+from sucre_bench.reports.paper import Study
+from sucre_bench.results.layout import pairs_path
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Fault", "Outcome", "run"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a view has no result, or not all its scores. where: dataset and method, and the metric if it is at fault."""
+
+    where: str
+    view: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What a command came to. The counts are of restorations: one view by one method.
+
+    datasets, methods: the labels in the order they were asked for; asked: those of `rows` that are of them and of the
+    views that were asked for; crashed: a process ended that should not have.
+    """
+
+    rows: pd.DataFrame
+    asked: pd.DataFrame
+    out: Path
+    datasets: tuple[str, ...]
+    methods: tuple[str, ...]
+    wants_report: bool
+    study: Study | None
+    tracking: Tracking
+    ok: int
+    cached: int
+    failed: tuple[Fault, ...]
+    skipped: tuple[Fault, ...]
+    scores_failed: tuple[Fault, ...]
+    interrupted: bool
+    crashed: bool
+
+    @property
+    def exit_code(self) -> int:
+        """0 when something was done and nothing failed, 1 when not; 130 after Ctrl-C."""
+        if self.interrupted:
+            return 130
+        return 1 if self.failed or self.scores_failed or self.crashed or not self.ok else 0
+
+
+def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = ()) -> Outcome:
+    """Run what the overrides ask for.
+
+    Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
+    OutputError when results cannot be written.
+    """
+    overrides = list(overrides)
+    if plugin_files:
+        listed = ",".join("'" + str(Path(f).resolve()).replace("'", r"\'") + "'" for f in plugin_files)
+        overrides.append(f"plugins=[{listed}]")
+    sweep = config.jobs(overrides, multirun)
+    out = sweep.jobs[0].out
+    with terminal.live():
+        planned = check(sweep)
+        _write_provenance(sweep, planned)
+        started = now()
+        interrupted = crashed = False
+        try:
+            with terminated_as_interrupt():
+                ended = launch(sweep, sum(len(plan.tasks) for plan in planned))
+                crashed = ended is Ended.CRASHED
+                if ended is Ended.WORKER_DIED:
+                    rescue(planned, started)
+        except KeyboardInterrupt:
+            interrupted = True
+        finally:
+            rows = results.merge(out)
+            if sweep.sharing and not crashed:  # else jobs may still be at work on a cluster
+                shutil.rmtree(pairs_path(out) / sweep.sharing, ignore_errors=True)
+                with suppress(OSError):  # another command shares there
+                    pairs_path(out).rmdir()
+    return _outcome(rows, planned, started, interrupted, crashed)
+
+
+def _write_provenance(sweep: Sweep, planned: Sequence[Planned]) -> None:
+    first = sweep.jobs[0]
+    ids: dict[str, set[str]] = {}
+    for plan in planned:
+        ids.setdefault(plan.job.dataset.label, set()).add(plan.data_id)
+    data = {label: ",".join(sorted(own)) for label, own in ids.items()}
+    command = ["sucre-bench", "run", *(["-m"] if sweep.multirun else []), *sweep.overrides]
+    provenance.write(first.out / "environment.json", provenance.environment(command, first.seed, data))
+    write_atomically(first.out / "config.yaml", _config(sweep).encode())
+
+
+def _config(sweep: Sweep) -> str:
+    """The configuration as YAML; of a sweep, what its jobs share, what it was asked for, and what differs by job."""
+    import yaml
+
+    if not sweep.multirun:
+        return sweep.jobs[0].config
+    each: list[dict[str, Any]] = [yaml.safe_load(job.config) for job in sweep.jobs]
+    shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
+    differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
+    return str(yaml.safe_dump({**shared, "sweep": list(sweep.overrides), "jobs": differing}, sort_keys=False))
+
+
+def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:
+    ok = cached = 0
+    failed: list[Fault] = []
+    skipped: list[Fault] = []
+    for plan in planned:
+        for task, (status, reason, is_new) in zip(plan.tasks, states(rows, plan, started), strict=True):
+            fault = Fault(f"{plan.job.dataset.label} / {plan.job.method.label}", task.view.name, reason)
+            if status == "ok":
+                ok, cached = ok + 1, cached + (not is_new)
+            elif status == "skipped":
+                skipped.append(fault)
+            elif not (status == "missing" and interrupted):
+                failed.append(fault)
+    first = planned[0].job
+    return Outcome(
+        rows=rows,
+        asked=_asked(rows, planned),
+        out=first.out,
+        datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
+        methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
+        wants_report=first.report,
+        study=first.study,
+        tracking=first.tracking,
+        ok=ok,
+        cached=cached,
+        failed=tuple(failed),
+        skipped=tuple(skipped),
+        scores_failed=tuple(_failed_scores(rows, planned)),
+        interrupted=interrupted,
+        crashed=crashed,
+    )
+
+
+def _asked(rows: pd.DataFrame, planned: Sequence[Planned]) -> pd.DataFrame:
+    """The rows of what this command asked for, among all that the folder holds."""
+    views = {
+        (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name)
+        for plan in planned
+        for task in plan.tasks
+    }
+    keys = zip(rows["dataset"], rows["method"], rows["scene"], rows["view"], strict=True)
+    return rows[[key in views for key in keys]].reset_index(drop=True)
+
+
+def _failed_scores(rows: pd.DataFrame, planned: Sequence[Planned]) -> Iterator[Fault]:
+    """The scores among those asked for that a metric failed to give."""
+    asked = {
+        (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name, metric.plugin.name)
+        for plan in planned
+        for task in plan.tasks
+        for metric in plan.job.metrics
+    }
+    for r in rows[rows["status"] == "failed"].itertuples():
+        if (r.dataset, r.method, r.scene, r.view, r.metric) in asked:
+            yield Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)

@@ -1,0 +1,132 @@
+"""The views that a command's words choose, dataset=, views=, every=, first=, as `sucre-bench run` reads them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from sucre_bench import results
+from sucre_bench.degrade import Degradation, around, degraded_whole
+from sucre_bench.errors import (
+    ANY_FAULT,
+    InputError,
+    PluginError,
+    SucreBenchError,
+    did_you_mean,
+    one_line,
+)
+from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.results.layout import Place, places
+from sucre_bench.results.rows import Row
+from sucre_bench.scene import Scene, View
+
+__all__ = ["Selection", "Task", "base_row", "open_scenes", "select", "tasks"]
+
+
+@dataclass(frozen=True)
+class Selection:
+    """A scene of a dataset, degraded as was asked for, and those of its views that were chosen."""
+
+    dataset: Choice
+    degrade: Degradation
+    scene: Scene
+    views: tuple[View, ...]
+
+
+def select(overrides: Sequence[str]) -> list[Selection]:
+    """Return every scene of which views are chosen, in the dataset's order; pixels stay unread.
+
+    degrade.within and degrade.keep choose views around one that is restored, and mean nothing here.
+    Raises InputError as `config.jobs` does, for data that are not as expected, and for a name that no view has.
+    """
+    from sucre_bench.engine.tasks import open_scenes, tasks
+    from sucre_bench.jobs import command
+
+    job = command.jobs(overrides, False).jobs[0]
+    job = replace(job, degrade=replace(job.degrade, within=None, keep=None))
+    chosen: dict[str, tuple[Scene, list[View]]] = {}
+    for task in tasks(job, open_scenes(job.dataset)):
+        chosen.setdefault(task.scene.name, (task.scene, []))[1].append(task.view)
+    return [Selection(job.dataset, job.degrade, scene, tuple(views)) for scene, views in chosen.values()]
+
+
+@dataclass(frozen=True)
+class Task:
+    """A view to restore: where its results are kept, and what every row of it says."""
+
+    scene: Scene
+    view: View
+    place: Place
+    base: Row
+
+
+def open_scenes(dataset: Choice) -> list[Scene]:
+    """Open every scene of a dataset; pixels stay unread. InputError or PluginError when it cannot be opened."""
+    try:
+        scenes = list(dataset.make().scenes())
+    except SucreBenchError:
+        raise
+    except (ImportError, OSError) as fault:
+        reason = f"dataset '{dataset.label}': {one_line(fault)}"
+        raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
+    except ANY_FAULT as fault:
+        raise PluginError(f"dataset '{dataset.label}': {one_line(fault)}; mend the plugin") from fault
+    for scene in scenes:
+        if not isinstance(scene, Scene):
+            raise PluginError(
+                f"dataset '{dataset.label}': yields {type(scene).__name__}; scenes() yields Scene objects"
+            )
+        name, times = Counter(view.name for view in scene.views).most_common(1)[0] if scene.views else ("", 0)
+        if times > 1:
+            raise PluginError(f"dataset '{dataset.label}': {times} views are called '{name}'; names must be unique")
+    name, times = Counter(scene.name for scene in scenes).most_common(1)[0] if scenes else ("", 0)
+    if times > 1:
+        raise InputError(f"dataset '{dataset.label}': {times} scenes are called '{name}'; rename a folder")
+    if not any(len(scene) for scene in scenes):
+        raise InputError(f"dataset '{dataset.label}': no views; check its options")
+    return scenes
+
+
+def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
+    """Yield the views a job is to restore, degraded, in the dataset's order.
+
+    Raises InputError for a name that no scene has, and for a scene that lacks what is to be degraded.
+    """
+    base, kept = base_row(job), places(job.dataset.label, scenes, job.replicate)
+    data_ids = {scene.name: job.drawn.data_id(scene.data_id) for scene in scenes}
+    for scene, view in _selected([degraded_whole(scene, job.drawn) for scene in scenes], job):
+        row = replace(
+            base, scene=results.replicated(scene.name, job.replicate), view=view.name, data_id=data_ids[scene.name]
+        )
+        yield Task(around(scene, view, job.drawn), view, kept[scene.name, view.name], row)
+
+
+def _selected(scenes: Sequence[Scene], job: Job) -> Sequence[tuple[Scene, View]]:
+    everything = [(scene, view) for scene in scenes for view in scene.views]
+    if job.views is not None:
+        names = {view.name for _, view in everything}
+        unknown = [name for name in job.views if name not in names]
+        if unknown:
+            hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
+            raise InputError(f"views: no view is called '{unknown[0]}'; {hint}")
+        everything = [(scene, view) for scene, view in everything if view.name in job.views]
+    return job.shard.of(everything[:: job.every][: job.first])
+
+
+def base_row(job: Job) -> Row:
+    """What every row of a job says."""
+    about = {
+        "dataset": job.dataset.record,
+        **({"degrade": given} if (given := job.degrade.record) else {}),
+        **({"replicate": job.replicate} if job.replicate else {}),
+    }
+    return Row(
+        dataset=job.dataset.label,
+        method=job.method.label,
+        options=results.fingerprint({**job.method.record, **about})[0],
+        options_id=results.fingerprint(job.method.record)[1],
+        seed=job.seed if job.method.seed is None else job.method.seed,
+        code=source_hash(job.dataset.plugin, job.method.plugin, *job.method.methods, files=job.method.files),
+    )

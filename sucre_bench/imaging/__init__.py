@@ -1,0 +1,1 @@
+"""One picture: encoding, display, CIELAB, image files, charts, filters."""

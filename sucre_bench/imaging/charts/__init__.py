@@ -1,0 +1,1 @@
+"""Colour charts: their kinds, their orientation, and how patches are measured."""

@@ -1,0 +1,261 @@
+"""What one Hydra job is to do: a dataset, a method, metrics, each with its options, read from a configuration."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal
+
+from sucre_bench import plugins
+from sucre_bench.degrade import Degradation
+from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.imaging.display import check_display
+from sucre_bench.jobs.schema import RunConfig, Shard, Tracking
+from sucre_bench.jobs.seeds import seed_of
+from sucre_bench.jobs.study import Study
+from sucre_bench.plugins.options import check_options, create, options_of, typed
+from sucre_bench.plugins.plugin import Kind, Plugin
+
+if TYPE_CHECKING:
+    from omegaconf import DictConfig
+
+__all__ = ["Choice", "Job", "MetricChoice", "metric_choices"]
+
+
+@dataclass(frozen=True)
+class Choice:
+    """A plugin with the options it is to be made with.
+
+    display: a method's normalisation, else empty; replicate: which draws it makes, see `sucre_bench.jobs.seeds`.
+    """
+
+    plugin: Plugin
+    label: str
+    options: Mapping[str, Any]
+    display: str = ""
+    replicate: int = 0
+
+    def make(self) -> Any:
+        """Create the plugin. InputError when an option is not acceptable."""
+        seed = {} if self.seed is None else {"seed": self.seed}
+        return create(self.plugin, {**self.options, **seed})
+
+    @property
+    def seed(self) -> int | None:
+        """The seed it draws with; None where it draws nothing."""
+        axis: Literal["dataset", "method"] = "dataset" if self.plugin.kind == "dataset" else "method"
+        return seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files and folders that options name and results rest on; one that is not there is left out."""
+        others = {method.name for method in self.methods}
+        places = (Path(value).expanduser() for value in self._read() if value not in others)
+        return tuple(place for place in places if place.exists())
+
+    @property
+    def methods(self) -> tuple[Plugin, ...]:
+        """The other methods that options name, and results rest on."""
+        known = plugins.discover("method")
+        named = (known.get(value) for value in self._read() if isinstance(value, str))
+        return tuple(method for method in named if isinstance(method, Plugin))
+
+    def _read(self) -> Iterator[str | Path]:
+        """What is given for options that a plugin `reads`, but for words that mean something else there."""
+        for option in options_of(self.plugin.cls):
+            value = self.options.get(option.name, "")
+            given = isinstance(value, (str, Path)) and value not in ("", *option.choices)
+            if option.name in self.plugin.reads and given:
+                yield value
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What a row keeps as options."""
+        display = {"display": self.display} if self.display else {}
+        return {"name": self.plugin.name, **display, **{k: _plain(v) for k, v in self.options.items()}}
+
+
+@dataclass(frozen=True)
+class MetricChoice:
+    """A metric and the variants of it to compute."""
+
+    choice: Choice
+    variants: tuple[str, ...]
+
+    @property
+    def plugin(self) -> Plugin:
+        return self.choice.plugin
+
+
+@dataclass(frozen=True)
+class Job:
+    """One dataset, one method, some metrics: what one Hydra job does.
+
+    degrade: what is done to the dataset first; shard: which part of the views it does.
+    """
+
+    dataset: Choice
+    degrade: Degradation
+    replicate: int
+    shard: Shard
+    method: Choice
+    metrics: tuple[MetricChoice, ...]
+    out: Path
+    views: tuple[str, ...] | None
+    every: int
+    first: int | None
+    overwrite: str
+    save: str
+    seed: int
+    report: bool
+    study: Study | None
+    pairs_gb: float
+    sharing: str
+    tracking: Tracking
+    config: str  # as YAML, resolved
+
+    @property
+    def drawn(self) -> Degradation:
+        """The degradation with the draws of this replicate."""
+        return replace(self.degrade, seed=seed_of(self.degrade.seed, "degrade", self.replicate))
+
+    @classmethod
+    def of(cls, config: DictConfig) -> Job:
+        """Read a composed configuration. InputError for what its types alone cannot tell."""
+        import yaml
+        from omegaconf import OmegaConf
+        from omegaconf.errors import OmegaConfBaseException
+
+        try:
+            values: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+        except OmegaConfBaseException as fault:
+            raise InputError(f"{str(fault).splitlines()[0]}; mend the ${{...}} in an override") from fault
+        values.pop("hydra", None)
+        _only_known("the configuration", values, {f.name for f in fields(RunConfig)})
+        for name, choices in (("overwrite", ("missing", "always", "never")), ("save", ("display", "full"))):
+            if values[name] not in choices:
+                raise InputError(f"{name}={values[name]}: not a choice; {did_you_mean(values[name], choices)}")
+        if values["every"] < 1:
+            raise InputError(f"every={values['every']}: at least 1; every=5 takes each fifth view")
+        if values["first"] is not None and values["first"] < 1:
+            raise InputError(f"first={values['first']}: at least 1; first=5 takes the first five views")
+        replicate = values["replicate"]
+        if replicate < 0:
+            raise InputError(f"replicate={replicate}: at least 0; -m 'replicate=range(5)' repeats with other draws")
+        degrade = Degradation.of(values["degrade"])
+        dataset = _choice("dataset", values["dataset"], values["swept"])
+        return cls(
+            dataset=replace(dataset, label=degrade.labelled(dataset.label), replicate=replicate),
+            degrade=degrade,
+            replicate=replicate,
+            shard=Shard(**values["shard"]),
+            method=replace(_choice("method", values["method"], values["swept"]), replicate=replicate),
+            metrics=_metrics(values["metrics"]),
+            out=Path(values["out"]).expanduser(),
+            views=_view_names(values["views"]),
+            every=values["every"],
+            first=values["first"],
+            overwrite=values["overwrite"],
+            save=values["save"],
+            seed=values["seed"],
+            report=values["report"],
+            study=None if values["study"] in (None, Study.defaults()) else Study.of(values["study"]),
+            pairs_gb=values["pairs_gb"],
+            sharing=values["sharing"],
+            tracking=Tracking(**values["tracking"]),
+            config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
+        )
+
+
+def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
+    values = dict(values or {})
+    if "name" not in values:
+        raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
+    plugin = plugins.find(kind, values.pop("name"))
+    label, display = values.pop("label", None), values.pop("display", "")
+    if kind == "method":
+        check_display(display)
+    if label and not str(label).strip():
+        raise InputError(f"{kind}.label: is blank; write a name, or leave it out")
+    types = {o.name: o.type for o in options_of(plugin.cls)}
+    _only_known(plugin.name, values, set(types))
+    given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
+    options = {name: typed(types[name], value) for name, value in given.items()}
+    check_options(plugin, options)
+    return Choice(plugin, label or _label(plugin, {**options, "display": display}, swept), options, display)
+
+
+def _only_known(place: str, given: Iterable[str], known: set[str]) -> None:
+    for name in given:
+        if name not in known:
+            raise InputError(f"{name}: no option of {place}; {did_you_mean(name, known)}")
+
+
+def _label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:
+    """The plugin's name, and those of its values that a sweep goes over; a place by its last name."""
+    named = [name for name in values if f"{plugin.kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
+    told = [(name, values[name]) for name in named]
+    parts = [f"{name}={value.name if isinstance(value, Path) else _plain(value)}" for name, value in told]
+    return ",".join([plugin.name, *parts]).replace(" ", "")
+
+
+def _plain(value: Any) -> Any:
+    """As a row or a label keeps it."""
+    if isinstance(value, Path):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
+
+
+def _plain_tree(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {key: _plain_tree(inner) for key, inner in value.items()}
+    return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else _plain(value)
+
+
+def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
+    chosen = []
+    for given in values.values():
+        variants = tuple(given["variants"])
+        choice = _choice("metric", {k: v for k, v in given.items() if k != "variants"})
+        chosen.append(MetricChoice(choice, _variants(choice.plugin, variants)))
+    if not chosen:
+        raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
+    return tuple(chosen)
+
+
+def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
+    """Read "name", "name:variant" and "name:all", as Python and `sucre-bench score` take them."""
+    chosen: dict[str, list[str]] = {}
+    for text in names:
+        name, _, variant = text.partition(":")
+        plugin = plugins.find("metric", name)
+        chosen.setdefault(name, []).extend([variant] if variant else plugin.default)
+    return _metrics({name: {"name": name, "variants": variants} for name, variants in chosen.items()})
+
+
+def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
+    if "all" in names:
+        return tuple(plugin.variants)
+    for name in names:
+        if name not in plugin.variants:
+            raise InputError(f"{plugin.name}: no variant '{name}'; {did_you_mean(name, plugin.variants)}")
+    return tuple(dict.fromkeys(names))
+
+
+def _view_names(given: Any) -> tuple[str, ...] | None:
+    """A list of names, one name, or the path of a text file with one name a line."""
+    if given is None:
+        return None
+    names = [str(n) for n in given] if isinstance(given, list) else [str(given)]
+    if len(names) == 1 and names[0].endswith(".txt"):
+        path = Path(names[0]).expanduser()
+        if not path.is_file():
+            raise InputError(f"{path}: no such list of views; give a text file with one view name a line")
+        try:
+            names = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        except (OSError, UnicodeDecodeError) as fault:
+            raise InputError(f"{path}: not a list of views, {one_line(fault)}; save it as UTF-8 text") from fault
+    if not names:
+        raise InputError("views: an empty list; name some views, or leave views= out for all of them")
+    return tuple(names)

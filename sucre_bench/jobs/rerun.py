@@ -1,0 +1,120 @@
+"""The command that makes a row again, from what the row says of itself."""
+
+from __future__ import annotations
+
+import shlex
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from sucre_bench import plugins
+from sucre_bench.degrade import Degradation
+from sucre_bench.jobs.quoting import quoted
+from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.plugin import Kind, Plugin
+
+__all__ = ["Command", "metric_words", "value_of"]
+
+# Words that Hydra takes for something other than text.
+_NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
+
+
+@dataclass(frozen=True)
+class Command:
+    """How a method was run on a dataset, as a row tells it.
+
+    dataset, method: their labels; options: of the row, as `results.Row` keeps them; seed: the row's; files: plugins
+    that were loaded from a file. A row of before datasets were kept in it has no command.
+    """
+
+    dataset: str
+    method: str
+    options: Mapping[str, Any]
+    seed: int
+    files: tuple[str, ...] = ()
+
+    def words(self) -> list[str]:
+        """The command's words up to the views and metrics, without quotes; empty where the row does not tell them."""
+        dataset: Mapping[str, Any] = self.options.get("dataset") or {}
+        if "name" not in dataset or "name" not in self.options:
+            return []
+        said = ["sucre-bench", "run", *(word for file in self.files for word in ("--plugin", file))]
+        said += self._choice("dataset", dataset, self._dataset_label(dataset))
+        said += [f"degrade.{name}={value_of(value)}" for name, value in self._degrade.items()]
+        said += self._choice("method", self.own, self.method)
+        if replicate := self.options.get("replicate"):
+            said.append(f"replicate={replicate}")
+        if self.seed and "seed" not in self.options:
+            said.append(f"seed={self.seed}")
+        return [*said, "out=again"]
+
+    @property
+    def own(self) -> dict[str, Any]:
+        """The method's name, display and options."""
+        return {name: value for name, value in self.options.items() if name not in ("dataset", "degrade", "replicate")}
+
+    def given(self) -> dict[str, Any]:
+        """The method's options that are not as they are by default."""
+        return {k: v for k, v in _given("method", self.own).items() if k != "name"}
+
+    @property
+    def _degrade(self) -> Mapping[str, Any]:
+        return self.options.get("degrade") or {}
+
+    def _dataset_label(self, dataset: Mapping[str, Any]) -> str:
+        """The label without what the bench says in it of the degradation."""
+        suffix = Degradation.of(self._degrade).labelled("") if self._degrade else ""
+        return self.dataset.removesuffix(suffix) or str(dataset["name"])
+
+    @staticmethod
+    def _choice(kind: Kind, record: Mapping[str, Any], label: str) -> Iterator[str]:
+        yield f"{kind}={value_of(record['name'])}"
+        for name, value in _given(kind, record).items():
+            if name != "name":
+                yield f"{kind}.{name}={value_of(value)}"
+        if label != record["name"]:
+            yield f"{kind}.label={value_of(label)}"
+
+
+def _given(kind: Kind, record: Mapping[str, Any]) -> dict[str, Any]:
+    """What differs from the plugin's defaults; everything where the plugin is not there to be asked."""
+    plugin = plugins.discover(kind).get(str(record.get("name")))
+    if not isinstance(plugin, Plugin):
+        return dict(record)
+    defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)}
+    defaults |= {"seed": 0, "display": plugin.display}  # of the run, unless it is given
+    return {name: value for name, value in record.items() if _recorded(defaults.get(name, ...)) != value}
+
+
+def _recorded(value: Any) -> Any:
+    """A default as a row's JSON keeps it."""
+    if isinstance(value, tuple):
+        return list(value)
+    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
+
+
+def metric_words(metric: str, variants: Collection[str]) -> list[str]:
+    """The words that ask for variants of a metric, beside its name in metrics=[...]."""
+    plugin = plugins.discover("metric").get(metric)
+    is_default = isinstance(plugin, Plugin) and set(variants) == set(plugin.default)
+    return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
+
+
+def value_of(value: Any) -> str:
+    """Return a value as Hydra reads it back, of an option as rows keep it."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, tuple)):
+        return f"[{','.join(map(value_of, value))}]"
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{quoted(str(k))}:{value_of(v)}" for k, v in value.items()) + "}"
+    if isinstance(value, str):
+        return f"'{value}'" if value.lower() in _NO_TEXT else quoted(value)
+    return repr(value)
+
+
+def shell(words: list[str]) -> str:
+    """Words as a shell takes them."""
+    return shlex.join(words)

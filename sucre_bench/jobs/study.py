@@ -1,0 +1,120 @@
+"""The `study:` block of an experiment: which tables and figures to make of its rows."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, fields
+from typing import Any, get_args
+
+from sucre_bench import plugins
+from sucre_bench.compare import COSTS, By
+from sucre_bench.degrade import Degradation
+from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.reports.paper import figures
+from sucre_bench.results.layout import file_name
+
+__all__ = ["Study"]
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is made of the rows of a sweep.
+
+    name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
+    the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; axis: what figures call
+    it, with its unit, its name when empty; baseline: the method that the others are measured against, the best when
+    empty; figures: modules of `reports.paper.figures`; spread: tables show standard deviations too; svg: figures are
+    written as .svg too; by: "view" or "region" adds a table for each.
+    """
+
+    name: str
+    metrics: tuple[str, ...] = ()
+    along: str = ""
+    axis: str = ""
+    baseline: str = ""
+    figures: tuple[str, ...] = ()
+    spread: bool = False
+    svg: bool = False
+    by: By = "method"
+
+    @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """The options of no study, as a configuration has them."""
+        values = {"name": "", **{f.name: f.default for f in fields(cls) if f.name != "name"}}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Study:
+        """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
+        for name in values:
+            _known("study", str(name), [f.name for f in fields(cls)], "option of study")
+        given = {name: value for name, value in values.items() if value is not None}
+        by = given.get("by", "method")
+        _known("study.by", str(by), get_args(By), "grouping")
+        study = cls(
+            name=_word(given, "name"),
+            metrics=_words(given, "metrics"),
+            along=_word(given, "along"),
+            axis=_word(given, "axis"),
+            baseline=_word(given, "baseline"),
+            figures=_words(given, "figures"),
+            spread=_flag(given, "spread"),
+            svg=_flag(given, "svg"),
+            by=by,
+        )
+        if not study.name or file_name(study.name) != study.name:
+            raise InputError(f"study.name: '{study.name}' is no name for files; give study.name=WORD")
+        for metric in study.metrics:
+            _check_metric(metric)
+        for figure in study.figures:
+            _known("study.figures", figure, figures.names(), "figure")
+        if study.along:
+            _check_along(study.along)
+        return study
+
+
+def _word(values: Mapping[str, Any], key: str) -> str:
+    value = values.get(key, "")
+    if not isinstance(value, str):
+        raise InputError(f"study.{key}: {value!r} is not a word; give one")
+    return value
+
+
+def _flag(values: Mapping[str, Any], key: str) -> bool:
+    value = values.get(key, False)
+    if not isinstance(value, bool):
+        raise InputError(f"study.{key}: '{value}' is neither true nor false; give one")
+    return value
+
+
+def _words(values: Mapping[str, Any], key: str) -> tuple[str, ...]:
+    value = values.get(key, [])
+    words = [value] if isinstance(value, str) else value
+    if not isinstance(words, (list, tuple)) or not all(isinstance(word, str) for word in words):
+        raise InputError(f"study.{key}: {value!r} is not a list of words; write study.{key}=[a,b]")
+    return tuple(dict.fromkeys(words))
+
+
+def _check_metric(text: str) -> None:
+    name, _, variant = text.partition(":")
+    if name in COSTS:
+        return
+    try:
+        plugin = plugins.find("metric", name)
+    except InputError as fault:
+        raise InputError(f"study.metrics: {fault}") from fault
+    if variant:
+        _known("study.metrics", variant, plugin.variants, f"variant of {name}")
+
+
+def _check_along(along: str) -> None:
+    group, dot, option = along.partition(".")
+    if not (dot and option and group in ("degrade", "dataset", "method")):
+        raise InputError(f"study.along: '{along}' is no option; give degrade.NAME, dataset.NAME or method.NAME")
+    if group == "degrade":
+        _known("study.along", option, [f.name for f in fields(Degradation)], "option of degrade")
+
+
+def _known(place: str, name: str, known: Collection[str], what: str) -> None:
+    if name not in known:
+        raise InputError(f"{place}: no {what} is called '{name}'; {did_you_mean(name, known)}")

@@ -1,0 +1,76 @@
+"""The scene of a COLMAP model whose cameras may be distorted, and of the files that belong to its images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import image_size
+from sucre_bench.loading.charts_file import read_charts
+from sucre_bench.loading.colmap_model import Posed
+from sucre_bench.loading.depth_maps import find_depths
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_files import scaled_pose
+from sucre_bench.machine.progress import track
+from sucre_bench.scene import Encoding, Plane, Scene
+
+__all__ = ["registered_scene"]
+
+
+def registered_scene(
+    name: str,
+    model: Sequence[Posed],
+    image_of: Callable[[str], Path],
+    depths: Path,
+    image_scale: float = 1.0,
+    encoding: Encoding = "gamma",
+    metres_per_unit: float = 1.0,
+    references: Mapping[str, Path] | None = None,
+    charts: Path | None = None,
+) -> Scene:
+    """Return the scene of a model's registered images, undistorted on the way. Reads headers and samples.
+
+    image_of: where the image of a name in the model lies; depths: folder of depth maps in metres, of the undistorted
+    images, which need not exist; metres_per_unit: what the model's lengths are multiplied with; references: the image
+    without water of each image that has one, stored as that is; charts: see `charts_file`, need not exist. Raises
+    InputError when no image is there; what is wrong with the files of one view becomes a fault of that view.
+    """
+    names = [posed.name for posed in model]
+    paths = {name: image_of(name) for name in names}
+    missing = {name for name, path in paths.items() if not path.is_file()}
+    first = paths[names[0]]
+    if len(missing) == len(names):
+        raise InputError(f"{first}: no such file, nor any of the model's {len(names)} images; copy the images there")
+    sizes = {
+        posed.name: image_size(paths[posed.name]) or (posed.camera.width, posed.camera.height)
+        for posed in track(model, "image sizes")
+    }
+    found, ambiguous = find_depths(depths, names)
+    seen = {} if charts is None else read_charts(charts, sizes)
+
+    views = []
+    for posed in model:
+        path, faults = paths[posed.name], dict[Plane, str]()
+        if posed.name in missing:
+            of = f"{len(missing)} of the model's {len(names)} images are missing"
+            faults["rgb"] = f"{path}: no such file ({of}); copy it there"
+        if posed.name in ambiguous:
+            faults["depth"] = ambiguous[posed.name]
+        photograph = Photograph(
+            posed.name,
+            path,
+            posed.lens or straight_lens(posed.camera),
+            scaled_pose(posed.cam_from_world, metres_per_unit),
+            found.get(posed.name),
+            reference=(references or {}).get(posed.name),
+            charts=seen.get(posed.name, ()),
+            charts_file=charts,
+            size=sizes[posed.name],
+            faults=faults,
+        )
+        views.append(view_of(photograph, image_scale, encoding))
+    optional = {"depth": found or ambiguous, "reference": references, "charts": seen}
+    has = frozenset({"poses", *(what for what, there in optional.items() if there)})
+    return Scene(name, views, has, data_id=data_id_of(views))

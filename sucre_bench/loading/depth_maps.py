@@ -1,0 +1,164 @@
+"""Finds and reads depth maps: planar depth along the optical axis, in metres, 0 where unknown.
+
+The map of image ``sub/a.jpg`` is ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or else one of
+these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr
+(float metres). A map that may belong to two images is given to neither.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from collections import defaultdict
+from collections.abc import Sequence
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import decode, same_shape
+from sucre_bench.loading.exr import read_exr
+from sucre_bench.loading.find_folders import walk
+
+__all__ = ["find_depths", "fitted", "read_16_bit", "read_depth"]
+
+_FARTHEST_M = 1000.0
+
+
+def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Return the depth map of each image that has one, and for each image whose map is ambiguous what is wrong.
+
+    names: of the images, relative to the image folder. A folder that is not there holds no maps. Raises InputError when
+    it holds maps, but none of these images'.
+    """
+    there = _files_by_stem(folder)
+    claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
+    nearest: dict[str, str] = {}
+    for name in names:
+        for rank, stem in enumerate(_stems(name)):
+            if stem in there:
+                claims[stem].append((rank, name))
+                nearest.setdefault(name, stem)
+    if there and not claims:
+        example = f"depth_{PurePosixPath(names[0]).stem}.png"
+        raise InputError(f"{folder}: no depth map is named after an image; name them like {example}")
+
+    found, faults = {}, {}
+    for name, stem in nearest.items():
+        closest = min(claims[stem])[0]
+        owners = sorted(owner for rank, owner in claims[stem] if rank == closest)
+        files = sorted(there[stem])
+        if name not in owners:
+            continue  # it is another image's own map
+        if len(owners) > 1:
+            fault = f"may belong to {owners[0]} or {owners[1]}"
+            faults[name] = f"{folder / files[0]}: {fault}; put depth maps into sub-folders as the images are"
+        elif len(files) > 1:
+            faults[name] = f"{folder / files[0]}: {Path(files[1]).name} is there as well; keep one of them"
+        else:
+            found[name] = folder / files[0]
+    return found, faults
+
+
+def _stems(name: str) -> list[str]:
+    """Where an image's depth map may be, the closest name first, without suffix."""
+    path = PurePosixPath(name)
+    places = [path.parent] if path.parent == PurePosixPath() else [path.parent, PurePosixPath()]
+    return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", f"depth{path.stem}", path.stem)]
+
+
+def _files_by_stem(folder: Path) -> dict[str, list[str]]:
+    files = defaultdict(list)
+    for place, _, names in walk(folder):
+        for name in names:
+            path = (place / name).relative_to(folder)
+            if path.suffix.lower() in _READERS:
+                files[path.with_suffix("").as_posix()].append(path.as_posix())
+    return files
+
+
+def read_depth(path: Path) -> Array:
+    """Return the depth map of a file as it is stored, (H, W) float32 in metres; InputError when it cannot be read."""
+    return _READERS[path.suffix.lower()](path)
+
+
+def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
+    """Return a depth map (H, W) float32 in metres, 0 = unknown, at `size` (width, height) by the nearest value.
+
+    path: for what is said. Raises InputError when the map is empty, negative or farther than 1 km, or its shape is not
+    the image's.
+    """
+    import cv2
+
+    depth = np.where(np.isfinite(metres), metres, 0).astype(np.float32)
+    if (depth < 0).any():
+        raise InputError(f"{path}: depth {depth.min():g} m is negative; write 0 where there is no depth")
+    farthest = depth.max(initial=0)
+    if farthest == 0:
+        raise InputError(f"{path}: no pixel has a depth; make the map again, or remove it")
+    if farthest > _FARTHEST_M:
+        raise InputError(f"{path}: depth up to {farthest:.0f} m, it looks like millimetres; divide by 1000")
+    height, width = depth.shape
+    if (width, height) == size:
+        return depth
+    if not same_shape((width, height), size):
+        fault = f"is {width}x{height}, a size that cannot match its image's {size[0]}x{size[1]}"
+        raise InputError(f"{path}: {fault}; make it from the undistorted image")
+    return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
+
+
+def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
+    """Return an image of one channel (H, W) uint16. InputError for any other, which says that 16-bit `of` are due."""
+    import cv2
+
+    values = decode(path, cv2.IMREAD_UNCHANGED)
+    if values.dtype != np.uint16 or values.ndim != 2:
+        raise InputError(f"{path}: is {_kind(values)}; expected 16-bit {of} in one channel")
+    return values
+
+
+def _read_png(path: Path) -> Array:
+    return np.asarray(read_16_bit(path, "millimetres").astype(np.float32) / 1000)
+
+
+def _read_tiff(path: Path) -> Array:
+    import cv2
+    import tifffile
+
+    try:
+        values = tifffile.imread(path)
+    except Exception as fault:  # of any kind: each of its decoders has its own
+        if "imagecodecs" not in str(fault):
+            raise InputError(f"{path}: cannot be read, cut short or not a TIFF; copy it again") from fault
+        values = decode(path, cv2.IMREAD_UNCHANGED)  # a compression that tifffile wants another package for
+    return _metres(values, path)
+
+
+def _read_npy(path: Path) -> Array:
+    try:
+        with path.open("rb") as file:
+            is_first = np.lib.format.read_magic(file) == (1, 0)
+            shape, _, dtype = (
+                np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
+            )(file)
+            if math.prod(shape) * dtype.itemsize > os.fstat(file.fileno()).st_size - file.tell():
+                raise ValueError("a shape that the file does not hold")  # before anything of that size is asked for
+            file.seek(0)
+            return _metres(np.lib.format.read_array(file, allow_pickle=False), path)
+    except (OSError, ValueError, EOFError) as fault:
+        reason = fault.strerror if isinstance(fault, OSError) else "cut short or not an array"
+        raise InputError(f"{path}: cannot be read, {reason}; write it again with numpy.save") from fault
+
+
+def _metres(values: np.ndarray, path: Path) -> Array:
+    if values.dtype.kind != "f" or values.ndim != 2:
+        raise InputError(f"{path}: is {_kind(values)}; expected float metres in one channel (16-bit millimetres: .png)")
+    return values.astype(np.float32)
+
+
+def _kind(values: np.ndarray) -> str:
+    return f"{values.dtype} of shape {'x'.join(map(str, values.shape))}"
+
+
+_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy, ".exr": read_exr}

@@ -1,0 +1,63 @@
+"""What identifies data: fingerprints of files, and the data_id of views."""
+
+from __future__ import annotations
+
+import hashlib
+from collections.abc import Sequence
+from pathlib import Path
+
+from sucre_bench.imaging.charts.kinds import kind_id
+from sucre_bench.loading.view_files import Files
+from sucre_bench.machine.progress import track
+from sucre_bench.scene import View
+
+__all__ = ["data_id_of", "fingerprint"]
+
+_WHOLE = 1 << 20  # bytes of a file up to which all of it is hashed, else so many blocks of so many bytes
+
+
+_BLOCKS, _BLOCK = 16, 4096
+
+
+def data_id_of(views: Sequence[View], *more: object) -> str:
+    """Return a hash of all that views hold: cameras, poses, charts, options and their files; and of `more`.
+
+    Of the files it takes `fingerprint`s, whose limit is its own.
+    """
+    digest = hashlib.blake2b(repr(more).encode() if more else b"", digest_size=6)
+    for view in track(views, "hashing"):
+        assert isinstance(view.pixels, Files)
+        charts = [(chart.name, kind_id(chart.kind), chart.corners.tolist()) for chart in view.charts]
+        K = None if view.camera is None else view.camera.K.tolist()
+        pose = None if view.cam_from_world is None else view.cam_from_world.tolist()
+        lenses: list[object] = [] if view.pixels.lens is None else [view.pixels.lens.identity]
+        lenses += [] if view.pixels.depth_lens is None else [("depth", view.pixels.depth_lens.identity)]
+        digest.update(repr((view.name, view.encoding, (K, view.pixels.size, pose, *lenses), charts)).encode())
+        for path in (view.pixels.image, view.pixels.depth, view.pixels.reference):
+            digest.update(b"none" if path is None else fingerprint(path))
+    return digest.hexdigest()
+
+
+def fingerprint(path: Path) -> bytes:
+    """Return a hash of a file's size and content, whatever its date.
+
+    All of the content up to 1 MiB. Of larger files 16 blocks of 4 KiB at even distances, the first and the last among
+    them: all of them would be 90 GB of a large dataset at every start. A change between the blocks that keeps the size
+    is then not seen. Of PNG and JPEG the first and last block: both are compressed, and PNG ends on a checksum, so that
+    their size or their end tells.
+    """
+    try:
+        with path.open("rb") as file:
+            size = file.seek(0, 2)
+            compressed = path.suffix.lower() in (".png", ".jpg", ".jpeg")
+            blocks = 2 if compressed else _BLOCKS
+            if size <= (blocks * _BLOCK if compressed else _WHOLE):
+                file.seek(0)
+                return hashlib.blake2b(b"%d" % size + file.read()).digest()
+            digest = hashlib.blake2b(b"%d" % size)
+            for i in range(blocks):
+                file.seek((size - _BLOCK) * i // (blocks - 1))
+                digest.update(file.read(_BLOCK))
+            return digest.digest()
+    except OSError:
+        return b"unreadable"

@@ -1,0 +1,97 @@
+"""Images without a camera: in a folder, alone or each with a reference of the same name in another folder."""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Iterable, Iterator
+from pathlib import Path, PurePosixPath
+
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import SUFFIXES
+from sucre_bench.loading.find_folders import folders_below, walk
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.machine.progress import track
+from sucre_bench.scene import Encoding, Plane, Scene
+
+__all__ = ["image_folder_scene", "image_names", "innermost", "paired_folders"]
+
+
+def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
+    """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out."""
+    found, but = [], but and but.resolve()
+    for place, below, names in walk(folder):
+        below[:] = [
+            name for name in below if subfolders and not name.startswith(".") and (place / name).resolve() != but
+        ]
+        images = (name for name in names if name.lower().endswith(SUFFIXES) and not name.startswith("."))
+        found += [(place / name).relative_to(folder).as_posix() for name in images]
+    return sorted(found)
+
+
+def image_folder_scene(
+    name: str,
+    folder: Path,
+    references: Path | None = None,
+    image_scale: float = 1.0,
+    encoding: Encoding = "gamma",
+    subfolders: bool = False,
+) -> Scene:
+    """Return the scene of a folder's images, each with the reference whose path below `references` is the same.
+
+    A reference may have another suffix. An image without one gets a fault. Raises InputError when there is no image, or
+    `references` holds none of theirs.
+    """
+    names = image_names(folder, subfolders, but=references)
+    if not names:
+        raise InputError(f"{folder}: holds no image ({' '.join(SUFFIXES)}); copy the images there")
+    there = _by_stem(references, subfolders) if references else {}
+    if references and not any(_stem(name) in there for name in names):
+        raise InputError(f"{references}: no file is named like an image; name them like {names[0]}")
+    views = []
+    for image in track(names, "image sizes"):
+        reference, faults = None, dict[Plane, str]()
+        if references:
+            same = there.get(_stem(image), [])
+            if image in same or len(same) == 1:
+                reference = references / (image if image in same else same[0])
+            elif same:
+                faults["reference"] = f"{references / same[0]}: {same[1]} is there as well; keep one of them"
+            else:
+                faults["reference"] = f"{references / image}: no such file; copy it there"
+        photograph = Photograph(image, folder / image, reference=reference, faults=faults)
+        views.append(view_of(photograph, image_scale, encoding))
+    return Scene(name, views, frozenset({"reference"} if references else ()), data_id=data_id_of(views))
+
+
+def _by_stem(folder: Path, subfolders: bool) -> dict[str, list[str]]:
+    found = defaultdict(list)
+    for name in image_names(folder, subfolders):
+        found[_stem(name)].append(name)
+    return found
+
+
+def _stem(name: str) -> str:
+    return PurePosixPath(name).with_suffix("").as_posix().lower()
+
+
+def paired_folders(
+    root: Path, inputs: Iterable[str], references: Iterable[str]
+) -> Iterator[tuple[Path, Path, Path | None]]:
+    """Yield each folder at or below root that holds one of the folders `inputs`: itself, that, and one of `references`.
+
+    Capitals do not matter; the first name that is there is taken. What was unpacked into a folder of its own name is
+    found there.
+    """
+    inputs, references = list(inputs), list(references)
+    for place in folders_below(root, lambda _, below: bool({name.lower() for name in below} & set(inputs))):
+        there = {path.name.lower(): path for path in sorted(place.iterdir()) if path.is_dir()}
+        images = next(there[name] for name in inputs if name in there)
+        targets = next((there[name] for name in references if name in there), None)
+        yield place, innermost(images), targets and innermost(targets)
+
+
+def innermost(folder: Path) -> Path:
+    """Return the folder below that alone holds anything, as archives unpack to raw-890/raw-890."""
+    below = [path for path in folder.iterdir() if path.is_dir() and not path.name.startswith((".", "__MACOSX"))]
+    return folder if len(below) != 1 or image_names(folder) else innermost(below[0])

@@ -1,0 +1,65 @@
+"""A view's pixels in files, and the hash that tells whether a scene's data are the same."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.loading.depth_maps import fitted, read_depth
+from sucre_bench.loading.lens import Lens
+from sucre_bench.scene import Plane
+
+__all__ = ["Files", "check_length", "scaled_pose"]
+
+
+@dataclass(frozen=True, eq=False)
+class Files:
+    """A view's pixels, in files that are decoded on demand.
+
+    size: (width, height) in pixels to bring every plane to; read_depth: turns the depth file into planar metres
+    (H, W), 0 = unknown, of any size that is the image's but for scale; lens: of image and reference as they are stored,
+    which are then undistorted on the way, depth maps being of the undistorted image; depth_lens: whose depth map
+    read_depth brings to the view's camera, where it is another's; read_image: reads the image alone, as `read_rgb`;
+    faults: what is already known to be wrong with a plane, raised when that plane is asked for, so that other views go
+    on.
+    """
+
+    image: Path
+    size: tuple[int, int]
+    depth: Path | None = None
+    reference: Path | None = None
+    read_depth: Callable[[Path], Array] = read_depth
+    lens: Lens | None = None
+    depth_lens: Lens | None = None
+    read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
+    faults: Mapping[Plane, str] = field(default_factory=dict)
+
+    def load(self, plane: Plane) -> Array | None:
+        """Decode a plane. InputError for a file that cannot be read, or a fault that is known."""
+        if plane in self.faults:
+            raise InputError(self.faults[plane])
+        if plane == "depth":
+            return None if self.depth is None else fitted(self.read_depth(self.depth), self.size, self.depth)
+        path = self.image if plane == "rgb" else self.reference
+        if path is None:
+            return None
+        read = self.read_image if plane == "rgb" else read_rgb
+        return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)
+
+
+def check_length(dataset: str, option: str, length: float) -> None:
+    """Raise InputError unless a dataset's option of that name is a length: above 0 and finite."""
+    if not 0 < length < math.inf:
+        raise InputError(f"{dataset}.{option}: {length} is no length above 0; give it as measured, or leave it out")
+
+
+def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:
+    """Return a pose (4, 4) in metres, of one whose lengths are in another unit."""
+    metric = cam_from_world.copy()
+    metric[:3, 3] *= metres_per_unit
+    return metric

@@ -1,0 +1,1 @@
+"""What is asked of this computer: files, memory, cores, terminal, progress, provenance."""

@@ -1,0 +1,100 @@
+"""What code does, as digests: comments, docstrings and the module a definition stands in change nothing."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import hashlib
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from sucre_bench.machine.provenance import distribution_of, version_of
+
+__all__ = ["engine_hash", "hash_of"]
+
+# The rooms that results rest on, each with all that lies in it; beside them, a hash counts the plugins' own code.
+_NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "scene")
+
+
+# What the numerics, or plugins by choice of an option, compute with, beside what plugins require.
+_LIBRARIES = ("cv2", "jax", "numba", "numpy", "scipy", "skimage")
+
+
+def engine_hash() -> str:
+    """Return a hash of the engine's numerics, its version, and the libraries it computes with: 12 hex digits."""
+    return hash_of(())
+
+
+def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: object = None) -> str:
+    """Return a hash of the engine's numerics and of further code: 12 hex digits.
+
+    places: Python files, or folders of them; libraries: import names whose versions count too; more: anything else
+    that counts, by its repr. Raises FileNotFoundError if a room of the numerics is not there.
+    """
+    versions = [(name, version_of(distribution_of(name))) for name in sorted({*_LIBRARIES, *libraries})]
+    made_of = (sorted(_statements((*places, *_numerics()))), version_of("sucre-bench"), versions, more)
+    return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
+
+
+@functools.cache
+def _numerics() -> tuple[Path, ...]:
+    """Return the files and folders of the engine's numerics. Raises FileNotFoundError if one of them is not there."""
+    engine = Path(__file__).parent.parent
+    modules = ((engine / f"{name}.py", engine / name) for name in _NUMERICS)
+    places = tuple(module if module.is_file() else package for module, package in modules)
+    for place in places:
+        place.stat()
+    return places
+
+
+@functools.cache
+def _statements(places: tuple[Path, ...]) -> frozenset[bytes]:
+    """Digests of every top-level statement in Python files, and of the tables (.csv) beside them."""
+    files = [file for place in places for file in (place.rglob("*") if place.is_dir() else [place])]
+    code = (digest for file in files if file.suffix == ".py" for digest in _statements_of(file))
+    return frozenset([*code, *(_digest(file.read_bytes()) for file in files if file.suffix == ".csv")])
+
+
+def _statements_of(file: Path) -> Iterator[bytes]:
+    """A digest for each top-level statement of a file but imports from this package; the whole file if it is broken."""
+    content = file.read_bytes()
+    try:
+        body = ast.parse(content).body
+    except (SyntaxError, ValueError):
+        yield _digest(content)
+        return
+    for statement in body:
+        if not (_is_prose(statement) or _is_our_import(statement) or _is_export_list(statement)):
+            yield _digest(repr(_syntax(statement)).encode())
+
+
+def _digest(content: bytes) -> bytes:
+    return hashlib.blake2b(content, digest_size=8).digest()
+
+
+def _syntax(node: object) -> object:
+    """A syntax tree as nested tuples, without positions, docstrings, imports from this package and empty fields.
+
+    `ast.dump` is not used: what it writes differs between versions of Python.
+    """
+    if isinstance(node, ast.AST):
+        fields = ((name, _syntax(value)) for name, value in ast.iter_fields(node) if name not in ("kind", "ctx"))
+        return (type(node).__name__, *((name, value) for name, value in fields if value not in (None, ())))
+    if isinstance(node, list):
+        return tuple(_syntax(item) for item in node if not (_is_prose(item) or _is_our_import(item)))
+    return node if isinstance(node, (str, bytes, int, float, complex, type(None))) else repr(node)
+
+
+def _is_prose(node: object) -> bool:
+    """Whether a statement is a string that nothing uses: a docstring, or the help of a field."""
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
+
+
+def _is_our_import(node: object) -> bool:
+    if isinstance(node, ast.ImportFrom):
+        return bool(node.level) or (node.module or "").split(".")[0] in ("sucre_bench", "__future__")
+    return isinstance(node, ast.Import) and all(name.name.split(".")[0] == "sucre_bench" for name in node.names)
+
+
+def _is_export_list(node: object) -> bool:
+    return isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)

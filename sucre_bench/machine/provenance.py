@@ -1,0 +1,132 @@
+"""What produced a result: versions, source, machine. Written beside the table as ``environment.json``."""
+
+from __future__ import annotations
+
+import functools
+import importlib.metadata
+import json
+import os
+import platform
+import subprocess
+import sys
+from pathlib import Path
+from typing import Any
+
+__all__ = ["PACKAGES", "distribution_of", "environment", "gpu", "read", "source_commit", "version_of", "write"]
+
+PACKAGES = (
+    "colour-science",
+    "hydra-core",
+    "jax",
+    "mlflow",
+    "numba",
+    "numpy",
+    "onnxruntime",
+    "open3d",
+    "opencv-python-headless",
+    "pandas",
+    "pyarrow",
+    "pycolmap",
+    "scikit-image",
+    "scipy",
+    "torch",
+)
+
+# Import name -> what pip calls it, where the two differ.
+_PACKAGE = {
+    "cv2": "opencv-python-headless",
+    "skimage": "scikit-image",
+    "colour": "colour-science",
+    "hydra": "hydra-core",
+    "PIL": "Pillow",
+}
+
+
+def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str, Any]:
+    """Return everything that says how a result came about. data: dataset label -> data_id."""
+    commit, dirty = source_commit()
+    return {
+        "command": command,
+        "sucre_bench": version_of("sucre-bench"),
+        "git_commit": commit,
+        "git_dirty": dirty,
+        "seed": seed,
+        "data": data,
+        "python": platform.python_version(),
+        "packages": {name: version_of(name) for name in PACKAGES},
+        "machine": {
+            "system": platform.platform(),
+            "processor": _processor(),
+            "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+            "memory_gb": _memory_gb(),
+            "gpu": gpu(),
+        },
+    }
+
+
+def distribution_of(package: str) -> str:
+    """Return what is installed to import a package."""
+    return _PACKAGE.get(package, package)
+
+
+@functools.cache
+def version_of(package: str) -> str | None:
+    """Return an installed package's version, None when it is not installed."""
+    try:
+        return importlib.metadata.version(package)
+    except importlib.metadata.PackageNotFoundError:
+        return None
+
+
+def source_commit() -> tuple[str | None, bool | None]:
+    """Return the commit of the source tree and whether it has uncommitted changes; None where it is no checkout."""
+    here = Path(__file__).resolve().parent.parent.parent
+    if not (here / ".git").exists():
+        return None, None
+    git = ["git", "-C", str(here)]
+    try:
+        commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10, check=True)
+        status = subprocess.run([*git, "status", "--porcelain"], capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None, None
+    return commit.stdout.strip(), bool(status.stdout.strip())
+
+
+def gpu() -> str | None:
+    """Return the first GPU's name as its driver tells it, None where there is none."""
+    try:
+        query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
+        answer = subprocess.run(query, capture_output=True, text=True, timeout=10, check=True)
+    except (OSError, subprocess.SubprocessError):
+        return None
+    return answer.stdout.strip().splitlines()[0] if answer.stdout.strip() else None
+
+
+def _processor() -> str:
+    if sys.platform == "linux":
+        for line in Path("/proc/cpuinfo").read_text().splitlines():
+            if line.startswith("model name"):
+                return line.partition(":")[2].strip()
+    return platform.processor() or platform.machine()
+
+
+def _memory_gb() -> float:
+    import psutil
+
+    return round(psutil.virtual_memory().total / 2**30, 1)
+
+
+def write(path: Path, content: dict[str, Any]) -> None:
+    """Write an environment as JSON."""
+    from sucre_bench.machine.files import write_atomically
+
+    write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
+
+
+def read(path: Path) -> dict[str, Any] | None:
+    """Read an environment back; None when there is none."""
+    try:
+        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return None
+    return content

@@ -1,0 +1,135 @@
+"""What the terminal shows while work goes on: bars with an estimate, or plain lines where there is no terminal.
+
+Styles are for terminals: NO_COLOR takes the colours away, TERM=dumb or a pipe every escape code, FORCE_COLOR brings
+colours, and never bars, to a pipe (a CI's log, say).
+"""
+
+from __future__ import annotations
+
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+
+from rich.console import Console
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    SpinnerColumn,
+    TaskID,
+    TextColumn,
+    TimeElapsedColumn,
+    TimeRemainingColumn,
+)
+
+from sucre_bench.machine import progress
+
+__all__ = ["err", "has_styles", "live", "out", "plain"]
+
+_PLAIN_SECONDS = 10.0
+_WORTH_A_LINE = 1.0
+
+out = Console(highlight=False, soft_wrap=not sys.stdout.isatty())
+err = Console(stderr=True, highlight=False, soft_wrap=not sys.stderr.isatty())
+
+
+class _Bars:
+    """A `progress.Watcher` that draws bars; inner work shows below outer work and goes when it is done."""
+
+    def __init__(self, bars: Progress) -> None:
+        self._bars = bars
+        self._depth = 0
+
+    def started(self, what: str, total: int | None) -> int:
+        line = self._bars.add_task("  " * self._depth + what, total=total)
+        self._depth += 1
+        return int(line)
+
+    def advanced(self, line: int) -> None:
+        self._bars.advance(TaskID(line))
+
+    def finished(self, line: int) -> None:
+        self._depth -= 1
+        self._bars.remove_task(TaskID(line))
+
+    def said(self, text: str) -> None:
+        self._bars.console.print(_painted(text))
+
+
+@dataclass
+class _Line:
+    what: str
+    total: int | None
+    started: float
+    said: float
+    done: int = 0
+
+
+class _Lines:
+    """A `progress.Watcher` for logs and pipes: a line when outer work ends, and one now and then before."""
+
+    def __init__(self) -> None:
+        self._lines: dict[int, _Line] = {}
+
+    def started(self, what: str, total: int | None) -> int:
+        now = time.monotonic()
+        key = max(self._lines, default=0) + 1
+        self._lines[key] = _Line(what, total, now, now)
+        return key
+
+    def advanced(self, line: int) -> None:
+        own, now = self._lines[line], time.monotonic()
+        own.done += 1
+        if now - own.said > _PLAIN_SECONDS and own.total:
+            own.said = now
+            left = (now - own.started) / own.done * (own.total - own.done)
+            err.print(f"{own.what}: {own.done}/{own.total}, about {left:.0f} s left")
+
+    def finished(self, line: int) -> None:
+        own = self._lines.pop(line)
+        seconds = time.monotonic() - own.started
+        if not self._lines and seconds > _WORTH_A_LINE:
+            err.print(f"{own.what}: {own.done} done in {seconds:.1f} s")
+
+    def said(self, text: str) -> None:
+        err.print(_painted(text))
+
+
+def _painted(text: str) -> str:
+    from rich.markup import escape
+
+    return f"[red]{escape(text)}[/red]" if text.startswith("failed") else escape(text)
+
+
+def has_styles() -> bool:
+    """Whether text on stdout may be styled."""
+    return out.is_terminal and not out.is_dumb_terminal and not out.no_color
+
+
+@contextmanager
+def live() -> Iterator[None]:
+    """Show the progress of everything inside: bars in a terminal, lines elsewhere."""
+    if not sys.stderr.isatty() or err.is_dumb_terminal:
+        with plain():
+            yield
+        return
+    columns = (
+        SpinnerColumn(),
+        TextColumn("{task.description}"),
+        BarColumn(bar_width=30),
+        MofNCompleteColumn(),
+        TimeElapsedColumn(),
+        TextColumn("left"),
+        TimeRemainingColumn(),
+    )
+    with Progress(*columns, console=err) as bars, progress.watched_by(_Bars(bars)):
+        yield
+
+
+@contextmanager
+def plain() -> Iterator[None]:
+    """Show progress as lines."""
+    with progress.watched_by(_Lines()):
+        yield

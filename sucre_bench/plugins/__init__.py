@@ -1,0 +1,37 @@
+"""Methods, datasets and metrics are plugins: a decorated frozen dataclass in a file of its own.
+
+The decorators attach their arguments to the class. `discover` looks for such classes in the folders methods/,
+datasets/ and metrics/, in the entry-point group ``sucre_bench.plugins``, and in files that the user names. A plugin
+that does not import is listed with its reason, and the others work. Importing a plugin must be cheap: heavy packages
+are named in ``requires`` and imported where they are used.
+"""
+
+from __future__ import annotations
+
+from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
+from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, Plugin
+from sucre_bench.plugins.registry import discover, find, load_file, set_aside, unknown
+from sucre_bench.plugins.requirements import missing_needs, missing_packages
+
+__all__ = [
+    "KINDS",
+    "NEEDS",
+    "Better",
+    "Broken",
+    "Dataset",
+    "Kind",
+    "Method",
+    "Metric",
+    "Plugin",
+    "dataset",
+    "discover",
+    "find",
+    "load_file",
+    "method",
+    "metric",
+    "missing_needs",
+    "missing_packages",
+    "set_aside",
+    "snake_case",
+    "unknown",
+]

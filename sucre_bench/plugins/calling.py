@@ -1,0 +1,71 @@
+"""Calling a method: encoded as it wants, checked against the contract, with errors that name it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import PluginError
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
+
+__all__ = ["restored", "with_truth"]
+
+
+def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
+    """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
+    if not scene.water:
+        return restoration
+    return replace(restoration, info={**restoration.info, "true_water": _explaining(scene.water, view.encoding)})
+
+
+def restored(method: Any, scene: Scene, view: View) -> Restoration:
+    """Return a method's restoration, checked: the image in the view's encoding, float32 as the confidence is, the water
+    saying what it explains.
+
+    A method that assumes encoded intensities gets those of a linear view, and its image is decoded again. Raises
+    PluginError when the result is not what a method must return, and what the method raises.
+    """
+    converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
+    given = replace(view, pixels=_Encoded(view.pixels), encoding="gamma") if converts else view
+    restoration = method.restore(scene, given)
+    if not isinstance(restoration, Restoration):
+        raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
+    image = np.asarray(restoration.image)
+    if image.shape != view.rgb.shape or not np.issubdtype(image.dtype, np.floating):
+        raise PluginError(
+            f"the method returned an image {image.shape} {image.dtype}; it must be {view.rgb.shape} and floating"
+        )
+    if not np.isfinite(image).all(axis=-1).any():
+        raise PluginError(f"the method gave no pixel of {view.name} a colour; its result is all NaN or infinite")
+    water = restoration.water and _explaining(restoration.water, given.encoding)
+    info = dict(restoration.info)
+    if converts:
+        image, info["converted"] = srgb_decode(image), "encoded (sRGB) for the method, its result decoded"
+    confidence = restoration.confidence
+    return replace(
+        restoration,
+        image=image.astype(np.float32, copy=False),
+        water=water,
+        confidence=None if confidence is None else np.asarray(confidence).astype(np.float32, copy=False),
+        info=info,
+    )
+
+
+def _explaining(water: Water, encoding: Encoding) -> Water:
+    """A water that says which intensities it explains: those of the view, where it did not."""
+    return water if water.encoding else replace(water, encoding=encoding)
+
+
+@dataclass(frozen=True)
+class _Encoded:
+    """The pixels of a linear view, gamma-encoded."""
+
+    pixels: Pixels
+
+    def load(self, plane: Plane) -> Array | None:
+        values = self.pixels.load(plane)
+        return values if values is None or plane == "depth" else srgb_encode(values).astype(np.float32)

@@ -1,0 +1,55 @@
+"""What a result rests on, as one short hash: the source that made it, and the files that options name."""
+
+from __future__ import annotations
+
+import inspect
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+
+from sucre_bench.machine.code import hash_of
+from sucre_bench.plugins.plugin import Plugin
+
+__all__ = ["source_hash"]
+
+
+def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
+    """Return a hash of what makes a result: the code of the plugins and of the engine's numerics, and further files.
+
+    Code counts as syntax: comments, docstrings, the module a definition stands in, and which module it is imported
+    from change nothing. The versions of the engine and of the libraries it computes with count.
+
+    Of `files`, which may be large, name, size and time of change count; of a folder, those of all files in it, except
+    hidden files and `__pycache__`.
+    """
+    typed_in = [_typed_in(plugin) for plugin in used if _source_of(plugin) is None]
+    places = tuple(file for plugin in used if (file := _source_of(plugin)))
+    stamps = [stamp for place in files for stamp in _stamps(place)]
+    return hash_of(places, {name for plugin in used for name in plugin.requires}, (typed_in, stamps))
+
+
+def _stamps(place: Path) -> Iterator[tuple[str, int, int]]:
+    for path in sorted(place.rglob("*")) if place.is_dir() else [place]:
+        within = path.relative_to(place)
+        if path.is_file() and not any(part.startswith(".") or part == "__pycache__" for part in within.parts):
+            state = path.stat()
+            yield str(within), state.st_size, state.st_mtime_ns
+
+
+def _source_of(plugin: Plugin) -> Path | None:
+    """A plugin's file, or its folder where it has one of its own; None for one that was typed into a session."""
+    try:
+        source = inspect.getsourcefile(plugin.cls)
+    except (OSError, TypeError):
+        source = None
+    if source is None:
+        return None
+    file = Path(source)
+    shared = (Path(__file__).parent.parent / f"{plugin.kind}s").resolve()
+    has_folder = file.parent.resolve() != shared and (file.parent / "__init__.py").exists()
+    return file.parent if has_folder else file
+
+
+def _typed_in(plugin: Plugin) -> list[tuple[str, object]]:
+    """What there is of a plugin without a file: the compiled code of what its class defines."""
+    codes = ((name, getattr(value, "__code__", None)) for name, value in sorted(vars(plugin.cls).items()))
+    return [(name, (code.co_code, repr(code.co_consts), code.co_names)) for name, code in codes if code]

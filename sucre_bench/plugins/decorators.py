@@ -1,0 +1,108 @@
+"""The decorators that make a frozen dataclass a plugin."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import is_dataclass
+from typing import Any, Literal, TypeVar, get_args
+
+from sucre_bench.errors import PluginError, did_you_mean
+from sucre_bench.imaging.display import check_display
+from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin
+
+__all__ = ["dataset", "method", "metric", "snake_case"]
+
+_C = TypeVar("_C", bound=type[Any])
+
+
+def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
+    needs, known = frozenset(needs), NEEDS if kind == "metric" else NEEDS - {"restoration"}
+    if needs - known:
+        raise PluginError(f"{kind}: unknown needs {sorted(needs - known)}; {did_you_mean(min(needs - known), known)}")
+
+    def attach(cls: _C) -> _C:
+        if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
+            raise PluginError(f"{cls.__qualname__}: not a frozen dataclass; put @dataclass(frozen=True) under @{kind}")
+        cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
+            kind, name or snake_case(cls.__name__), cls, needs, **about
+        )
+        return cls
+
+    return attach
+
+
+def method(
+    *,
+    name: str = "",
+    needs: Iterable[str] = (),
+    requires: Iterable[str] = (),
+    cites: str = "",
+    licence: str = "",
+    display: str = "none",
+    encoding: Literal["any", "gamma"] = "any",
+    reads: Iterable[str] = (),
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``restore(scene, view)`` a restorer.
+
+    name: default the class's in snake_case; needs: of "depth", "poses", "reference", "charts", "truth";
+    requires: import names of packages it uses when it runs; cites, licence: of the method it implements;
+    display: the normalisation its result is shown and scored with, see `sucre_bench.imaging.display.display`;
+    encoding: "gamma" when it assumes gamma-encoded intensities: it then gets a linear view encoded (sRGB), and what it
+    returns is decoded again; reads: options that name a file, a folder or another method that its results rest on, e.g.
+    weights: when that changes, views are restored again.
+    """
+    check_display(display)
+    needs = frozenset(needs)
+    if encoding == "gamma" and "poses" in needs:
+        raise PluginError("method: encoding=gamma is for methods of one view; other views are given as they are")
+    about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
+    return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
+
+
+def dataset(
+    *,
+    name: str = "",
+    requires: Iterable[str] = (),
+    cites: str = "",
+    licence: str = "",
+    source: str = "",
+    has: Iterable[str] = (),
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``scenes()`` a dataset.
+
+    licence: of the data; source: where to get them, and how large they are; has: what its scenes may offer, of "depth",
+    "poses", "reference", "charts", "truth".
+    """
+    about: dict[str, Any] = {"source": source, "has": frozenset(has)}
+    return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
+
+
+def metric(
+    *,
+    variants: Mapping[str, str],
+    unit: str,
+    better: Better,
+    range: tuple[float, float],
+    name: str = "",
+    needs: Iterable[str] = (),
+    default: Iterable[str] = (),
+    requires: Iterable[str] = (),
+    cites: str = "",
+    licence: str = "",
+) -> Callable[[_C], _C]:
+    """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
+
+    variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
+    unit: as printed; better: "higher", "lower", or "none" for what describes and nobody wins by; range: of possible
+    values.
+    """
+    if better not in get_args(Better):
+        raise PluginError(f"metric: better='{better}'; it is 'higher', 'lower' or 'none'")
+    chosen = tuple(default) or tuple(variants)[:1]
+    about = {"unit": unit, "better": better, "range": range, "variants": dict(variants), "default": chosen}
+    return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
+
+
+def snake_case(name: str) -> str:
+    return re.sub(r"(?<=[a-z0-9])(?=[A-Z])|(?<=[A-Z])(?=[A-Z][a-z])", "_", name).lower()

@@ -1,0 +1,160 @@
+"""A plugin's options are the fields of its dataclass: what they are, what they say, and which values they take."""
+
+from __future__ import annotations
+
+import ast
+import functools
+import inspect
+import itertools
+import math
+import textwrap
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass, fields
+from pathlib import Path
+from types import UnionType
+from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
+
+from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, one_line
+
+if TYPE_CHECKING:
+    from sucre_bench.plugins.plugin import Plugin
+
+__all__ = ["RESERVED", "Option", "check_options", "create", "options_of", "typed", "unusable"]
+
+
+# Set by the bench beside a plugin's own options.
+RESERVED = frozenset({"name", "label", "display", "variants"})
+
+
+@dataclass(frozen=True)
+class Option:
+    """A field of a plugin: its name, type, default (dataclasses.MISSING when it must be given) and what it says."""
+
+    name: str
+    type: Any
+    default: Any
+    help: str
+
+    @property
+    def choices(self) -> tuple[str, ...]:
+        """The words a Literal admits, also one that is an alternative to a path or text; empty for any other type."""
+        kinds = (self.type, *get_args(self.type))
+        return tuple(word for kind in kinds if get_origin(kind) is Literal for word in get_args(kind))
+
+    @property
+    def is_closed(self) -> bool:
+        """Whether nothing but its choices may be given."""
+        return get_origin(self.type) is Literal
+
+
+def options_of(cls: Any) -> tuple[Option, ...]:
+    """Return a plugin class's fields, with the docstring under each as its help."""
+    return _options_of(cls)
+
+
+@functools.cache  # asked for with every score, and it parses the class's source
+def _options_of(cls: Any) -> tuple[Option, ...]:
+    hints, said = get_type_hints(cls), _field_docs(cls)
+    return tuple(Option(f.name, hints[f.name], _default(f), said.get(f.name, "")) for f in fields(cls) if f.init)
+
+
+def _default(f: Any) -> Any:
+    return f.default if f.default_factory is MISSING else f.default_factory()
+
+
+def _field_docs(cls: type[Any]) -> dict[str, str]:
+    """The string under an annotated name in a class body documents it, as in every documentation generator."""
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):
+        try:
+            body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
+        except (OSError, TypeError):
+            continue  # made in a console: it has no source
+        for above, below in itertools.pairwise(body):
+            if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
+                said = (
+                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+                )
+                if isinstance(said, str) and said:
+                    docs[above.target.id] = " ".join(said.split())
+    return docs
+
+
+def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
+    """Raise InputError for an unknown option, a missing one, or a word a Literal does not admit."""
+    known = {o.name: o for o in options_of(plugin.cls)}
+    for name, value in values.items():
+        if name not in known:
+            raise InputError(f"{plugin.kind} '{plugin.name}': no option '{name}'; {did_you_mean(name, known)}")
+        if not _fits(known[name].type, value):
+            of = getattr(known[name].type, "__name__", known[name].type)
+            raise InputError(f"{plugin.name}.{name}: {value!r} is not {of}; see `sucre-bench list {plugin.kind}s`")
+        if not _finite(value):
+            raise InputError(f"{plugin.name}.{name}: {value} is not a finite number; give one")
+        if known[name].is_closed and value not in known[name].choices:
+            hint = did_you_mean(str(value), known[name].choices)
+            raise InputError(f"{plugin.name}.{name}: '{value}' is not a choice; {hint}")
+    missing = [o.name for o in known.values() if o.default is MISSING and o.name not in values]
+    if missing:
+        raise InputError(f"{plugin.name}.{missing[0]}: must be given; add {plugin.kind}.{missing[0]}=...")
+
+
+def _fits(annotation: Any, value: Any) -> bool:
+    """Whether a value may stand where a number, a truth value or text is asked for; other types are not checked."""
+    kinds = [kind for kind in (annotation, *get_args(annotation)) if kind in (bool, int, float, str)]
+    if annotation not in (bool, int, float, str) and get_origin(annotation) not in (Union, UnionType):
+        return True
+    if not kinds or (value is None and type(None) in get_args(annotation)) or isinstance(value, Path):
+        return True
+    return any(type(value) is kind or (kind is float and type(value) is int) for kind in kinds)
+
+
+def _finite(value: Any) -> bool:
+    """Whether a value is no float, or a finite one; of a list or tuple, each."""
+    if isinstance(value, (list, tuple)):
+        return all(_finite(one) for one in value)
+    return not isinstance(value, float) or math.isfinite(value)
+
+
+def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
+    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise.
+
+    A path may be given as text, a tuple as a list.
+    """
+    check_options(plugin, values)
+    types = {o.name: o.type for o in options_of(plugin.cls)}
+    return plugin.cls(**{name: typed(types[name], value) for name, value in values.items()})
+
+
+def typed(annotation: Any, value: Any) -> Any:
+    """Return an option's value as its type: text as a path, a list as a tuple; else as it is."""
+    if isinstance(value, list) and get_origin(annotation) is tuple:
+        return tuple(value)
+    is_path = Path in (annotation, *get_args(annotation))
+    return Path(value).expanduser() if is_path and isinstance(value, (str, Path)) else value
+
+
+def unusable(plugin: Plugin) -> str:
+    """Why a plugin's options cannot be configured; empty when they can."""
+    try:
+        hints = get_type_hints(plugin.cls)
+    except ANY_FAULT as fault:
+        return f"its annotations do not resolve, {one_line(fault)}"
+    for option in fields(plugin.cls):
+        if option.init and option.name in RESERVED:
+            return f"option '{option.name}' has a reserved name"
+        if option.init and not _is_plain(hints[option.name]):
+            return (
+                f"option '{option.name}' is {hints[option.name]}; use numbers, strings, paths, Literal words or tuples"
+            )
+    return ""
+
+
+def _is_plain(annotation: Any) -> bool:
+    """Whether Hydra can hold an option of this type."""
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return all(isinstance(word, str) for word in args)
+    if origin in (Union, UnionType, tuple, list):
+        return all(_is_plain(arg) for arg in args if arg not in (type(None), Ellipsis))
+    return annotation in (int, float, str, bool, Path)

@@ -1,0 +1,89 @@
+"""What a plugin is: the protocols of methods, datasets and metrics, and what is known of each."""
+
+from __future__ import annotations
+
+import inspect
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from typing import Any, Literal, Protocol, get_args
+
+from sucre_bench.arrays import Array
+from sucre_bench.scene import Restoration, Scene, Score, View
+
+__all__ = ["Better", "Broken", "Dataset", "Method", "Metric", "Plugin"]
+
+Better = Literal["higher", "lower", "none"]
+
+
+Kind = Literal["method", "dataset", "metric"]
+
+
+KINDS: tuple[Kind, ...] = get_args(Kind)
+
+
+# What a scene may offer; "restoration" is what a metric needs that makes no sense on just any picture.
+NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth", "restoration"})
+
+
+class Method(Protocol):
+    """Restores a view of a scene. Must not alter its inputs, and must give NaN where it has no colour."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration: ...
+
+
+class Dataset(Protocol):
+    """Yields scenes. Raises InputError, naming the file and the remedy, when the data are not as expected."""
+
+    def scenes(self) -> Iterable[Scene]: ...
+
+
+class Metric(Protocol):
+    """Scores a restoration.
+
+    restored.image is what the method computed; shown is the picture made of it, (H, W, 3) in [0, 1],
+    gamma-encoded, NaN where there is no colour. Yields nothing where the view has nothing to score.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterable[Score]: ...
+
+
+@dataclass(frozen=True)
+class Plugin:
+    """What is known of a plugin without running it.
+
+    needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
+    to the screen, encoding, reads: see `method`; source, has: see `dataset`; unit, better, range, variants, default:
+    see `metric`.
+    """
+
+    kind: Kind
+    name: str
+    cls: type[Any]
+    needs: frozenset[str] = frozenset()
+    requires: tuple[str, ...] = ()
+    cites: str = ""
+    licence: str = ""
+    display: str = "none"
+    encoding: Literal["any", "gamma"] = "any"
+    reads: tuple[str, ...] = ()
+    source: str = ""
+    has: frozenset[str] = frozenset()
+    unit: str = ""
+    better: Better = "higher"
+    range: tuple[float, float] = (-math.inf, math.inf)
+    variants: Mapping[str, str] = field(default_factory=dict)
+    default: tuple[str, ...] = ()
+
+    @property
+    def summary(self) -> str:
+        """The first sentence of the class's docstring."""
+        return (inspect.getdoc(self.cls) or "").split("\n\n")[0].replace("\n", " ")
+
+
+@dataclass(frozen=True)
+class Broken:
+    """A plugin that cannot be used, and why."""
+
+    name: str
+    reason: str

@@ -1,0 +1,125 @@
+"""Finding plugins: in the folders of this package, in installed packages, and in files that the user names."""
+
+from __future__ import annotations
+
+import contextlib
+import functools
+import hashlib
+import importlib
+import importlib.metadata
+import importlib.util
+import inspect
+import pkgutil
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+
+from sucre_bench.errors import ANY_FAULT, InputError, PluginError, did_you_mean, one_line
+from sucre_bench.plugins.options import unusable
+from sucre_bench.plugins.plugin import Broken, Kind, Plugin
+
+__all__ = ["discover", "find", "load_file", "set_aside", "unknown"]
+
+_files: dict[Path, ModuleType] = {}
+
+
+def load_file(path: str | Path) -> None:
+    """Add the plugins of one Python file. PluginError when it is not there or does not import."""
+    path = Path(path).resolve()
+    if path in _files:
+        return
+    if not path.is_file():
+        raise PluginError(f"{path}: no such plugin file; give the path of a .py file")
+    of = hashlib.blake2b(str(path).encode(), digest_size=4).hexdigest()  # two files may have one name
+    spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}_{of}", path)
+    if spec is None or spec.loader is None:
+        raise PluginError(f"{path}: not a Python file; give the path of a .py file")
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[module.__name__] = module  # dataclasses look their module up there
+    try:
+        with contextlib.redirect_stdout(sys.stderr):  # what it prints is no part of our output
+            spec.loader.exec_module(module)
+    except ANY_FAULT as fault:
+        del sys.modules[module.__name__]
+        raise PluginError(f"{path}: does not import, {one_line(fault)}; mend the file") from fault
+    if not _plugins_in(module):
+        raise PluginError(f"{path}: holds no plugin; decorate a class with @method, @dataset or @metric")
+    _files[path] = module
+    discover.cache_clear()
+
+
+@functools.cache
+def discover(kind: Kind) -> dict[str, Plugin | Broken]:
+    """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
+    found: dict[str, Plugin | Broken] = {}
+    for entry in _everywhere(kind):
+        if isinstance(entry, Plugin) and entry.kind != kind:
+            continue
+        if isinstance(entry, Plugin) and (fault := unusable(entry)):
+            entry = Broken(entry.name, fault)
+        other = found.get(entry.name)
+        if other is not None and _where(other) != _where(entry):
+            entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
+        found[entry.name] = entry
+    return dict(sorted(found.items()))
+
+
+def _everywhere(kind: Kind) -> Iterator[Plugin | Broken]:
+    package = importlib.import_module(f"sucre_bench.{kind}s")
+    for info in pkgutil.iter_modules(package.__path__):
+        if not info.name.startswith("_"):
+            yield from _try(info.name, functools.partial(importlib.import_module, f"{package.__name__}.{info.name}"))
+    for entry in importlib.metadata.entry_points(group="sucre_bench.plugins"):
+        yield from _try(entry.name, entry.load)
+    for module in _files.values():
+        yield from _plugins_in(module)
+
+
+def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
+    try:
+        with contextlib.redirect_stdout(sys.stderr):
+            loaded = load()
+        return [loaded.__plugin__] if hasattr(loaded, "__plugin__") else list(_plugins_in(loaded))
+    except ANY_FAULT as fault:
+        return [Broken(name, one_line(fault))]
+
+
+def _plugins_in(module: ModuleType) -> list[Plugin]:
+    """The decorated classes a module (or a folder's own modules) defines, imported ones left out."""
+    inside = (module.__name__, module.__name__ + ".")
+    classes = [c for c in vars(module).values() if isinstance(c, type) and "__plugin__" in vars(c)]
+    return [
+        c.__dict__["__plugin__"] for c in classes if c.__module__ == inside[0] or c.__module__.startswith(inside[1])
+    ]
+
+
+def find(kind: Kind, name: str) -> Plugin:
+    """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
+    known = discover(kind)
+    plugin = known.get(name)
+    if plugin is None:
+        raise unknown(kind, name, known)
+    if isinstance(plugin, Broken):
+        raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
+    return plugin
+
+
+def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> InputError:
+    """Return what to say of a name that no plugin has: the nearest, or its file, where that lies here.
+
+    give: what stands before a file in the command.
+    """
+    if Path(f"{name}.py").is_file():
+        return InputError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py")
+    return InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
+
+
+def set_aside(plugin: Plugin, reason: str) -> None:
+    """From now on, treat a plugin as one that cannot be used."""
+    discover(plugin.kind)[plugin.name] = Broken(plugin.name, reason)
+
+
+def _where(plugin: Plugin | Broken) -> str:
+    return str(Path(inspect.getsourcefile(plugin.cls) or "").resolve()) if isinstance(plugin, Plugin) else plugin.name

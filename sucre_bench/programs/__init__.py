@@ -1,0 +1,1 @@
+"""Programs of their own behind one command each; none imports another."""

@@ -1,0 +1,228 @@
+"""The contract of plugins: rules, each of which looks at a plugin and yields what it finds.
+
+A finding is a breach (it must be mended), a doubt (it may be meant so) or a note (a figure). It reads "fault; remedy".
+What a plugin raises, and the RuntimeWarnings it causes, are breaches of whatever rule it was run by.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import importlib
+import inspect
+import sys
+import time
+import traceback
+import warnings
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field
+from pathlib import Path
+from typing import Any, Literal
+
+from sucre_bench import plugins
+from sucre_bench.errors import ANY_FAULT, NotApplicableError, SucreBenchError, one_line
+from sucre_bench.plugins.options import create, options_of
+from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
+
+__all__ = [
+    "Finding",
+    "Level",
+    "Outcome",
+    "Rule",
+    "Status",
+    "Subject",
+    "breach",
+    "breaches",
+    "check",
+    "doubt",
+    "note",
+    "raised",
+    "rules",
+]
+
+Level = Literal["breach", "doubt", "note"]
+Status = Literal["kept", "broken", "doubtful", "skipped"]
+
+
+@dataclass(frozen=True)
+class Finding:
+    """What a rule found. text: "fault; remedy", for a note a figure, on one line."""
+
+    level: Level
+    text: str
+
+
+def breach(text: str) -> Finding:
+    """Return what must be mended."""
+    return Finding("breach", text)
+
+
+def doubt(text: str) -> Finding:
+    """Return what may be meant so, and is worth a look."""
+    return Finding("doubt", text)
+
+
+def note(text: str) -> Finding:
+    """Return what is said with a rule that is kept."""
+    return Finding("note", text)
+
+
+@dataclass(frozen=True, eq=False)
+class Subject:
+    """A plugin to check.
+
+    options: it is made with these; on: the dataset a method is tried on, none where empty; kept: what one rule had done
+    that others look at too.
+    """
+
+    plugin: Plugin
+    options: Mapping[str, Any] = field(default_factory=dict)
+    on: str = ""
+    kept: dict[str, Any] = field(default_factory=dict)
+
+    @property
+    def file(self) -> Path:
+        """The file of its class."""
+        return Path(inspect.getsourcefile(self.plugin.cls) or "")
+
+    @property
+    def obstacle(self) -> str:
+        """Why it cannot be run, with the remedy; empty where it can."""
+        if line := plugins.missing_packages(self.plugin):
+            return f"not installed; {line}"
+        needed = [o.name for o in options_of(self.plugin.cls) if o.default is MISSING]
+        absent = [f"{self.plugin.kind}.{name}=..." for name in needed if name not in self.options]
+        return f"options must be given; add {' '.join(absent)}" if absent else ""
+
+    def make(self) -> Any:
+        """Make the plugin, what it requires being imported: settings that come with a package are not its doing."""
+        for package in self.plugin.requires:
+            importlib.import_module(package)
+        return create(self.plugin, self.options)
+
+
+Look = Callable[[Subject], Iterable[Finding]]
+
+
+@dataclass(frozen=True)
+class Rule:
+    """Something that plugins keep to.
+
+    says: in words that follow the plugin's name; look: yields what is found; kinds: of plugin that it is for; applies:
+    to which of those; runs: whether it runs the plugin, which takes all its options; lasting: whether it starts
+    processes of its own, or works on a whole dataset.
+    """
+
+    says: str
+    look: Look
+    kinds: tuple[Kind, ...]
+    applies: Callable[[Plugin], bool]
+    runs: bool
+    lasting: bool
+
+    def __str__(self) -> str:
+        return self.says
+
+
+_RULES: list[Rule] = []
+
+
+def rule(
+    says: str,
+    *kinds: Kind,
+    applies: Callable[[Plugin], bool] = lambda _: True,
+    runs: bool = True,
+    lasting: bool = False,
+) -> Callable[[Look], Look]:
+    """Make a function a rule of the contract, of all kinds of plugin where none is named."""
+
+    def add(look: Look) -> Look:
+        _RULES.append(Rule(says, look, kinds or KINDS, applies, runs, lasting))
+        return look
+
+    return add
+
+
+def rules(plugin: Plugin, lasting: bool = True) -> list[Rule]:
+    """Return the rules that a plugin is to keep; lasting: also those that take seconds."""
+    for module in ("rules_every_plugin", "rules_methods", "rules_datasets", "rules_metrics"):
+        importlib.import_module(f"sucre_bench.programs.contract.{module}")
+    own = [one for one in _RULES if plugin.kind in one.kinds and one.applies(plugin)]
+    return [one for one in own if lasting or not one.lasting]
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """What became of a rule. skipped: why it could not be looked at; seconds: it took."""
+
+    rule: Rule
+    findings: tuple[Finding, ...]
+    seconds: float
+    skipped: str = ""
+
+    @property
+    def status(self) -> Status:
+        levels = {finding.level for finding in self.findings}
+        if "breach" in levels:
+            return "broken"
+        return "skipped" if self.skipped else "doubtful" if "doubt" in levels else "kept"
+
+
+def check(subject: Subject, chosen: Sequence[Rule] | None = None) -> Iterator[Outcome]:
+    """Look at a plugin by each rule in turn, default all that are for it; nothing it does ends the check."""
+    obstacle = subject.obstacle
+    for one in rules(subject.plugin) if chosen is None else chosen:
+        if one.runs and obstacle:
+            yield Outcome(one, (), 0.0, obstacle)
+            continue
+        started, findings, skipped = time.perf_counter(), [], ""
+        with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stdout(sys.stderr):
+            warnings.simplefilter("always")
+            try:
+                for finding in one.look(subject):
+                    findings.append(finding)  # those before a fault count
+            except NotApplicableError as reason:
+                skipped = one_line(reason)
+            except ANY_FAULT as fault:
+                findings.append(breach(raised(subject, fault)))
+        findings += _warned(subject, heard)
+        yield Outcome(one, tuple(dict.fromkeys(findings)), time.perf_counter() - started, skipped)
+
+
+def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
+    """Return what a plugin breaks of the contract, a line each, for its own test; rules that take seconds left out.
+
+    A rule that cannot be looked at, since an option or a package is missing, counts as broken: nothing is passed over.
+    Raises InputError for an unknown name, PluginError for a plugin that is broken.
+    """
+    subject = Subject(plugins.find(kind, name), options)
+    outcomes = list(check(subject, rules(subject.plugin, lasting=False)))
+    found = [f"{one.rule}: {f.text}" for one in outcomes for f in one.findings if f.level == "breach"]
+    return found + [f"{one.rule}: not looked at, {one.skipped}" for one in outcomes if one.skipped]
+
+
+def raised(subject: Subject, fault: BaseException) -> str:
+    """Return what a plugin raised as a breach's text, with the last line of its own that led there."""
+    said = one_line(fault)
+    if isinstance(fault, SucreBenchError) and "; " in said:
+        return said
+    own = [frame for frame in traceback.extract_tb(fault.__traceback__) if _is_own(subject, frame.filename)]
+    where = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
+    if "read-only" in said:
+        return f"writes into its input{where}; work on a copy, image = view.rgb.copy()"
+    return f"raises {said}{where}; mend it, or raise SolveError or NotApplicableError with a reason"
+
+
+def _warned(subject: Subject, heard: Iterable[warnings.WarningMessage]) -> Iterator[Finding]:
+    for one in heard:
+        where = f"{Path(one.filename).name}:{one.lineno}"
+        said = f"{one.category.__name__} at {where}: {' '.join(str(one.message).split())}"
+        if issubclass(one.category, RuntimeWarning):
+            yield breach(f"{said}; guard it, or say what cannot be done with SolveError")
+        elif _is_own(subject, one.filename):
+            yield doubt(f"{said}; follow its advice")
+
+
+def _is_own(subject: Subject, filename: str) -> bool:
+    """Whether a file is the plugin's, or in a folder of its own."""
+    file, own = Path(filename).resolve(), subject.file.resolve()
+    return file == own or ((own.parent / "__init__.py").exists() and own.parent in file.parents)

@@ -1,0 +1,117 @@
+"""The scenes that plugins are tried on: a flat wall before two cameras, and the images nobody wants."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
+from types import MappingProxyType
+
+import numpy as np
+
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.camera import Camera
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.scene import Arrays, Chart, Scene, View, Water
+
+__all__ = ["HARD", "NOISE", "TARGET", "WATER", "charted", "least", "submerged", "wall"]
+
+TARGET = "far.png"  # the view to restore, of the wall; the other is nearer
+WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
+
+
+def _noise(height: int = 48, width: int = 64) -> Array:
+    return np.random.default_rng(0).random((height, width, 3), dtype=np.float32)
+
+
+NOISE = _noise()
+NOISE.setflags(write=False)
+
+# What comes up in every dive: open water, glare, a red channel that is gone, thumbnails.
+HARD: Mapping[str, Array] = MappingProxyType(
+    {
+        "noise": NOISE,
+        "black": np.zeros_like(NOISE),
+        "white": np.ones_like(NOISE),
+        "no red": NOISE * np.array([0, 1, 1], dtype=np.float32),
+        "tiny": NOISE[:4, :6],
+        "gray": np.full_like(NOISE, 0.5),
+    }
+)
+
+
+def wall(
+    rgb: Array = NOISE,
+    holes: Mask | None = None,
+    reference: Array | None = None,
+    water: Water = WATER,
+    charts: Iterable[Chart] = (),
+    nearer: float = 1.0,
+    slant: float = 0.0,
+) -> Scene:
+    """Two views of a flat wall 3 m away and `nearer` metres less, with the same picture rgb (H, W, 3).
+
+    holes: (H, W), where depth is unknown in both; reference: (H, W, 3), default the picture; slant: metres by which the
+    right edge is farther away.
+    """
+    height, width = rgb.shape[:2]
+    camera = Camera(np.array([[width, 0, width / 2], [0, width, height / 2], [0, 0, 1.0]]), width, height)
+    views, charts = [], tuple(charts)
+    for name, distance in ((TARGET, 3.0), ("near.png", 3.0 - nearer)):
+        pose = np.eye(4)
+        pose[2, 3] = distance - 3
+        depth = np.tile(np.linspace(distance, distance + slant, width, dtype=np.float32), (height, 1))
+        if holes is not None:
+            depth[holes] = 0
+        views.append(View(name, Arrays(rgb, depth, rgb if reference is None else reference), camera, pose, charts))
+    has = {"depth", "poses", "reference", "truth"} | ({"charts"} if charts else set())
+    return Scene("wall", views, frozenset(has), water)
+
+
+def submerged() -> Scene:
+    """The wall of noise as WATER shows it from each view's distance: what a fit of the water has an answer to."""
+    scene = wall()
+    views = []
+    for view in scene:
+        seen = _in_water(view.rgb, view.distance[..., None])
+        views.append(replace(view, pixels=Arrays(seen, view.depth, view.rgb)))
+    return replace(scene, views=views)
+
+
+def _in_water(rgb: Array, z: Array | float) -> Array:
+    """Colours rgb (H, W, 3) as WATER shows them from z metres, one number or (H, W, 1)."""
+    seen = rgb * np.exp(-WATER.attenuation * z) + WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z))
+    return np.asarray(seen, dtype=np.float32)
+
+
+def charted() -> Scene:
+    """The wall with two painted charts and noise around them: as it is in `reference`, in water in `rgb`."""
+    image = 0.2 + 0.6 * _noise(96, 128)
+    charts = (
+        Chart("left", "dgk", np.array([[4.0, 4], [64, 4], [64, 44], [4, 44]])),
+        Chart("right", "colorchecker24", np.array([[66.0, 50], [126, 50], [126, 90], [66, 90]])),
+    )
+    for chart in charts:
+        (left, top), (right, bottom) = chart.corners[0], chart.corners[2]
+        for patch in KINDS[chart.kind].patches:
+            x0, y0, x1, y1 = patch.box
+            rows = slice(round(top + y0 * (bottom - top)), round(top + y1 * (bottom - top)))
+            columns = slice(round(left + x0 * (right - left)), round(left + x1 * (right - left)))
+            image[rows, columns] = patch.srgb
+    return wall(_in_water(image, 3.0), reference=image, charts=charts)
+
+
+def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:
+    """The scene with nothing in it but what is needed; cameras: these too, which no need is named after."""
+    views = [
+        replace(
+            view,
+            pixels=Arrays(
+                view.rgb, view.depth if "depth" in needs else None, view.reference if "reference" in needs else None
+            ),
+            camera=view.camera if cameras or "poses" in needs else None,
+            cam_from_world=view.cam_from_world if "poses" in needs else None,
+            charts=view.charts if "charts" in needs else (),
+        )
+        for view in scene
+    ]
+    return Scene("least", views, needs, scene.water if "truth" in needs else None)

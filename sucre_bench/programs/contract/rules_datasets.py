@@ -1,0 +1,198 @@
+"""What datasets keep to: scenes that open without reading pixels, of planes in shape, and say truly what they have."""
+
+from __future__ import annotations
+
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import MISSING
+from pathlib import Path, PurePosixPath
+from typing import get_args
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera
+from sucre_bench.engine.tasks import open_scenes
+from sucre_bench.errors import InputError, one_line
+from sucre_bench.imaging.charts.kinds import chart_kind
+from sucre_bench.imaging.charts.reading import check_corners
+from sucre_bench.jobs.job import Choice
+from sucre_bench.loading.photograph import is_rigid
+from sucre_bench.plugins.options import options_of
+from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
+from sucre_bench.programs.contract.process_state import watched
+from sucre_bench.scene import Arrays, Encoding, Scene, View
+
+__all__: list[str] = []
+
+_MANY = 30  # views of a scene that are looked at
+
+
+def _opened(subject: Subject) -> list[Scene]:
+    subject.make()
+    return open_scenes(Choice(subject.plugin, subject.plugin.name, subject.options))
+
+
+def _some(scene: Scene, most: int = _MANY) -> Sequence[View]:
+    """Views evenly chosen, the first and the last among them."""
+    chosen = np.linspace(0, len(scene) - 1, min(most, len(scene))).round().astype(int)
+    return [scene.views[k] for k in chosen]
+
+
+@rule("opens, and names every scene and view once", "dataset")
+def names_once(subject: Subject) -> Iterator[Finding]:
+    scenes = _opened(subject)  # refuses what is there twice
+    for scene in scenes:
+        for view in scene:
+            path = PurePosixPath(view.name)
+            if not view.name or path.is_absolute() or ".." in path.parts or "\\" in view.name:
+                yield breach(f"a view is called '{view.name}'; a name is a path below the images, dive/a.png")
+    yield note(f"{sum(map(len, scenes))} views in {len(scenes)} scene{'' if len(scenes) == 1 else 's'}")
+
+
+@rule("opens without reading pixels", "dataset")
+def opens_lazily(subject: Subject) -> Iterator[Finding]:
+    subject.make()
+    started = time.perf_counter()
+    scenes = _opened(subject)
+    opening = time.perf_counter() - started
+    view, views = scenes[0].views[0], sum(map(len, scenes))
+    started = time.perf_counter()
+    view.pixels.load("rgb")
+    reading = time.perf_counter() - started
+    if isinstance(view.pixels, Arrays):
+        yield doubt("views hold their pixels; give them a class whose load(plane) reads a file when asked")
+    elif opening > max(1.0, 0.5 * views * reading):
+        yield doubt(f"opening {views} views takes {opening:.1f} s, as if all were read; read files in load(plane) only")
+    yield note(f"{opening:.2f} s")
+
+
+@rule("gives images, depth and references as they should be", "dataset")
+def planes_are_sound(subject: Subject) -> Iterator[Finding]:
+    for scene in _opened(subject):
+        for view in _some(scene, 3):
+            for fault in _plane_faults(view):
+                yield breach(f"{scene.name}/{view.name}: {fault}")
+
+
+def _plane_faults(view: View) -> Iterator[str]:
+    rgb = view.pixels.load("rgb")
+    if rgb is None or rgb.ndim != 3 or rgb.shape[2] != 3:
+        yield f"rgb is {None if rgb is None else rgb.shape}; every view has (H, W, 3)"
+        return
+    shape = rgb.shape[:2]
+    for name, plane in (("rgb", rgb), ("reference", view.pixels.load("reference"))):
+        if plane is None:
+            continue
+        if plane.dtype != np.float32:
+            yield f"{name} is {plane.dtype}; give float32"
+        if not np.isfinite(plane).all():
+            yield f"{name} has values that are not finite; every pixel has a colour"
+        elif plane.min() < 0 or plane.max() > 1:
+            yield f"{name} goes from {plane.min():.3g} to {plane.max():.3g}; divide by full scale, to [0, 1]"
+        if plane.shape != rgb.shape:
+            yield f"{name} is {plane.shape}, rgb {rgb.shape}; bring it to the image's size"
+    depth = view.pixels.load("depth")
+    if depth is not None and (depth.shape != shape or depth.dtype != np.float32):
+        yield f"depth is {depth.shape} {depth.dtype}; give {shape} float32 metres"
+    elif depth is not None and (np.isnan(depth).any() or depth.min() < 0):
+        yield "depth is NaN or negative; what is unknown is 0"
+    if view.encoding not in get_args(Encoding):
+        yield f"encoding is {view.encoding!r}; it is 'gamma' or 'linear'"
+
+
+@rule("gives cameras, poses and charts that can be", "dataset")
+def geometry_is_sound(subject: Subject) -> Iterator[Finding]:
+    for scene in _opened(subject):
+        for view in _some(scene):
+            where, pose = f"{scene.name}/{view.name}", view.cam_from_world
+            if view.camera is not None and (fault := _camera_fault(view.camera)):
+                yield breach(f"{where}: {fault}")
+            if pose is not None and (pose.shape != (4, 4) or pose.dtype != np.float64 or not is_rigid(pose)):
+                yield breach(f"{where}: cam_from_world is no rigid transform; give (4, 4) float64, rotation and metres")
+            if pose is not None and view.camera is None:
+                yield breach(f"{where}: has a pose and no camera; give both, or no pose")
+            if len({chart.name for chart in view.charts}) < len(view.charts):
+                yield breach(f"{where}: two charts have one name; name each")
+            for chart in view.charts:
+                chart_kind(chart.kind)
+                check_corners(chart.name, np.asarray(chart.corners, dtype=np.float64))
+        for view in _some(scene, 3):
+            size = view.rgb.shape[1::-1]
+            if view.camera is not None and (view.camera.width, view.camera.height) != size:
+                yield breach(f"{scene.name}/{view.name}: the camera is of another size than the image; scale K with it")
+
+
+def _camera_fault(camera: Camera) -> str:
+    K: Array = np.asarray(camera.K)
+    if K.shape != (3, 3) or not np.isfinite(K).all() or not np.allclose(K[[1, 2, 2, 2], [0, 0, 1, 2]], (0, 0, 0, 1)):
+        return f"K is {K.tolist()}; give ((fx, s, cx), (0, fy, cy), (0, 0, 1)) in pixels"
+    if not (K[0, 0] > 0 and K[1, 1] > 0):
+        return f"the focal lengths are {K[0, 0]:g} and {K[1, 1]:g}; they are above 0, in pixels"
+    if not (0 < K[0, 2] < camera.width and 0 < K[1, 2] < camera.height):
+        at = f"({K[0, 2]:g}, {K[1, 2]:g})"
+        return f"the principal point {at} is not in the image of {camera.width}x{camera.height}; give K in pixels"
+    return ""
+
+
+@rule("says truly what its scenes have", "dataset")
+def has_what_it_says(subject: Subject) -> Iterator[Finding]:
+    declared = subject.plugin.has
+    for scene in _opened(subject):
+        views = _some(scene)
+        there = {
+            "poses": any(view.cam_from_world is not None for view in views),
+            "depth": any(view.pixels.load("depth") is not None for view in views),
+            "reference": any(view.pixels.load("reference") is not None for view in views),
+            "charts": any(view.charts for view in views),
+            "truth": scene.water is not None,
+        }
+        all_seen = len(views) == len(scene)
+        for name, found in there.items():
+            if found and name not in scene.has:
+                yield breach(f"{scene.name}: views have {name}, which `has` does not say; add it, or methods skip them")
+            if not found and name in scene.has and all_seen:
+                yield breach(f"{scene.name}: `has` says {name}, no view has any; leave it out")
+        if undeclared := sorted(scene.has - declared):
+            yield breach(f"{scene.name} has {', '.join(undeclared)}; add to has= of @dataset, which `list` shows")
+
+
+@rule("gives the same when it is opened again, with an id of its data", "dataset")
+def is_repeatable(subject: Subject) -> Iterator[Finding]:
+    first = _opened(subject)
+    with watched() as changes:
+        second = _opened(subject)
+    yield from changes
+    if [(s.name, [v.name for v in s]) for s in first] != [(s.name, [v.name for v in s]) for s in second]:
+        yield breach("scenes or views come in another order; sort what the file system lists")
+        return
+    for one, other in zip(first, second, strict=True):
+        if not one.data_id:
+            yield breach(f"{one.name}: no data_id; hash what the views hold, or results outlive the data they are of")
+        elif one.data_id != other.data_id:
+            yield breach(f"{one.name}: data_id is another when opened again; hash contents, not dates or objects")
+        if not np.array_equal(one.views[0].rgb, other.views[0].rgb):
+            yield breach(f"{one.views[0].name}: another image when opened again; seed what is random")
+
+
+@rule("says in one line which folder is not as it should be", "dataset", runs=False)
+def names_what_is_missing(subject: Subject) -> Iterator[Finding]:
+    whats = {"not-there": "a folder that is not there", "": "an empty one"}
+    asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING]
+    with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:
+        for option in asked:
+            for below, what in whats.items():
+                place = Path(empty) / below
+                remedy = f'raise InputError(f"{{self.{option}}}: what is wrong; what to do")'
+                tried = Subject(subject.plugin, {**subject.options, **dict.fromkeys(asked, place)})
+                try:
+                    _opened(tried)
+                except InputError as fault:
+                    said = one_line(fault)
+                    if str(place) not in said or "; " not in said or "\n" in str(fault):
+                        yield breach(f"{option}, {what}: says only '{said}'; {remedy}")
+                except Exception as fault:
+                    yield breach(f"{option}, {what}: {one_line(fault).split('; ')[0]}; {remedy}")
+                else:
+                    yield breach(f"{option}, {what}: opens all the same; {remedy}")

@@ -1,0 +1,84 @@
+"""What every plugin keeps to, of whatever kind."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Iterator
+from typing import Any
+
+from sucre_bench import plugins
+from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.plugin import Broken, Plugin
+from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
+
+__all__: list[str] = []
+
+_SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and is to answer in about one
+
+
+@rule("says what it is and what its options mean", runs=False)
+def is_described(subject: Subject) -> Iterator[Finding]:
+    plugin = subject.plugin
+    if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{plugin.cls.__name__}("):  # what dataclass makes up
+        yield breach(f"{plugin.cls.__name__} has no docstring; its first paragraph is what `sucre-bench list` says")
+    elif not plugin.summary.endswith("."):
+        yield breach("the first paragraph of its docstring is no sentence; end it with a full stop")
+    for option in options_of(plugin.cls):
+        if not option.help:
+            yield breach(f"option '{option.name}' is not explained; write a string below the field")
+    for variant, said in plugin.variants.items():
+        if not said:
+            yield breach(f"variant '{variant}' is not explained; say in variants= what sets it apart")
+
+
+@rule("says whose work it is", runs=False, applies=lambda plugin: plugin.kind != "metric")
+def is_attributed(subject: Subject) -> Iterator[Finding]:
+    plugin = subject.plugin
+    if plugin.kind == "dataset" and not (plugin.source or plugin.licence):
+        yield doubt('neither source nor licence; tell where the data are from, @dataset(source="...", licence="...")')
+    if plugin.kind == "method" and not (plugin.cites or plugin.licence):
+        yield doubt('neither cites nor licence; @method(cites="Author Year, title", licence="...") credits its authors')
+
+
+@rule("has options that a command can set", runs=False)
+def is_configurable(subject: Subject) -> Iterator[Finding]:
+    kind, name = subject.plugin.kind, subject.plugin.name
+    known = [one for k in plugins.KINDS for one in plugins.discover(k).values()]
+    refused = _refused(tuple(one.cls for one in known if isinstance(one, Plugin)))
+    now = plugins.discover(kind).get(name)
+    if reason := now.reason if isinstance(now, Broken) else refused.get(subject.plugin.cls):
+        yield breach(f"{reason}; correct the default, or the type")
+
+
+@functools.lru_cache(maxsize=1)  # of all plugins at once, .1 s
+def _refused(known: tuple[type[Any], ...]) -> dict[type[Any], str]:
+    """Why Hydra cannot hold a plugin's options, for those that it cannot; they are set aside by it."""
+    from sucre_bench.jobs.schema import register
+
+    register()
+    refused = {}
+    for cls in known:
+        now = plugins.discover(cls.__plugin__.kind).get(cls.__plugin__.name)
+        if isinstance(now, Broken):
+            refused[cls] = now.reason
+    return refused
+
+
+@rule("is installed with all that it requires", runs=False)
+def is_installed(subject: Subject) -> Iterator[Finding]:
+    if line := plugins.missing_packages(subject.plugin):
+        yield breach(f"packages are missing; {line}")
+
+
+@rule("imports lightly, and changes nothing by it", runs=False, lasting=True)
+def imports_lightly(subject: Subject) -> Iterator[Finding]:
+    from sucre_bench.programs.contract.fresh_process import imported
+
+    (done,) = imported([subject])
+    for package in done.heavy:
+        yield breach(f"imports {package} at once; import it in the function that uses it, and add it to requires=")
+    for name in done.changed:
+        yield breach(f"its import changes {name}; leave that to whoever runs it")
+    if done.seconds > _SLOW_IMPORT and not done.heavy:
+        yield breach(f"takes {done.seconds:.1f} s to import; move slow work into the functions that need it")
+    yield note(f"{done.seconds:.2f} s")

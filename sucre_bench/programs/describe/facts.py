@@ -1,0 +1,186 @@
+"""What each view of a scene is: its size, camera, colours, depth and charts, and small pictures of it.
+
+Colours and depth are measured at full size, everything that compares views at a reduced size. Distances are Euclidean,
+in metres, where the view has a camera; depth along the axis stands in for them where it has none.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.camera import Camera, distance_map, scaled_camera
+from sucre_bench.errors import InputError, one_line
+from sucre_bench.imaging.charts.orientation import reading_order
+from sucre_bench.imaging.charts.reading import image_from_chart
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import converted, to_8bit
+from sucre_bench.machine.progress import track
+from sucre_bench.scene import View
+
+__all__ = ["ChartFacts", "Look", "ViewFacts", "look_at"]
+
+_LONG_SIDE = 480  # pixels of a reduced view
+_FULL = 0.998  # of a channel, from which on it counts as saturated
+
+
+@dataclass(frozen=True)
+class ChartFacts:
+    """A chart. distance: metres to its middle, None where unknown; fault: what is wrong with its place, or empty."""
+
+    name: str
+    kind: str
+    distance: float | None
+    fault: str
+
+
+@dataclass(frozen=True)
+class ViewFacts:
+    """A view.
+
+    image_fault, depth_fault: why a plane cannot be read, or empty; focal: (fx, fy) in pixels; position: of the camera
+    in the world, metres; mean, spread: of each channel, as stored, and its standard deviation; saturated: share of
+    pixels with a full channel; coverage: share of pixels with depth; distances: percentiles 1, 50 and 99 in metres.
+    """
+
+    name: str
+    width: int
+    height: int
+    encoding: str
+    image_fault: str = ""
+    depth_fault: str = ""
+    has_depth: bool = False
+    has_reference: bool = False
+    focal: tuple[float, float] | None = None
+    position: tuple[float, float, float] | None = None
+    mean: tuple[float, ...] = ()
+    spread: tuple[float, ...] = ()
+    saturated: float = 0.0
+    coverage: float = 0.0
+    distances: tuple[float, float, float] | None = None
+    charts: tuple[ChartFacts, ...] = ()
+
+
+@dataclass(frozen=True, eq=False)
+class Look:
+    """A view at reduced size, None where there is nothing to see.
+
+    picture: (h, w, 3) uint8 as shown; depth: (h, w) float32 metres along the axis; camera: of the reduced size;
+    charts: (C, 4, 2) corners in its pixels.
+    """
+
+    view: View
+    picture: npt.NDArray[np.uint8] | None
+    depth: Array | None
+    camera: Camera | None
+    charts: Array
+
+    @property
+    def distance(self) -> Array | None:
+        """(h, w) metres, Euclidean where the view has a camera; 0 = unknown."""
+        if self.depth is None or self.camera is None:
+            return self.depth
+        return distance_map(self.camera, self.depth)
+
+
+def look_at(views: Sequence[View], references: bool) -> list[tuple[ViewFacts, Look]]:
+    """Read every view once. references: whether to look for theirs. What cannot be read is a fact, no exception."""
+    return [_look_at(view, references) for view in track(views, "looking at views")]
+
+
+def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
+    rgb, image_fault = _loaded(view, "rgb")
+    depth, depth_fault = _loaded(view, "depth")
+    plane = next((p for p in (rgb, depth) if p is not None), None)
+    camera, pose = view.camera, view.cam_from_world
+    if plane is not None:
+        height, width = plane.shape[:2]
+    else:
+        width, height = (camera.width, camera.height) if camera else (0, 0)
+    if camera and plane is not None and (camera.width, camera.height) != (width, height):
+        fault = f"the image is {width}x{height}, its camera {camera.width}x{camera.height}"
+        remedy = "use the images that its camera was found for, uncropped"
+        image_fault = image_fault or f"{view.name}: {fault}; {remedy}"
+        camera = None
+    small = _reduced((width, height))
+    at_scale = None if camera is None else scaled_camera(camera, small)
+    distance = None if depth is None else (distance_map(camera, depth) if camera else depth)
+    known = np.zeros(0, bool) if distance is None else distance > 0
+    facts = ViewFacts(
+        name=view.name,
+        width=width,
+        height=height,
+        encoding=view.encoding,
+        image_fault=image_fault,
+        depth_fault=depth_fault,
+        has_depth=depth is not None,
+        has_reference=references and _loaded(view, "reference")[0] is not None,
+        focal=None if camera is None else (float(camera.K[0, 0]), float(camera.K[1, 1])),
+        position=None if pose is None else _triple(np.linalg.inv(pose)[:3, 3]),
+        mean=() if rgb is None else _triple(rgb.mean(axis=(0, 1), dtype=np.float64)),
+        spread=() if rgb is None else _triple(rgb.std(axis=(0, 1), dtype=np.float64)),
+        saturated=0.0 if rgb is None else float((rgb >= _FULL).any(axis=-1).mean()),
+        coverage=float(known.mean()) if known.size else 0.0,
+        distances=_triple(np.percentile(distance[known], [1, 50, 99]))
+        if distance is not None and known.any()
+        else None,
+        charts=() if rgb is None else _charts(view, rgb, distance),
+    )
+    corners = np.array([chart.corners for chart in view.charts]).reshape(-1, 4, 2)
+    picture = None if rgb is None else to_8bit(display(_shrunk(rgb, small), "none", view.encoding))
+    return facts, Look(
+        view, picture, _sampled(depth, small), at_scale, corners * np.divide(small, (max(width, 1), max(height, 1)))
+    )
+
+
+def _loaded(view: View, plane: str) -> tuple[Array | None, str]:
+    try:
+        if plane == "depth" and not view.has_depth:
+            return None, ""
+        return getattr(view, plane), ""
+    except InputError as fault:
+        return None, one_line(fault)
+
+
+def _charts(view: View, rgb: Array, distance: Array | None) -> tuple[ChartFacts, ...]:
+    shown = converted(rgb, view.encoding, "gamma")
+    facts = []
+    for chart in view.charts:
+        metres = None
+        try:
+            fault = reading_order(shown, chart).fault
+            x, y, w = image_from_chart(chart.corners) @ [0.5, 0.5, 1]
+            if distance is not None:
+                u, v = (int(np.clip(p / w, 0, n - 1)) for p, n in ((x, rgb.shape[1]), (y, rgb.shape[0])))
+                metres = float(distance[v, u]) or None
+        except InputError as wrong:
+            fault = one_line(wrong)
+        facts.append(ChartFacts(chart.name, chart.kind, metres, fault))
+    return tuple(facts)
+
+
+def _reduced(size: tuple[int, int]) -> tuple[int, int]:
+    scale = min(1.0, _LONG_SIDE / max(*size, 1))
+    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
+
+
+def _shrunk(picture: Array, size: tuple[int, int]) -> Array:
+    import cv2
+
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
+
+
+def _sampled(depth: Array | None, size: tuple[int, int]) -> Array | None:
+    """Single depths, not mixed ones: between two surfaces there is none."""
+    import cv2
+
+    return None if depth is None else np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
+
+
+def _triple(values: Array | Mask) -> tuple[float, float, float]:
+    one, two, three = (float(value) for value in values)
+    return one, two, three

@@ -1,0 +1,177 @@
+"""What is wrong with a scene's data, in words, with what to do about it."""
+
+from __future__ import annotations
+
+import re
+from collections import defaultdict
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.programs.describe.facts import Look, ViewFacts
+from sucre_bench.programs.describe.overlaps import Overlap, suspect
+
+__all__ = ["Fault", "find_faults"]
+
+_BLACK, _FLAT = 0.02, 0.004  # of full scale: means below, and standard deviations of a channel below, hold no picture
+_SATURATED, _COVERED = 0.05, 0.2  # shares of pixels
+_DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
+_NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equations of the water are as good as singular
+_SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Something wrong. what, remedy: in words; views: which it is about, none for the whole scene."""
+
+    what: str
+    remedy: str
+    views: tuple[str, ...] = ()
+
+    def __str__(self) -> str:
+        which = ", ".join(self.views[:3]) + (f" and {len(self.views) - 3} more" if len(self.views) > 3 else "")
+        return f"{which + ': ' if which else ''}{self.what}; {self.remedy}"
+
+
+def find_faults(
+    facts: Sequence[ViewFacts], looks: Sequence[Look], overlaps: Sequence[Overlap], unit: str = "m"
+) -> list[Fault]:
+    """Return what is wrong with views, one by one and compared with each other, the gravest kinds first.
+
+    unit: of distances.
+    """
+    of_views = (*_images(facts), *_depth(facts, unit), *_twins(looks), *_charts(facts))
+    return [*_files(facts), *_geometry(looks, overlaps), *of_views]
+
+
+def _files(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
+    alike = defaultdict(list)  # one mistake made in many files is one fault, but for its numbers and places
+    for view in facts:
+        for plane, fault in (("image", view.image_fault), ("depth", view.depth_fault)):
+            if fault:
+                said = fault.partition(": ")[2] or fault
+                alike[plane, re.sub(r"[\d.]+", "", said)].append((view.name, fault))
+    for same in alike.values():
+        names, (fault, *_) = zip(*same, strict=True)
+        what, remedy = fault.rsplit("; ", 1) if "; " in fault else (fault, "mend the file")
+        place, _, said = what.partition(": ")
+        yield Fault(f"{said} (first in {place})" if said and len(names) > 1 else what, remedy, names)
+    yield from _where([v for v in facts if v.position is None], "no pose", "register them, or methods see each alone")
+    bare = [view for view in facts if not view.has_depth and not view.depth_fault]
+    yield from _where(bare, "no depth map", "add some, or use methods without needs={depth}")
+
+
+def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fault]:
+    if len(overlaps) < 2:
+        return
+    known = [o.disagreement for o in overlaps if o.disagreement is not None]
+    typical = float(np.median(known)) if known else np.inf
+    lonely = [o for o in overlaps if not o.partners]
+    suspicion = suspect(looks) if typical > _DOUBTFUL or len(lonely) > len(overlaps) / 2 else None
+    if suspicion is not None:
+        without, with_ = suspicion.agreeing
+        what = f"{suspicion.what}: {without:.0%} of points agree between views, {with_:.0%} without that mistake"
+        yield Fault(what, suspicion.remedy)
+    elif typical > _DISAGREES:
+        what = (
+            f"depth differs by {typical:.1%} (median) where views overlap" if known else "views see nothing in common"
+        )
+        yield Fault(what, "check that depth maps and poses are of one reconstruction, and their scale")
+    worse = [o for o in overlaps if o.disagreement is not None and o.disagreement > max(_DISAGREES, 3 * typical)]
+    if worse:
+        yield Fault("depth disagrees with other views'", "check their depth maps and poses", _names(worse))
+    # A view whose points land in others, only at other depths there, needs no views between.
+    astray = worse if typical <= _DISAGREES else [o for o in overlaps if o.disagreement is not None]
+    alone = [o for o in lonely if o not in astray]
+    if alone and suspicion is None:
+        what = "no other view sees 5 % of what they show"
+        yield Fault(what, "add views between; SUCRe has single observations there", _names(alone))
+
+
+def _images(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
+    seen = [view for view in facts if view.mean]
+    black = [v for v in seen if max(v.mean) < _BLACK and max(v.spread) < _FLAT]
+    flat = [v for v in seen if max(v.spread) < _FLAT and v not in black]
+    yield from _where(black, "black image", "leave them out")
+    yield from _where(flat, "image of one colour", "leave them out")
+    alive = [v for v in seen if v not in black and v not in flat]
+    for channel, colour in enumerate(("red", "green", "blue")):
+        dead = [v for v in alive if v.spread[channel] < _FLAT]
+        yield from _where(dead, f"the {colour} channel is empty", "no method brings it back; take nearer or raw images")
+    dark = [v for v in alive if max(v.mean) < 0.1 and v.encoding == "gamma"]
+    yield from _where(dark, "very dark", "if they are linear, say so with dataset.encoding=linear")
+    burnt = [v for v in alive if v.saturated > _SATURATED]
+    share = max((v.saturated for v in burnt), default=0)
+    yield from _where(burnt, f"up to {share:.0%} of pixels saturated", "mask them, or expose less")
+
+
+def _depth(facts: Sequence[ViewFacts], unit: str) -> Iterator[Fault]:
+    holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
+    yield from _where(holes, "depth on less than 20 % of the image", "restored images are mostly holes")
+    ranges = np.array([v.distances for v in facts if v.distances])
+    if len(ranges):
+        nearest, farthest = ranges[:, 0].min(), ranges[:, 2].max()
+        if farthest < _NARROW * nearest:
+            what = f"all is seen from {nearest:.2f} to {farthest:.2f} {unit}, too narrow a range to tell the water from"
+            yield Fault(what, "add nearer or farther views, or give the water another way")
+
+
+def _twins(looks: Sequence[Look]) -> Iterator[Fault]:
+    """Pictures that are the same, depth maps that are, and views of which both are."""
+    pictures, maps = _same_pictures(looks), _same_maps(looks)
+    for first, group in pictures.items():
+        what = "picture and depth map" if maps.get(first) == group else "picture"
+        yield Fault(f"the same {what} {_times(group)}", "keep one", (first, *group))
+    for first, group in maps.items():
+        if pictures.get(first) != group:
+            yield Fault(f"the same depth map {_times(group)}", "give each image its own", (first, *group))
+
+
+def _times(group: Sequence[str]) -> str:
+    return "twice" if len(group) == 1 else f"{len(group) + 1} times"
+
+
+def _same_pictures(looks: Sequence[Look]) -> dict[str, list[str]]:
+    """The first of each and its copies; found by what they look like at 16 x 16 pixels."""
+    import cv2
+
+    shown = [(look.view.name, look.picture) for look in looks if look.picture is not None]
+    shown = [(name, picture) for name, picture in shown if picture.std() > 255 * _FLAT]
+    tiny = np.array(
+        [cv2.resize(picture.astype(np.float32), (16, 16), interpolation=cv2.INTER_AREA).ravel() for _, picture in shown]
+    )
+    found = defaultdict(list)
+    for k in range(1, len(tiny)):
+        same = np.flatnonzero(np.abs(tiny[:k] - tiny[k]).mean(axis=1) < _SAME)
+        if same.size:
+            found[shown[same[0]][0]].append(shown[k][0])
+    return dict(found)
+
+
+def _same_maps(looks: Sequence[Look]) -> dict[str, list[str]]:
+    first: dict[bytes, str] = {}
+    found = defaultdict(list)
+    for look in looks:
+        if look.depth is not None and np.ptp(look.depth) > 0:
+            other = first.setdefault(look.depth.tobytes(), look.view.name)
+            if other != look.view.name:
+                found[other].append(look.view.name)
+    return dict(found)
+
+
+def _charts(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
+    for view in facts:
+        for chart in view.charts:
+            if chart.fault:
+                yield Fault(f"{chart.name}: {chart.fault}", "mark it again with `sucre-bench charts`", (view.name,))
+
+
+def _where(facts: Sequence[ViewFacts], what: str, remedy: str) -> Iterator[Fault]:
+    """One fault for all of these views, none for none."""
+    if facts:
+        yield Fault(what, remedy, tuple(view.name for view in facts))
+
+
+def _names(overlaps: Sequence[Overlap]) -> tuple[str, ...]:
+    return tuple(overlap.view for overlap in overlaps)

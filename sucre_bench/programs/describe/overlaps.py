@@ -1,0 +1,181 @@
+"""What views see of each other, whether their depth maps agree, and if not, what would make them agree.
+
+A point of a view, from its depth, lands on a pixel of another view at a depth Z there; that view's own depth d says
+whether it sees the same place, |d - Z| <= 5 % of Z. In data that are consistent the median of |d - Z| / Z is some
+per mille. Where it is not, the usual mistakes are undone one by one: depth that is a distance, depth in another unit
+than the poses, poses turned around. One that makes far more points agree is named.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sucre_bench.arrays import Array, evenly
+from sucre_bench.camera import depth_at, pixel_rays, project, relative_pose, unproject
+from sucre_bench.machine.progress import track
+from sucre_bench.multiview.pairing import lift, visible_pixels
+from sucre_bench.programs.describe.facts import Look
+from sucre_bench.scene import Arrays, View
+
+__all__ = ["Overlap", "Suspicion", "overlaps", "suspect"]
+
+_AGREES = 0.05
+_FIRM, _LOOSE = 0.01, 0.06  # what agrees when mistakes are looked for: for one, and for scales on a coarse grid
+_PARTNER = 0.05  # of a view's points that another one must see to count as overlapping
+_MOST_TARGETS = 40  # views that are compared with all others, evenly chosen
+_MOST_POINTS = 8000  # of a view
+_SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)
+
+
+@dataclass(frozen=True)
+class Overlap:
+    """A view among the others.
+
+    seen: share of its points that at least one other view sees; partners: how many views see 5 % of them or more;
+    disagreement: median of |d - Z| / Z where its points land in others, None where none does.
+    """
+
+    view: str
+    seen: float
+    partners: int
+    disagreement: float | None
+
+
+@dataclass(frozen=True)
+class Suspicion:
+    """A mistake that would explain why depth maps disagree. agreeing: share of points, as they are and without it."""
+
+    what: str
+    remedy: str
+    agreeing: tuple[float, float]
+
+
+def overlaps(looks: Sequence[Look]) -> list[Overlap]:
+    """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
+    views = _usable(looks)
+    return [_overlap(views[k], views) for k in track(evenly(len(views), _MOST_TARGETS), "overlaps")]
+
+
+def suspect(looks: Sequence[Look]) -> Suspicion | None:
+    """Return the mistake that explains best why depth maps disagree; None when none of those known does.
+
+    It must make at least half as many points more agree, and a tenth of all that are tried.
+    """
+    views = _usable(looks)
+    targets = evenly(len(views), _MOST_TARGETS)
+    targets = targets[:: max(1, len(targets) // 8)]
+    pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
+    as_is = _firmly(views, pairs)
+    scale = _likely_scale(views, pairs)
+    rescaled = [_with_depth(view, view.depth * scale) for view in views]
+    tried = [(_firmly([change(view) for view in views], pairs), what, remedy) for what, remedy, change in _MISTAKES]
+    unit = f"depth is {1 / scale:.3g} times that of the poses", f"multiply depth by {scale:.3g}, or divide positions"
+    best, what, remedy = max((*tried, (_firmly(rescaled, pairs), *unit)), key=lambda one: one[0])
+    return Suspicion(what, remedy, (as_is, best)) if best > max(1.5 * as_is, 0.1) else None
+
+
+def _usable(looks: Sequence[Look]) -> list[View]:
+    """Reduced views with camera, pose and depth."""
+    blank = np.zeros((1, 1, 3), np.float32)
+    return [
+        replace(look.view, pixels=Arrays(blank, look.depth), camera=look.camera)
+        for look in looks
+        if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None
+    ]
+
+
+def _overlap(view: View, views: Sequence[View]) -> Overlap:
+    points = _points(view)
+    seen, partners, off = np.zeros(len(points), bool), 0, []
+    for other, most in zip(views, visible_pixels(lift(view), views), strict=True):
+        if other is view or not most:
+            continue
+        rel = np.abs(_landing(points, view, other))
+        agrees = rel <= _AGREES
+        seen |= agrees
+        partners += bool(agrees.mean() >= _PARTNER)
+        if np.isfinite(rel).mean() >= _PARTNER:
+            off.append(rel[np.isfinite(rel)])
+    disagreement = float(np.median(np.concatenate(off))) if off else None
+    return Overlap(view.name, float(seen.mean()) if len(seen) else 0.0, partners, disagreement)
+
+
+def _likely_scale(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
+    """The factor of depth that makes most points agree, to about 1 %."""
+    points = _some_points(views, pairs)
+    coarse = max(_SCALES, key=lambda s: _agreeing(views, pairs, points, _LOOSE, s))
+    return max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, points, _FIRM, s))
+
+
+def _firmly(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
+    """The share of points that land where another view has the same depth."""
+    return _agreeing(views, pairs, _some_points(views, pairs), _FIRM)
+
+
+def _agreeing(
+    views: Sequence[View],
+    pairs: Sequence[tuple[int, int]],
+    points: Mapping[int, Array],
+    tolerance: float,
+    scale: float = 1.0,
+) -> float:
+    """As `_firmly`, all depth maps times a factor. points: see `_some_points`."""
+    agreeing = [np.abs(_landing(points[k] * scale, views[k], views[j], scale)) <= tolerance for k, j in pairs]
+    return float(np.concatenate(agreeing).mean()) if agreeing else 0.0
+
+
+def _some_points(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> dict[int, Array]:
+    """Fewer points of the first view of each pair than `_points`: enough to tell mistakes by."""
+    return {k: _points(views[k])[::8] for k in {k for k, _ in pairs}}
+
+
+def _points(view: View) -> Array:
+    """Some of a view's points (P, 3), in its camera's frame."""
+    assert view.camera is not None
+    v, u = np.nonzero(view.depth > 0)
+    step = max(1, len(u) // _MOST_POINTS)
+    v, u = v[::step], u[::step]
+    return unproject(view.camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
+
+
+def _landing(points: Array, view: View, other: View, scale: float = 1.0) -> Array:
+    """(d - Z) / Z (P,) of points of a view where they land in another; NaN outside of it and of its depth."""
+    assert other.camera is not None
+    assert other.cam_from_world is not None
+    assert view.cam_from_world is not None
+    pose = relative_pose(other.cam_from_world, view.cam_from_world)
+    at, z = project(other.camera, points @ pose[:3, :3].T + pose[:3, 3])
+    d = depth_at(other.depth, at) * scale
+    return np.divide(d - z, z, out=np.full(len(points), np.nan), where=d > 0)
+
+
+# -- mistakes, undone ----------------------------------------------------------------------------------------------
+
+
+def _with_depth(view: View, depth: Array) -> View:
+    return replace(view, pixels=Arrays(view.rgb, depth))
+
+
+def _planar(view: View) -> View:
+    assert view.camera is not None
+    return _with_depth(view, view.depth / np.linalg.norm(pixel_rays(view.camera), axis=-1))
+
+
+def _inverted(view: View) -> View:
+    assert view.cam_from_world is not None
+    return replace(view, cam_from_world=np.linalg.inv(view.cam_from_world))
+
+
+def _opengl(view: View) -> View:
+    assert view.cam_from_world is not None
+    return replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.cam_from_world)
+
+
+_MISTAKES: tuple[tuple[str, str, Callable[[View], View]], ...] = (
+    ("depth is distance", "divide each pixel by the length of its ray, K^-1 (u + .5, v + .5, 1)", _planar),
+    ("poses are inverted", "give cam_from_world, the inverse of the camera's place in the world", _inverted),
+    ("cameras look along -z", "turn poses by 180 degrees about the camera's x axis, as from OpenGL", _opengl),
+)

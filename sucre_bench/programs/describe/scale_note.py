@@ -1,0 +1,34 @@
+"""Whether a scene's lengths are metres: what `sucre-bench prepare` noted beside the model it made."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from pathlib import Path
+
+from sucre_bench.engine.tasks import Selection
+
+__all__ = ["ScaleNote", "noted_scale"]
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleNote:
+    """is_metric: whether lengths are metres; note: how the scale was found."""
+
+    is_metric: bool
+    note: str
+
+    @property
+    def unit(self) -> str:
+        """What lengths are in."""
+        return "m" if self.is_metric else "units"
+
+
+def noted_scale(selection: Selection) -> ScaleNote | None:
+    """Return what prepare.json in the dataset's root says; None where there is none, or it was not made by prepare."""
+    root = selection.dataset.options.get("root")
+    try:
+        scale = json.loads((Path(root).expanduser() / "prepare.json").read_bytes())["scale"] if root else None
+        return scale and ScaleNote(bool(scale["is_metric"]), str(scale["note"]))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
+        return None

@@ -1,0 +1,271 @@
+"""What this machine can do with sucre_bench, what it cannot, and the command that changes that."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+import platform
+import shlex
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable, Iterator
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sucre_bench import plugins
+from sucre_bench.machine import provenance, terminal
+from sucre_bench.plugins.plugin import Broken
+
+__all__ = ["OPEN3D_LIBRARIES", "Examined", "Feature", "as_object", "examine", "show"]
+
+# Shared libraries that open3d's wheel expects of the system, and the Debian/Ubuntu packages that bring them.
+# scripts/setup.sh reads this table.
+OPEN3D_LIBRARIES = {
+    "libusb-1.0.so.0": "libusb-1.0-0",
+    "libGL.so.1": "libgl1",
+    "libEGL.so.1": "libegl1",
+    "libX11.so.6": "libx11-6",
+    "libudev.so.1": "libudev1",
+    "libidn2.so.0": "libidn2-0",
+    "libgomp.so.1": "libgomp1",
+}
+
+_LITTLE_DISK_GB = 2.0
+
+State = Literal["ready", "missing", "broken", "absent"]
+_SIGNS: dict[State, str] = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "dim"}
+
+
+@dataclass(frozen=True)
+class Feature:
+    """Something that can be done, or not.
+
+    state: ready; missing, something optional to install; broken, what ought to be here and is not, or does not run;
+    absent, no use on this machine. said: by what it is done, or why not; remedy: the command that mends it.
+    """
+
+    name: str
+    state: State
+    said: str
+    remedy: str = ""
+
+
+@dataclass(frozen=True)
+class Examined:
+    """This installation. machine: what there is to work with, by name."""
+
+    version: str
+    python: str
+    commit: str
+    machine: dict[str, str]
+    features: tuple[Feature, ...]
+
+    @property
+    def faults(self) -> int:
+        """How many features are broken."""
+        return sum(feature.state == "broken" for feature in self.features)
+
+
+def examine(out: Path = Path()) -> Examined:
+    """Look at packages, plugins, programs and the disk that `out` is on; nothing is changed."""
+    commit, dirty = provenance.source_commit()
+    gpu = provenance.gpu()
+    return Examined(
+        provenance.version_of("sucre-bench") or "not installed",
+        f"{platform.python_version()}, {sys.prefix}",
+        f"{commit[:12]}{' with uncommitted changes' if dirty else ''}" if commit else "",
+        _machine(out, gpu),
+        tuple(_features(out, gpu)),
+    )
+
+
+def as_object(found: Examined) -> dict[str, Any]:
+    """Return everything as JSON holds it, with `faults`, the number of what is broken."""
+    return {**asdict(found), "faults": found.faults}
+
+
+def show(found: Examined) -> None:
+    """Print a line a fact and a feature; below what is not ready, the command that mends it."""
+    from rich.text import Text
+
+    def line(*parts: str | tuple[str, str]) -> None:
+        terminal.out.print(Text.assemble(*parts), soft_wrap=True)
+
+    line(f"sucre_bench {found.version} on Python {found.python}")
+    for name, said in {"source": found.commit, **found.machine}.items():
+        if said:
+            line(f"{name:9}{said}")
+    width = max(len(feature.name) for feature in found.features)
+    for feature in found.features:
+        style = _SIGNS[feature.state]
+        line((f"{feature.state:9}", style), (f"{feature.name:{width}}  ", "" if feature.state != "absent" else "dim"),
+             (feature.said, "" if feature.state != "absent" else "dim"))  # fmt: skip
+        if feature.remedy:
+            line(f"{'':9}", (f"$ {feature.remedy}", "bold"))
+    line("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")
+
+
+# -- the machine ---------------------------------------------------------------------------------------------
+
+
+def _machine(out: Path, gpu: str | None) -> dict[str, str]:
+    import psutil
+
+    memory, disk = psutil.virtual_memory(), _disk(out)
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    return {
+        "cores": str(cores),
+        "memory": f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GB free",
+        "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
+        "gpu": gpu or "none that a driver tells of: torch and JAX run on the CPU",
+    }
+
+
+def _disk(out: Path) -> Any:
+    """Of the nearest folder that is there."""
+    there = next(folder for folder in (out.resolve(), *out.resolve().parents) if folder.exists())
+    return shutil.disk_usage(there)
+
+
+# -- what can be done ----------------------------------------------------------------------------------------
+
+
+def _features(out: Path, gpu: str | None) -> Iterator[Feature]:
+    yield _packages("SUCRe on the CPU", "torch", "numba")
+    yield _gpu(gpu)
+    yield _packages("SUCRe and others by JAX", "jax")
+    yield _runs("demo scene, surfaces", "open3d", _open3d_fault)
+    yield _packages("prepare: photos to a scene", "pycolmap", "opencv-python-headless")
+    yield _packages("colour charts, metrics", "colour-science", "scikit-image", "scipy")
+    yield _packages("networks from ONNX files", "onnxruntime")
+    yield _packages("results, configuration", "pandas", "pyarrow", "hydra-core", "numpy")
+    yield _packages("mlflow", "mlflow")
+    yield _plugins()
+    yield _optional("raw photos (.arw, .cr2, .nef)", "rawpy", "rawpy")
+    yield _optional("depth maps in OpenEXR", "OpenEXR", "OpenEXR")
+    yield _optional("MATLAB tables (squid)", "matio", "mat-io")
+    yield _videos()
+    yield _program("commit in the provenance", "git")
+    yield _program("tests in a browser", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+    yield _optional("documentation as a site", "mkdocs", "mkdocs", "make setup")
+    yield _slurm()
+    if _disk(out).free < _LITTLE_DISK_GB * 2**30:
+        yield Feature("disk for results", "broken", f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER")
+
+
+def _packages(name: str, *distributions: str) -> Feature:
+    """What sucre_bench's own dependencies do: one that is missing is a fault."""
+    versions = {package: provenance.version_of(package) for package in distributions}
+    absent = [package for package, version in versions.items() if version is None]
+    if absent:
+        return Feature(name, "broken", f"no {', '.join(absent)}", _pip(*absent))
+    return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions.items()))
+
+
+def _runs(name: str, distribution: str, fault: Callable[[], tuple[str, str]]) -> Feature:
+    installed = _packages(name, distribution)
+    said, remedy = fault() if installed.state == "ready" else ("", "")
+    return Feature(name, "broken", said, remedy) if said else installed
+
+
+def _optional(name: str, module: str, distribution: str, remedy: str = "") -> Feature:
+    version = provenance.version_of(distribution)
+    if importlib.util.find_spec(module) is not None:
+        return Feature(name, "ready", f"{distribution} {version or ''}".strip())
+    return Feature(name, "missing", f"no {distribution}", remedy or _pip(distribution))
+
+
+def _program(name: str, *programs: str) -> Feature:
+    found = next((path for program in programs if (path := shutil.which(program))), None)
+    if found:
+        return Feature(name, "ready", found)
+    return Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
+
+
+def _gpu(gpu: str | None) -> Feature:
+    name, torch = "SUCRe on the GPU", provenance.version_of("torch")
+    if gpu is None:
+        return Feature(name, "absent", "no GPU here, or no driver (nvidia-smi)")
+    if torch is None:
+        return Feature(name, "broken", "no torch", _pip("torch"))
+    if "+cpu" in torch:
+        bare = torch.partition("+")[0]
+        return Feature(
+            name, "broken", f"torch {torch} is built for CPUs alone", _pip("--force-reinstall", f"torch=={bare}")
+        )
+    asked = "import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())"
+    tried = _python(asked)
+    if tried.returncode == 0:
+        return Feature(name, "ready", f"torch {torch} on {tried.stdout.strip()}")
+    return Feature(name, "broken", f"torch {torch} does not see the {gpu}: {_last(tried.stderr)}", "nvidia-smi")
+
+
+def _plugins() -> Feature:
+    """All at once, with the first that cannot be used by name."""
+    counts, faults, remedies = [], [], []
+    for kind in plugins.KINDS:
+        known = plugins.discover(kind).values()
+        counts.append(f"{len(known)} {kind}s")
+        for plugin in known:
+            if isinstance(plugin, Broken):
+                faults.append(f"{kind} {plugin.name}: {plugin.reason}")
+            elif remedy := plugins.missing_packages(plugin):
+                faults.append(f"{kind} {plugin.name}: a package is missing")
+                remedies.append(remedy)
+    if faults:
+        return Feature("plugins", "broken", "; ".join(faults), remedies[0] if remedies else "")
+    return Feature("plugins", "ready", ", ".join(counts))
+
+
+def _videos() -> Feature:
+    """VP9 plays in browsers; slide programs want H.264, which OpenCV's wheels cannot write."""
+    ffmpeg = shutil.which("ffmpeg")
+    name = "videos in H.264, for slides"
+    if ffmpeg:
+        return Feature(name, "ready", "ffmpeg -i dive.webm -c:v libx264 -pix_fmt yuv420p dive.mp4")
+    return Feature(name, "missing", "no ffmpeg to turn VP9 (.webm, .mp4, for browsers) into it", _apt("ffmpeg"))
+
+
+def _slurm() -> Feature:
+    programs = ("sbatch", "squeue", "scancel", "srun")
+    absent = [program for program in programs if not shutil.which(program)]
+    if absent:
+        return Feature("a cluster, by SLURM", "absent", f"no {absent[0]}: not a login node of a cluster")
+    return _optional("a cluster, by SLURM", "submitit", "submitit")
+
+
+def _open3d_fault() -> tuple[str, str]:
+    """Why open3d does not import, and what mends it; tried in a process of its own, for it may crash."""
+    tried = _python("import open3d")
+    if tried.returncode == 0:
+        return "", ""
+    absent = [package for library, package in OPEN3D_LIBRARIES.items() if not _has(library)]
+    if absent:
+        return "open3d lacks libraries of the system", _apt(*absent)
+    return f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}", _pip(
+        "--force-reinstall", "open3d"
+    )
+
+
+def _python(code: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+
+
+def _last(text: str) -> str:
+    lines = text.strip().splitlines()
+    return lines[-1] if lines else ""
+
+
+def _pip(*words: str) -> str:
+    return f"{shlex.quote(sys.executable)} -m pip install {' '.join(words)}"
+
+
+def _apt(*packages: str) -> str:
+    return f"{'' if os.geteuid() == 0 else 'sudo '}apt-get install {' '.join(packages)}"
+
+
+def _has(library: str) -> bool:
+    folders = ["/lib", "/usr/lib", *(str(p) for p in Path("/usr/lib").glob("*-linux-gnu")), "/usr/lib64"]
+    return any((Path(folder) / library).exists() for folder in folders)

@@ -1,0 +1,156 @@
+"""Carries charts from the view they are marked in to the other views, by the scene's geometry.
+
+A chart is flat: the depth map inside its outline gives its plane, on which its four corners lie. They are projected
+into another view, and proposed there when the whole frame is inside the image, seen from the front, large enough to
+be read, and when that view's own depth says that nothing stands before it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Container, Iterable, Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, depth_at, project
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.reading import check_corners, image_from_chart
+from sucre_bench.scene import Chart, View
+
+__all__ = ["Proposal", "corner_points", "overlap", "propose"]
+
+_AGREES = 0.05  # |Z - d| / Z that still is the chart itself: surfaces of photogrammetry round a chart's edge off
+_FLAT = 0.03  # median |residual| of a plane, relative to depth, that still is a chart
+_LEAST_PIXELS = 12  # of depth, for a plane
+_LEAST_EDGE_PX = 12.0  # a patch of 2 px is the least that can be read
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Proposal:
+    """A chart where the geometry expects it. view: it is proposed for; source: the view that it is carried from."""
+
+    view: str
+    chart: Chart
+    source: str
+
+
+def propose(
+    marked: Sequence[tuple[View, Chart]], views: Iterable[View], only: Container[str] | None = None
+) -> Iterator[Proposal]:
+    """Yield where charts marked in some views should be in others that do not have them marked.
+
+    only: the names of those to carry over; None for all. Of views that mark the same chart, by its name, the one that
+    shows it largest is taken that the other sees it from.
+    Views without pose or depth have no proposals, and give none; depth is only read where the poses say it is worth it.
+    """
+    sources = []  # largest first
+    for view, chart in marked:
+        points = corner_points(view, chart) if only is None or chart.name in only else None
+        if points is not None:
+            sources.append((_shortest_edge(chart.corners), view, chart, points))
+    sources.sort(key=lambda source: -source[0])
+    have = {(view.name, chart.name) for view, chart in marked}
+    taken = [(view.name, chart.corners) for view, chart in marked]
+    for view in views:
+        for _, origin, chart, points in sources:
+            if (view.name, chart.name) in have:
+                continue
+            corners = _seen_at(view, points)
+            if corners is None or any(name == view.name and overlap(corners, other) for name, other in taken):
+                continue
+            have.add((view.name, chart.name))
+            yield Proposal(view.name, Chart(chart.name, chart.kind, corners), origin.name)
+
+
+def corner_points(view: View, chart: Chart) -> Array | None:
+    """Return a chart's corners (4, 3) float64 in the world, metres; None where depth or pose do not tell.
+
+    The plane is fitted to inverse depth, which is linear in pixel coordinates, leaving out what is far from it.
+    """
+    if view.camera is None or view.cam_from_world is None or not _has_depth(view):
+        return None
+    x, y, depth = _inside(view.depth, chart.corners)
+    if len(depth) < _LEAST_PIXELS:
+        return None
+    design = np.stack([x, y, np.ones_like(x)], axis=1)
+    weights = np.ones(len(depth), dtype=bool)
+    for _ in range(4):
+        plane = np.linalg.lstsq(design[weights] * depth[weights, None], np.ones(weights.sum()), rcond=None)[0]
+        off = np.abs(design @ plane * depth - 1)
+        weights = off <= max(3 * float(np.median(off)), 1e-4)
+    if np.median(off) > _FLAT:
+        return None
+    homogeneous = np.c_[chart.corners, np.ones(4)]
+    inverse = homogeneous @ plane
+    if (inverse <= 0).any():
+        return None
+    points = homogeneous @ np.linalg.inv(view.camera.K).T / inverse[:, None]
+    world_from_cam = np.linalg.inv(view.cam_from_world)
+    return np.asarray(points @ world_from_cam[:3, :3].T + world_from_cam[:3, 3])
+
+
+def _seen_at(view: View, points: Array) -> Array | None:
+    """The pixels (4, 2) of a chart's corners in the world, None where the view does not see it well and whole."""
+    if view.camera is None or view.cam_from_world is None:
+        return None
+    corners, z = _projected(view.camera, view.cam_from_world, points)
+    if not (z > 0).all() or not _is_within(view.camera, corners) or _shortest_edge(corners) < _LEAST_EDGE_PX:
+        return None
+    try:
+        check_corners("", corners)  # seen from the front
+    except InputError:
+        return None
+    if not _has_depth(view):
+        return None
+    # The chart's plane at a grid of places on it, against what the view's own depth says there.
+    grid = (np.arange(9) + 0.5) / 9
+    place = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
+    across, down = points[1] - points[0], points[3] - points[0]
+    slant = points[2] - points[0] - across - down
+    on_chart = points[0] + place[:, :1] * across + place[:, 1:] * down + place.prod(axis=1, keepdims=True) * slant
+    at, Z = _projected(view.camera, view.cam_from_world, on_chart)
+    d = depth_at(view.depth, at)
+    agrees = (d > 0) & (np.abs(Z - d) <= _AGREES * Z)
+    known = d > 0
+    seen = known.mean() >= 0.5 and agrees[known].mean() >= 0.8
+    return corners if seen else None
+
+
+def _projected(camera: Camera, cam_from_world: Array, points: Array) -> tuple[Array, Array]:
+    return project(camera, points @ cam_from_world[:3, :3].T + cam_from_world[:3, 3])
+
+
+def _inside(depth: Array, corners: Array) -> tuple[Array, Array, Array]:
+    """Pixel centres x, y (P,) inside a chart's outline and their depth, where it is known."""
+    (left, top), (right, bottom) = np.floor(corners.min(axis=0)).astype(int), np.ceil(corners.max(axis=0)).astype(int)
+    left, top = max(left, 0), max(top, 0)
+    v, u = np.mgrid[top : min(bottom, depth.shape[0]), left : min(right, depth.shape[1])]
+    x, y = u.ravel() + 0.5, v.ravel() + 0.5
+    mapped = np.stack([x, y, np.ones_like(x)], axis=1) @ np.linalg.inv(image_from_chart(corners)).T
+    s, t = (mapped[:, :2] / mapped[:, 2:]).T
+    d = depth[v.ravel(), u.ravel()].astype(np.float64)
+    inside = (s >= 0) & (s <= 1) & (t >= 0) & (t <= 1) & (d > 0)
+    return x[inside], y[inside], d[inside]
+
+
+def _has_depth(view: View) -> bool:
+    try:
+        return view.has_depth
+    except InputError:
+        return False  # what is wrong with its depth map is for those to say who need it
+
+
+def _is_within(camera: Camera, corners: Array) -> bool:
+    return bool((corners >= 0).all() and (corners <= (camera.width, camera.height)).all())
+
+
+def _shortest_edge(corners: Array) -> float:
+    return float(np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1).min())
+
+
+def overlap(corners: Array, other: Array) -> bool:
+    """Whether the middle of one chart lies inside of the other, whatever they are called."""
+    x, y = corners.mean(axis=0)
+    mapped = np.linalg.inv(image_from_chart(other)) @ [x, y, 1]
+    return bool(mapped[2] and (np.abs(mapped[:2] / mapped[2] - 0.5) < 0.5).all())

@@ -1,0 +1,116 @@
+"""A charts.json while charts are being marked: confirmed ones where loaders read them, proposed ones beside them.
+
+    {"images": {"a.png": {"chart1": [[x, y], ...]}},
+     "proposed": {"b.png": {"chart1": {"kind": "dgk", "corners": [[x, y], ...], "from": "a.png"}, "chart2": null}}}
+
+Loaders read "images" only (see `sucre_bench.loading.charts_file`). null is a proposal that was turned down, and is not
+made again. Whatever else the file holds is kept.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from sucre_bench.errors import InputError
+from sucre_bench.loading.charts_file import chart_of, read_charts
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.programs.mark_charts.carry_over import Proposal
+from sucre_bench.scene import Chart
+
+__all__ = ["ChartsFile"]
+
+
+class ChartsFile:
+    """The charts of a scene's images, and the file they are kept in.
+
+    path: of charts.json, which need not exist; sizes: (width, height) in pixels of every image, by name.
+    Raises InputError for a file that is not in its format.
+    """
+
+    def __init__(self, path: Path, sizes: Mapping[str, tuple[int, int]]) -> None:
+        self.path = path = path.resolve()  # so that kinds, which may be paths, mean the same wherever they are read
+        self._sizes = sizes
+        self._confirmed = {name: list(charts) for name, charts in read_charts(path, sizes).items()}
+        self._content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
+        proposed = self._content.get("proposed", {})
+        self._proposed: dict[str, dict[str, Proposal | None]] = {}
+        for view, charts in (proposed if isinstance(proposed, dict) else {}).items():
+            if not isinstance(charts, dict):
+                raise InputError(f"{path}: proposed, {view}: not charts by name; remove it there")
+            if view in sizes:
+                self._proposed[view] = {name: self._proposal(view, name, entry) for name, entry in charts.items()}
+
+    def confirmed(self, view: str) -> tuple[Chart, ...]:
+        """The charts marked in a view."""
+        return tuple(self._confirmed.get(view, ()))
+
+    def proposed(self, view: str) -> tuple[Proposal, ...]:
+        """The charts proposed for a view, and not turned down."""
+        return tuple(p for p in self._proposed.get(view, {}).values() if p is not None)
+
+    @property
+    def kinds(self) -> frozenset[str]:
+        """The kinds of all charts in it."""
+        marked = [chart for charts in self._confirmed.values() for chart in charts]
+        return frozenset(chart.kind for chart in marked)
+
+    def chart(self, view: str, name: str, kind: str, corners: Any) -> Chart:
+        """Return a chart as it would be read from the file. InputError when it is none."""
+        return chart_of(self.path, view, name, {"kind": kind, "corners": corners}, kind, self._sizes[view])
+
+    def confirm(self, view: str, charts: Iterable[Chart]) -> None:
+        """Make these the charts of a view; the proposals of their names are done with. InputError for a name twice."""
+        kept = {chart.name: chart for chart in charts}
+        for name in kept:
+            self._proposed.get(view, {}).pop(name, None)
+        self._confirmed[view] = list(kept.values())
+
+    def propose(self, proposals: Iterable[Proposal]) -> None:
+        """Put proposals beside the charts, but for those turned down before."""
+        for proposal in proposals:
+            own = self._proposed.setdefault(proposal.view, {})
+            if own.get(proposal.chart.name, proposal) is not None:
+                own[proposal.chart.name] = proposal
+
+    def turn_down(self, view: str, name: str) -> None:
+        """Drop a proposal for good."""
+        self._proposed.setdefault(view, {})[name] = None
+
+    def save(self) -> None:
+        """Write the file, if there is anything to keep: the old one or the whole new one. Raises OutputError."""
+        images: dict[str, Any] = dict(self._content.get("images", {}))
+        for view, charts in self._confirmed.items():
+            images[view] = {chart.name: self._entry(chart) for chart in charts}
+        images = {view: entries for view, entries in images.items() if entries}
+        proposed = {
+            view: {name: None if p is None else {**self._full(p.chart), "from": p.source} for name, p in own.items()}
+            for view, own in self._proposed.items()
+            if own
+        }
+        if not (images or proposed or self.path.is_file()):
+            return
+        content = {**self._content, "images": images, "proposed": proposed}
+        if not proposed:
+            del content["proposed"]
+        write_atomically(self.path, (json.dumps(content, indent=1, ensure_ascii=False) + "\n").encode())
+
+    def _entry(self, chart: Chart) -> Any:
+        full = self._full(chart)
+        return full["corners"] if full["kind"] == self._content.get("kind", "dgk") else full
+
+    def _full(self, chart: Chart) -> dict[str, Any]:
+        is_file = chart.kind.lower().endswith(".csv")  # written as it is read: from where the file is
+        kind = Path(os.path.relpath(chart.kind, self.path.parent)).as_posix() if is_file else chart.kind
+        return {"kind": kind, "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in chart.corners]}
+
+    def _proposal(self, view: str, name: str, entry: Any) -> Proposal | None:
+        if entry is None:
+            return None
+        try:
+            return Proposal(view, chart_of(self.path, view, name, entry, "dgk", self._sizes[view]), str(entry["from"]))
+        except (KeyError, TypeError) as fault:
+            raise InputError(f"{self.path}: proposed, {view}, {name}: not a proposal; remove it there") from fault

@@ -1,0 +1,83 @@
+"""From a command's words to the session that they ask for."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from pathlib import Path
+
+from sucre_bench.engine.tasks import Selection, select
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import chart_kind
+from sucre_bench.jobs.quoting import quoted
+from sucre_bench.programs.mark_charts.charts_json import ChartsFile
+from sucre_bench.programs.mark_charts.session import Session
+
+__all__ = ["open_session"]
+
+# These look for the file in their root. Others with an option `charts` have one in the folder of each scene, or charts
+# that come from elsewhere, which a new file would replace.
+_KEEP_CHARTS = ("colmap",)
+_AS_STORED = "corners are kept in pixels of the images as they are stored"
+
+
+def open_session(words: Sequence[str], kind: str) -> Session:
+    """Return the session for views and overrides, as `sucre-bench charts` takes them. kind: of new charts.
+
+    Raises InputError for an unknown view or kind, and for a dataset that keeps no charts.json.
+    """
+    kind = str(Path(kind).expanduser().resolve()) if kind.lower().endswith(".csv") else kind
+    chart_kind(kind)
+    selections = select(_overrides(words))
+    if len(selections) != 1:
+        names = ", ".join(s.scene.name for s in selections)
+        raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
+    selection, chosen = selections[0], {view.name for view in selections[0].views}
+    path, cameras = _path(selection), {view.name: view.camera for view in selection.scene.views}
+    file = ChartsFile(path, {name: (camera.width, camera.height) for name, camera in cameras.items() if camera})
+    others = [view for view in selection.scene.views if view.name not in chosen]
+    return Session(selection.views, file, kind, others)
+
+
+def _overrides(words: Sequence[str]) -> list[str]:
+    """Overrides as they are; the rest are views: files in a scene's images/, or names beside dataset=."""
+    given = [word for word in words if "=" in word]
+    views = [word for word in words if "=" not in word]
+    for word in (*views, *given):
+        if word.startswith("-"):
+            raise InputError(f"charts: no option {word}; see sucre-bench charts --help")
+        if word.startswith(("degrade.", "dataset.image_scale=")):
+            raise InputError(f"{word}: {_AS_STORED}; leave it out")
+    if not any(word.startswith(("dataset.", "dataset=")) for word in given):
+        if not views:
+            raise InputError("charts: no view; give images of a folder images/, or dataset=colmap dataset.root=DIR")
+        roots, views = zip(*map(_in_images, views), strict=True)  # type: ignore[assignment]
+        if len(set(roots)) > 1:
+            raise InputError(f"{views[-1]}: is not of the same scene as {views[0]}; give one scene's images")
+        given += ["dataset=colmap", f"dataset.root={quoted(str(roots[0]))}"]
+    return [*given, *([f"views=[{','.join(map(quoted, views))}]"] if views else [])]
+
+
+def _in_images(word: str) -> tuple[Path, str]:
+    """The folder of a scene that an image belongs to, and the image's name in it."""
+    path = Path(word).expanduser().absolute()
+    if not path.is_file():
+        raise InputError(f"{word}: no such image; give one in a folder images/, or add dataset=")
+    for folder in path.parents:
+        if folder.name == "images":
+            return folder.parent, path.relative_to(folder).as_posix()
+    raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset=colmap dataset.root=DIR")
+
+
+def _path(selection: Selection) -> Path:
+    options, name = selection.dataset.options, selection.dataset.plugin.name
+    if name not in _KEEP_CHARTS:
+        kept = " or ".join(_KEEP_CHARTS)
+        raise InputError(f"charts: dataset '{name}' has no charts.json in its root; use {kept}, with a COLMAP model")
+    if options.get("undistort"):
+        remedy = "undistort the images before, or mark charts in the distorted ones"
+        raise InputError(f"dataset.undistort=true: {_AS_STORED}; {remedy}")
+    if options.get("image_scale", 1) != 1 or selection.degrade.identity():
+        raise InputError(
+            f"charts: images are not shown as they are, and {_AS_STORED}; leave image_scale and degrade out"
+        )
+    return Path(options["root"]).expanduser() / options["charts"]

@@ -1,0 +1,213 @@
+"""Marking the charts of a scene: what the page shows and asks for, as plain values that go through JSON."""
+
+from __future__ import annotations
+
+import base64
+import itertools
+import threading
+from collections.abc import Container, Sequence
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.imaging.charts.kinds import KINDS, chart_kind
+from sucre_bench.imaging.charts.orientation import reading_order
+from sucre_bench.imaging.charts.reading import image_from_chart, measure
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.machine import progress
+from sucre_bench.programs.mark_charts.carry_over import Proposal, overlap, propose
+from sucre_bench.programs.mark_charts.charts_json import ChartsFile
+from sucre_bench.programs.mark_charts.detect import DETECTABLE, detect
+from sucre_bench.scene import Chart, View
+
+__all__ = ["Session"]
+
+_PREVIEW = 300  # pixels, the longer side of a rectified chart
+
+
+@dataclass
+class Session:
+    """The views of a scene that charts are marked in, and the file that they go to.
+
+    views: those that were named, which are shown first, and which the detector looks at; others: further views of the
+    scene; kind: of new charts. Charts are carried over from and to all of them.
+    """
+
+    views: Sequence[View]
+    file: ChartsFile
+    kind: str
+    others: Sequence[View] = ()
+    lock: threading.RLock = field(default_factory=threading.RLock)
+
+    @property
+    def everything(self) -> Sequence[View]:
+        """All views, as the page numbers them."""
+        return [*self.views, *self.others]
+
+    def prepare(self) -> None:
+        """Look for charts with the detector where nothing is marked, carry over what is, and save."""
+        if self.kind in DETECTABLE:
+            known = self._marked()
+            for view in progress.track(self.views, "looking for charts"):
+                if not self.file.confirmed(view.name) and not self.file.proposed(view.name):
+                    found = self._detected(view, known)
+                    self.file.propose(Proposal(view.name, chart, "detector") for chart in found)
+                    known += [(view, chart) for chart in found]
+        self._carry_over()
+        self.file.save()
+
+    def _detected(self, view: View, known: Sequence[tuple[View, Chart]]) -> list[Chart]:
+        """The charts the detector finds in a view, called as in other views where the geometry tells which they are."""
+        try:
+            found = detect(_picture(view), self.kind)
+        except InputError as fault:
+            progress.say(f"failed  {fault}")
+            return []
+        expected, taken = list(propose(known, [view])), {chart.name for _, chart in known}
+        named = []
+        for chart in found:
+            same = (p.chart.name for p in expected if overlap(chart.corners, p.chart.corners))
+            free = (name for number in itertools.count(1) if (name := f"chart{number}") not in taken)
+            name = next(same, None) or next(free)
+            taken.add(name)
+            named.append(replace(chart, name=name))
+        return named
+
+    def accept(self) -> tuple[list[Proposal], list[tuple[Proposal, str]]]:
+        """Confirm every proposal whose patches are in order; return those, and the others with what is wrong."""
+        accepted, doubtful = [], []
+        with self.lock:
+            for view in progress.track(self.everything, "checking patches"):
+                good = []
+                for proposal, fault in self._checked(view):
+                    good += [] if fault else [proposal]
+                    doubtful += [(proposal, fault)] if fault else []
+                if good:
+                    self.file.confirm(view.name, [*self.file.confirmed(view.name), *(p.chart for p in good)])
+                    accepted += good
+            self.file.save()
+        return accepted, doubtful
+
+    def _checked(self, view: View) -> list[tuple[Proposal, str]]:
+        """The proposals for a view, each with what is wrong; a view that cannot be read must not end the others."""
+        proposals = self.file.proposed(view.name)
+        try:
+            shown = _picture(view) if proposals else np.empty(0)
+            return [(proposal, reading_order(shown, proposal.chart).fault) for proposal in proposals]
+        except InputError as fault:
+            return [(proposal, one_line(fault)) for proposal in proposals]
+
+    # -- what the page asks for ------------------------------------------------------------------------------------
+
+    def state(self) -> dict[str, Any]:
+        """All views with their charts, and the kinds there are."""
+        with self.lock:
+            views = [self._view(view) for view in self.everything]
+        return {"file": str(self.file.path), "kinds": self.kinds, "views": views}
+
+    @property
+    def kinds(self) -> list[str]:
+        """The kinds a chart may be of, that of new charts first; the page cannot name further files."""
+        with self.lock:
+            marked = sorted(self.file.kinds)
+        return list(dict.fromkeys([self.kind, *KINDS, "colorchecker_sg", *marked]))
+
+    def image(self, number: int, bright: bool) -> bytes:
+        """A view as JPEG, at its own size. bright: with its contrast stretched."""
+        import cv2
+
+        view = self._numbered(number)
+        shown = _picture(view, "stretch-1-99" if bright else "none")
+        return bytes(cv2.imencode(".jpg", to_8bit(shown)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1])
+
+    def check(self, number: int, kind: str, corners: Any) -> dict[str, Any]:
+        """What a chart with these corners would be: rectified, its patches measured and expected, what is wrong."""
+        import cv2
+
+        view = self._numbered(number)
+        chart = self._chart(view, "chart", kind, corners)
+        about, shown = chart_kind(chart.kind), _picture(view)
+        scale = _PREVIEW / max(about.width, about.height)
+        width, height = round(about.width * scale), round(about.height * scale)
+        to_image = image_from_chart(chart.corners) @ np.diag([1 / width, 1 / height, 1])
+        centres = np.array([[1, 0, -0.5], [0, 1, -0.5], [0, 0, 1.0]])  # OpenCV has pixel centres at whole numbers
+        homography = centres @ to_image @ np.linalg.inv(centres)
+        how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        flat = np.asarray(cv2.warpPerspective(shown, homography, (width, height), flags=how), dtype=np.float32)
+        png = cv2.imencode(".png", to_8bit(flat)[..., ::-1])[1]
+        patches = [
+            {"name": patch.name, "box": patch.box, "measured": _css(rgb), "expected": _css(np.array(patch.srgb))}
+            for patch, rgb in ((reading.patch, reading.rgb) for reading in measure(shown, chart))
+        ]
+        order = reading_order(shown, chart)
+        return {
+            "rectified": "data:image/png;base64," + base64.b64encode(png.tobytes()).decode(),
+            "patches": patches,
+            "fault": order.fault,
+            "explained": None if np.isnan(order.explained) else round(order.explained, 2),
+            "aspect": about.width / about.height,
+        }
+
+    def save(self, number: int, charts: Any, turned_down: Any = ()) -> dict[str, Any]:
+        """Make these the charts of a view, carry them over to the others, write the file; return the new state."""
+        view = self._numbered(number)
+        try:
+            entries = [(str(c["name"]), str(c["kind"]), c["corners"]) for c in charts]
+        except (KeyError, TypeError) as fault:
+            raise InputError(f"{view.name}: not a list of charts; reload the page") from fault
+        names = [name for name, _, _ in entries]
+        if len(set(names)) < len(names) or not all(name.strip() and "/" not in name for name in names):
+            raise InputError(f"{view.name}: charts need names, different ones and without '/'; rename them")
+        with self.lock:
+            before = {(c.name, c.kind, c.corners.tobytes()) for c in self.file.confirmed(view.name)}
+            marked = [self._chart(view, *entry) for entry in entries]
+            self.file.confirm(view.name, marked)
+            for name in turned_down:
+                self.file.turn_down(view.name, str(name))
+            # Of a dive that shows a chart a thousand times, depth maps are not read again for charts that stay.
+            changed = before ^ {(c.name, c.kind, c.corners.tobytes()) for c in marked}
+            self._carry_over({name for name, *_ in changed})
+            self.file.save()
+        return self.state()
+
+    def _carry_over(self, only: Container[str] | None = None) -> None:
+        views = progress.track(self.everything, "carrying charts over")
+        self.file.propose(propose(self._marked(), views, only))
+
+    def _marked(self) -> list[tuple[View, Chart]]:
+        return [(view, chart) for view in self.everything for chart in self.file.confirmed(view.name)]
+
+    def _chart(self, view: View, name: str, kind: str, corners: Any) -> Chart:
+        if kind not in self.kinds:
+            raise InputError(f"{view.name}: chart kind '{kind}' is not the page's; {did_you_mean(kind, self.kinds)}")
+        return self.file.chart(view.name, name, kind, corners)
+
+    def _numbered(self, number: int) -> View:
+        views = self.everything
+        if not 0 <= number < len(views):
+            raise InputError(f"view {number}: there is none; reload the page")
+        return views[number]
+
+    def _view(self, view: View) -> dict[str, Any]:
+        proposals = self.file.proposed(view.name)
+        return {
+            "name": view.name,
+            "charts": [_plain(chart) for chart in self.file.confirmed(view.name)],
+            "proposed": [{**_plain(p.chart), "from": p.source} for p in proposals],
+        }
+
+
+def _plain(chart: Chart) -> dict[str, Any]:
+    return {"name": chart.name, "kind": chart.kind, "corners": chart.corners.tolist()}
+
+
+def _picture(view: View, how: str = "none") -> Array:
+    return display(view.rgb, how, view.encoding)
+
+
+def _css(rgb: Array) -> str:
+    return "" if np.isnan(rgb).any() else "#" + "".join(f"{v:02x}" for v in to_8bit(rgb))

@@ -1,0 +1,106 @@
+"""What is written below OUT once everything is known: the model, depth maps, the page of figures and the record."""
+
+from __future__ import annotations
+
+import importlib.metadata
+import shutil
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.machine.progress import track
+from sucre_bench.programs.prepare.depthmaps import Dense, DepthMaps, write_depth
+from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
+from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, write_page
+from sucre_bench.programs.prepare.record import Prepared, write_record
+from sucre_bench.programs.prepare.sparse_points import Shot
+
+__all__ = ["write"]
+
+_PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
+
+
+def write(
+    made: Prepared,
+    pinhole: Path,
+    mapped: Path,
+    shots: Sequence[Shot],
+    maps: DepthMaps,
+    asked: Mapping[str, Any],
+    aside: Path,
+) -> Prepared:
+    """Write all of it in metres, or in units where the scale is arbitrary; return what was made, with its figures.
+
+    pinhole, mapped: models of the undistorted images and of the photos; asked: photos, options, and which attempt;
+    aside: a folder on the same disk. Model and depth maps are written there first and take their places together: were
+    they stopped half-way, they would be of two scales.
+    """
+    pycolmap, out, factor = load_pycolmap(), made.out, made.scale.metres_per_unit
+    model = pycolmap.Reconstruction(pinhole)
+    model.transform(pycolmap.Sim3d(factor, pycolmap.Rotation3d(), np.zeros(3)))
+    for folder in ("sparse", "depths"):
+        shutil.rmtree(aside / folder, ignore_errors=True)
+        (aside / folder).mkdir()
+    model.write_binary(aside / "sparse")
+
+    on_page, pictures, qualities = shown([shot.name for shot in shots]), {}, []
+    depths = np.concatenate([shot.seen_points()[1] for shot in shots])
+    near, far = np.quantile(depths, [0.02, 0.98])
+    for shot in track(shots, "depth maps"):
+        depth = maps.depth(shot)
+        write_depth(aside / "depths", shot.name, depth * np.float32(factor))
+        qualities.append(quality_of(shot, depth, factor))
+        if shot.name in on_page:
+            pictures[shot.name] = thumbnails(out / "images" / shot.name, depth, (near, far))
+    made = replace(made, qualities=tuple(qualities))
+    (out / "quality.html").unlink(missing_ok=True)  # without it, the same command writes everything again
+    for folder in ("sparse", "depths"):
+        _swap(aside / folder, out / folder)
+
+    seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
+    error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
+    surface = "plane sweep, confirmed by other photos" if isinstance(maps, Dense) else "relief of the sparse points"
+    facts = {
+        "photos placed": f"{len(shots)} of {made.photos}, at the {asked['attempt']} attempt",
+        "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
+        "reprojection error": f"{error:.2f} px",
+        "pixels with depth": f"{100 * np.mean([q.coverage for q in qualities]):.0f} %",
+        "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
+        "surface": surface,
+        "scale": made.scale.note,
+    }
+    write_page(made, facts, pictures)
+    cameras = pycolmap.Reconstruction(mapped).cameras.items()
+    more = {
+        "photos": asked["photos"],
+        "options": {name: value for name, value in asked.items() if name not in ("photos", "attempt")},
+        "facts": facts,
+        "cameras": {str(number): _plain(camera) for number, camera in cameras},
+        "versions": {name: importlib.metadata.version(name) for name in _PACKAGES},
+    }
+    write_record(made, more)
+    return made
+
+
+def _swap(new: Path, place: Path) -> None:
+    """Put a folder in the place of another."""
+    old = new.with_name(f"old-{new.name}")
+    shutil.rmtree(old, ignore_errors=True)
+    if place.exists():
+        place.rename(old)
+    new.rename(place)
+    shutil.rmtree(old, ignore_errors=True)
+
+
+def _plain(camera: Any) -> dict[str, Any]:
+    """A camera of the photos as they are; params in COLMAP's order, which `order` names."""
+    return {
+        "model": camera.model.name,
+        "width": camera.width,
+        "height": camera.height,
+        "order": [name.strip() for name in camera.params_info.split(",")],
+        "params": [float(value) for value in camera.params],
+    }

@@ -1,0 +1,147 @@
+"""The photos that were given: found, checked, and made ready for finding features in them."""
+
+from __future__ import annotations
+
+from collections import Counter
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size, same_shape, write_png
+from sucre_bench.loading.find_folders import walk
+from sucre_bench.machine.progress import track
+
+__all__ = ["Photo", "find_photos", "read_photo", "too_few", "write_gray"]
+
+
+@dataclass(frozen=True, slots=True)
+class Photo:
+    """name: path relative to the folder of photos, which orders them; key: a name that any program can take;
+    size: (width, height) in pixels, as it is used; output: the name of its undistorted image; mask: the file whose
+    black parts are left out; stamp: tells the file from a later one."""
+
+    name: str
+    key: str
+    path: Path
+    size: tuple[int, int]
+    output: str
+    mask: Path | None
+    stamp: tuple[object, ...]
+
+
+def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path) -> tuple[list[Photo], dict[str, str]]:
+    """Return the photos of a folder and its sub-folders in order of their names, and those that are damaged: why.
+
+    max_size: larger photos are used shrunk to this longest side, 0 for none; leave_out: a sub-folder that holds none,
+    like that of the masks.
+    Raises InputError when there are fewer than two, or a mask is missing or of another shape.
+    """
+    if not folder.is_dir():
+        raise InputError(f"{folder}: no such folder; give the one that holds the photos")
+    names = sorted(
+        name for name in _files(folder, (leave_out, *([masks] if masks else []))) if name.lower().endswith(SUFFIXES)
+    )
+    shared = Counter(PurePosixPath(name).with_suffix("") for name in names)
+    photos: list[Photo] = []
+    damaged: dict[str, str] = {}
+    for name in names:
+        path, pure = folder / name, PurePosixPath(name)
+        size = image_size(path)
+        if size is None:
+            damaged[name] = "cannot be read, damaged or not an image; copy it again"
+            continue
+        shrink = min(1.0, max_size / max(size)) if max_size else 1.0
+        output = f"{name}.png" if shared[pure.with_suffix("")] > 1 else pure.with_suffix(".png").as_posix()
+        mask = None if masks is None else _mask(masks, pure, size)
+        stamps = [(p.stat().st_size, p.stat().st_mtime_ns) for p in (path, mask) if p is not None]
+        used = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
+        photos.append(Photo(name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps)))
+    if len(photos) < 2:  # then it matters whether what has a header has a picture as well
+        raise too_few(folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p))})
+    return photos, damaged
+
+
+def too_few(folder: Path, files: int, damaged: Mapping[str, str]) -> InputError:
+    """Return the error for a folder with fewer than two photos that can be read, of so many files; names the others."""
+    left = files - len(damaged)
+    what = "holds one photo" if left else "holds no photos"
+    if damaged:
+        reasons = [f"{name} {why.partition('; ')[0]}" for name, why in sorted(damaged.items())]
+        more = f"; and {len(reasons) - 4} more" if len(reasons) > 4 else ""
+        what = f"{what} that can be read ({'; '.join(reasons[:4])}{more})"
+    return InputError(f"{folder}: {what}; put two or more .jpg, .png or .tif of one place there")
+
+
+def _files(folder: Path, leave_out: Iterable[Path]) -> list[str]:
+    found, resolved = [], {path.resolve() for path in leave_out}
+    for place, below, files in walk(folder):
+        below[:] = [name for name in below if not name.startswith(".") and (place / name).resolve() not in resolved]
+        found += [(place / name).relative_to(folder).as_posix() for name in files if not name.startswith(".")]
+    return found
+
+
+def _mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
+    """COLMAP names the mask of a.jpg a.jpg.png; most other tools a.png."""
+    for file in (masks / f"{name}.png", masks / name.with_suffix(".png")):
+        if file.is_file():
+            own = image_size(file)
+            if own is not None and not same_shape(own, size):
+                fault = f"is {own[0]}x{own[1]}, its photo {size[0]}x{size[1]}"
+                raise InputError(f"{file}: {fault}; make the mask in the photo's shape")
+            return file
+    raise InputError(
+        f"{masks / f'{name}.png'}: is not there; make a mask for every photo, white where it is to be used"
+    )
+
+
+def read_photo(photo: Photo) -> npt.NDArray[Any]:
+    """Return a photo (H, W, 3) BGR uint8 or uint16 at the size it is used in. InputError when it cannot be read."""
+    import cv2
+
+    stored = decode(photo.path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
+    if stored.dtype not in (np.uint8, np.uint16):
+        raise InputError(f"{photo.path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
+    return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
+
+
+def _damage(photo: Photo) -> str:
+    """Why a photo cannot be read, and what to do; empty where it can."""
+    try:
+        read_photo(photo)
+    except InputError as fault:
+        return str(fault).removeprefix(f"{photo.path}: ")
+    return ""
+
+
+def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str, str]:
+    """Write 8-bit gray pictures of the photos, and masks, for finding features; return those that are damaged: why.
+
+    longest: their longest side in pixels. 16-bit photos, which are often linear and dark, are stretched.
+    """
+    import cv2
+
+    damaged = {}
+    for photo in track(photos, "reading photos"):
+        target = folder / "gray" / photo.key
+        if target.is_file():
+            continue
+        try:
+            gray = cv2.cvtColor(read_photo(photo), cv2.COLOR_BGR2GRAY)
+        except InputError as fault:
+            damaged[photo.name] = str(fault).removeprefix(f"{photo.path}: ")
+            continue
+        if gray.dtype == np.uint16:
+            top = max(float(np.quantile(gray[::8, ::8], 0.995)), 1.0)
+            gray = np.clip(gray * (255 / top), 0, 255).astype(np.uint8)
+        shrink = min(1.0, longest / max(photo.size))
+        size = (round(photo.size[0] * shrink), round(photo.size[1] * shrink))
+        if photo.mask is not None:
+            mask = cv2.resize(decode(photo.mask, cv2.IMREAD_GRAYSCALE), size, interpolation=cv2.INTER_NEAREST)
+            write_png(folder / "masks" / f"{photo.key}.png", mask)
+        write_png(target, cv2.resize(gray, size, interpolation=cv2.INTER_AREA))
+    return damaged

@@ -1,0 +1,196 @@
+"""The stages in order, from a folder of photos to a folder that the colmap dataset reads."""
+
+from __future__ import annotations
+
+import errno
+import json
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from pathlib import Path
+from typing import Any, Literal, TypeVar
+
+from sucre_bench.errors import InputError, OutputError, SucreBenchError
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.progress import say
+from sucre_bench.programs.prepare.depthmaps import Dense, DepthMaps, Sparse
+from sucre_bench.programs.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos, read_mapped
+from sucre_bench.programs.prepare.output import write
+from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
+from sucre_bench.programs.prepare.record import Prepared, given, read_record, settled_by
+from sucre_bench.programs.prepare.relief import relief_of
+from sucre_bench.programs.prepare.resumable_stages import Stage, stage
+from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
+from sucre_bench.programs.prepare.sparse_points import Shot, read_shots
+from sucre_bench.programs.prepare.undistort import undistort
+
+__all__ = ["Options", "prepare"]
+
+T = TypeVar("T")
+
+_MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
+
+
+@dataclass(frozen=True, slots=True)
+class Options:
+    """masks: folder, white where a photo is to be used; matching: which pairs of photos, by their count when auto;
+    camera: COLMAP's name of the model; cameras: which photos share one; max_size: longest side in pixels that photos
+    are shrunk to, 0 for none; surface: plane sweep or relief of the sparse points, by count when auto; depth_size:
+    longest side in pixels of swept images."""
+
+    masks: Path | None = None
+    matching: Matching = "auto"
+    camera: str = "SIMPLE_RADIAL"
+    cameras: Cameras = "single"
+    max_size: int = 0
+    surface: Literal["auto", "dense", "sparse"] = "auto"
+    depth_size: int = 800
+
+
+def prepare(
+    folder: Path, out: Path, options: Options | None = None, known: Known | None = None, again: bool = False
+) -> Prepared:
+    """Turn a folder of photos into images, a model and depth maps below `out`; what is done already is kept.
+
+    known: without it the scale stays what an earlier command made it; again: whether `out` may be made anew with other
+    options. Raises InputError where photos or options are of no use, OutputError where `out` cannot be written.
+    """
+    options, known = options or Options(), known or Known()
+    work = out / ".prepare"
+    _check_folders(folder, out)
+    photos, damaged = find_photos(folder, options.masks, options.max_size, out)
+    before = read_record(out)
+    _check_options(work, _asked(folder, options), again)
+
+    rules = Rules(options.matching, options.camera, options.cameras)
+    mapping = stage(work, "model", [photo.stamp for photo in photos], rules)
+    if damaged and read_mapped(mapping.folder) is None:  # mapping may take long: it is said before as well
+        say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
+    mapped = _kept(mapping.folder, out, lambda: map_photos(photos, mapping.folder, rules))
+    if not mapped.registered:
+        raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
+    damaged |= mapped.damaged
+
+    straight = stage(work, "images", mapping.key)
+    pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
+    if not straight.done or not all((out / "images" / name).is_file() for name in mapped.registered):
+        by_output = {photo.output: photo for photo in photos}
+        _guarded(out, lambda: undistort(by_output, mapped.model, out / "images", masks, pinhole))
+        straight.finish()
+
+    dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
+    surface = stage(work, "sweeps", straight.key, options.depth_size if dense else 0)
+    keys = mapping.key, surface.key
+    settled = settled_by(before, known, keys)
+    if before is not None and settled.scale is not None:
+        done = stage(work, "result", surface.key, settled.scale, sorted(damaged)).done
+        if done and before.is_whole:
+            return replace(before, is_new=False, is_kept=settled.is_kept)
+
+    shots = read_shots(pinhole)
+    maps = _depth_maps(shots, out / "images", masks, surface, options.depth_size if dense else None)
+    output_of, placed = {photo.name: photo.output for photo in photos}, {shot.name: shot for shot in shots}
+    scale = settled.scale or find_scale(settled.known, shots, output_of, lambda name: maps.depth(placed[name]))
+    warnings = (*settled.warnings, *_warnings(mapped, scale))
+    made = Prepared(
+        out, (), damaged, _unplaced(photos, mapped), scale, given(settled.known), warnings, keys, True, settled.is_kept
+    )
+    more = {**_asked(folder, options), "attempt": mapped.attempt}
+    result = stage(work, "result", surface.key, scale, sorted(damaged))
+    made = _guarded(out, lambda: write(made, pinhole, mapped.model, shots, maps, more, result.folder))
+    result.finish()
+    return made
+
+
+def _check_folders(folder: Path, out: Path) -> None:
+    if out.exists() and not out.is_dir():
+        raise OutputError(f"{out}: is a file; name a folder to write into")
+    if folder.resolve() == out.resolve() or out.resolve() in folder.resolve().parents:
+        raise InputError(f"{out}: holds the photos themselves; name another folder to write into")
+    if out.is_dir() and any(out.iterdir()) and not (out / ".prepare").is_dir():
+        gone = " and no .prepare/ to go on from" if read_record(out) else ""
+        raise InputError(f"{out}: holds other files already{gone}; name a new folder")
+
+
+def _asked(folder: Path, options: Options) -> dict[str, Any]:
+    """What was asked for, as JSON has it."""
+    values = {"photos": folder.resolve(), **asdict(options)}
+    values["masks"] = options.masks and options.masks.resolve()
+    return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
+
+
+def _check_options(work: Path, asked: Mapping[str, Any], again: bool) -> None:
+    """Refuse to overwrite by accident what was made otherwise; a scale may always be changed."""
+    file = work / "options.json"
+    before = json.loads(file.read_text()) if file.is_file() else {}
+    if before == asked:
+        return
+    for name, value in asked.items():
+        if before and not again and before.get(name) != value:
+            was = f"was prepared with {name}={before.get(name)}, not {value}"
+            raise InputError(f"{work.parent}: {was}; name another folder, or add --again to make it anew")
+    for made in ("images", "depths", "sparse"):
+        shutil.rmtree(work.parent / made, ignore_errors=True)
+    for old in work.glob("images-*"):
+        shutil.rmtree(old)
+    write_atomically(file, json.dumps(asked, indent=1).encode())
+
+
+def _kept(folder: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
+    """The model of an earlier command, or a new one."""
+    before = read_mapped(folder)
+    if before is not None:
+        return before
+    made = _guarded(out, make)
+    if made.registered:
+        for name in ("images", "depths"):  # of another model
+            shutil.rmtree(out / name, ignore_errors=True)
+    made.write(folder)
+    return made
+
+
+def _guarded(out: Path, do: Callable[[], T]) -> T:
+    """Tell a full disk from a fault: the libraries that write say neither clearly."""
+    try:
+        return do()
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or shutil.disk_usage(out).free < 1 << 20:
+            raise OutputError(f"{out}: the disk is full; free some space and give the same command again") from fault
+        raise
+
+
+def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, longest: int | None) -> DepthMaps:
+    """Plane sweeps at this longest side in pixels, or without one the relief of the sparse points."""
+    if longest is None:
+        say(f"{len(shots)} photos: surface through the sparse points")
+        return Sparse(relief_of(shots), masks)
+    maps = Dense(shots, images, masks, swept.folder, longest)
+    _guarded(images.parent, maps.sweep_all)
+    return maps
+
+
+def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:
+    """Photos that the model lacks: how near they came, and what to do."""
+    told = {}
+    for photo in photos:
+        if photo.output not in mapped.registered and photo.name not in mapped.damaged:
+            count, other = mapped.best_matches.get(photo.name, (0, ""))
+            best = f"{count} matches at best, with {other}" if count else "no matches with those placed"
+            told[photo.name] = f"no place found, {best}; add photos between it and the others, or mask what moves"
+    return told
+
+
+def _warnings(mapped: Mapped, scale: Scale) -> list[str]:
+    warnings = []
+    if len(mapped.groups) > 1 and mapped.groups[1] > 2:
+        sizes = " and ".join(map(str, mapped.groups))
+        warnings.append(f"the photos fall into groups of {sizes} that share no views; only the first is used")
+    if not scale.is_metric:
+        warnings.append(
+            "the scale is arbitrary: depths are not metres, and a beta or gamma fitted on them is per unit, not"
+            " 1/m; restored colours do not depend on it. For metres give --distance, --length, --depth-track or --scale"
+        )
+    return warnings

@@ -1,0 +1,40 @@
+"""Stages that resume: each has a folder named after all that its result depends on, and a mark when it is done."""
+
+from __future__ import annotations
+
+import hashlib
+import shutil
+from dataclasses import dataclass
+from pathlib import Path
+
+from sucre_bench.machine.files import write_atomically
+
+__all__ = ["Stage", "stage"]
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stage's folder for files of its own; key: a hash of what it depends on, those before it included."""
+
+    folder: Path
+    key: str
+
+    @property
+    def done(self) -> bool:
+        """Whether its result is there."""
+        return (self.folder / "done").is_file()
+
+    def finish(self) -> None:
+        """Mark it done."""
+        write_atomically(self.folder / "done", b"")
+
+
+def stage(work: Path, name: str, *depends: object) -> Stage:
+    """Return the stage of that name under `work`; what it left there for other inputs or options is removed."""
+    key = hashlib.blake2b(repr(depends).encode(), digest_size=6).hexdigest()
+    folder = work / f"{name}-{key}"
+    for old in work.glob(f"{name}-*"):
+        if old != folder:
+            shutil.rmtree(old)
+    folder.mkdir(parents=True, exist_ok=True)
+    return Stage(folder, key)

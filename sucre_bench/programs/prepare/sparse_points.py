@@ -1,0 +1,120 @@
+"""What the stages after mapping know of a photo: its pinhole camera, its pose, and the sparse points it sees."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, project
+from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
+
+__all__ = ["Shot", "neighbours", "read_shots"]
+
+Indices = npt.NDArray[np.int64]
+
+_TELLING_ANGLE = np.deg2rad(5.0)  # from here on depth is well determined, and more angle only changes the look
+_WIDEST_ANGLE = np.deg2rad(45.0)
+
+
+@dataclass(frozen=True, eq=False, slots=True)
+class Shot:
+    """A registered photo.
+
+    name: of the undistorted image; camera: pinhole, at the image's size; cam_from_world: (4, 4) float64;
+    point_ids: (P,) of the sparse points seen, sorted; points: (P, 3) float64 in the world; xy: (P, 2) float64 pixels
+    where they were found; tracks: (P,) in how many photos each was found. Lengths are in the model's unit.
+    """
+
+    name: str
+    camera: Camera
+    cam_from_world: Array
+    point_ids: npt.NDArray[np.int64]
+    points: Array
+    xy: Array
+    tracks: npt.NDArray[np.int64]
+
+    @property
+    def centre(self) -> Array:
+        """(3,) the camera's centre in the world."""
+        return np.asarray(-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])
+
+    def seen_points(self) -> tuple[Array, Array]:
+        """Where the points project to (P, 2), and their planar depth (P,)."""
+        in_camera = self.points @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
+        return project(self.camera, in_camera)
+
+
+def read_shots(model: Path) -> list[Shot]:
+    """Return the photos of an undistorted COLMAP model, ordered by name."""
+    pycolmap = load_pycolmap()
+    model_ = pycolmap.Reconstruction(model)
+    places = {number: (point.xyz, point.track.length()) for number, point in model_.points3D.items()}
+    shots = []
+    for number in model_.reg_image_ids():
+        image = model_.image(number)
+        camera = model_.camera(image.camera_id)
+        seen = sorted((p.point3D_id, tuple(p.xy)) for p in image.get_observation_points2D())
+        pose = np.eye(4)
+        pose[:3] = image.cam_from_world().matrix()
+        shots.append(
+            Shot(
+                image.name,
+                Camera(np.array(camera.calibration_matrix()), camera.width, camera.height),
+                pose,
+                np.array([i for i, _ in seen], dtype=np.int64),
+                np.array([places[i][0] for i, _ in seen], dtype=np.float64).reshape(-1, 3),
+                np.array([xy for _, xy in seen], dtype=np.float64).reshape(-1, 2),
+                np.array([places[i][1] for i, _ in seen], dtype=np.int64),
+            )
+        )
+    return sorted(shots, key=lambda shot: shot.name)
+
+
+def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
+    """Return, for each photo, the indices of those that tell its depths best, the best first.
+
+    A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all.
+    """
+    if not shots:
+        return []
+    # Who sees a point: of all that is seen, ordered by point, a range for each.
+    firsts = [np.unique(shot.point_ids, return_index=True)[1] for shot in shots]
+    seen = np.concatenate([shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)])
+    by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
+    order = np.argsort(seen, kind="stable")
+    points, starts, counts = np.unique(seen[order], return_index=True, return_counts=True)
+    seers, centres = by[order], np.array([shot.centre for shot in shots])
+    return [
+        _best(i, shots[i].points[first], seers, centres, *_ranges(points, starts, counts, shots[i].point_ids[first]))[
+            :most
+        ]
+        for i, first in enumerate(firsts)
+    ]
+
+
+def _ranges(points: Indices, starts: Indices, counts: Indices, own: Indices) -> tuple[Indices, Indices]:
+    """Of each of a photo's own points every place in its range, and which point that is of: (R,) each."""
+    at = np.searchsorted(points, own)
+    lengths = counts[at]
+    which = np.repeat(np.arange(len(own)), lengths)
+    within = np.arange(len(which)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
+    return starts[at][which] + within, which
+
+
+def _best(one: int, points: Array, seers: Indices, centres: Array, places: Indices, which: Indices) -> list[int]:
+    """The photos that tell this one's depths, the best first. points: (P, 3) that it sees."""
+    others = seers[places]
+    rays = [centres[one] - points[which], centres[others] - points[which]]
+    lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
+    angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
+    weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != one)
+    # A photo from half or twice as far shows the same ground with other detail.
+    nearness = np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
+    score = np.bincount(others, weight * nearness, minlength=len(centres))
+    best = np.argsort(-score, kind="stable")
+    return best[score[best] > 0].tolist()

@@ -1,0 +1,124 @@
+"""How much a method's colours change between consecutive views where the input's do not.
+
+gain      the mean over channels of |G(t+1) - G(t)|, where G = ln(mean of restored / mean of input) of a channel, in
+          linear light, over the pixels that are restored (not black). A method that multiplies every other view by a
+          gain g flickers by |ln g|; one with a constant gain by 0, whatever the views show.
+points    the mean CIEDE2000 between the same scene points in consecutive restored views, matched by depth and poses
+          (rule "depth" of multiview/pairing.py). The input's own is given beside it: water and light change it, too.
+relative  points, divided by the mean CIEDE2000 between those points and others of the same view (half of the list of
+          points away): more contrast, as restoring gives, makes all differences larger.
+
+Of each, the mean over pairs of consecutive views and Student's 95 % interval, as if pairs were independent.
+Pairs without a common point count for gain alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.arrays import Array, Picture
+from sucre_bench.engine.reopen import INPUT, Frame
+from sucre_bench.imaging.cielab import ciede2000, lab_d50
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.machine.progress import track
+from sucre_bench.multiview.pairing import lift, match
+from sucre_bench.scene import View
+
+__all__ = ["FORMULAE", "Flicker", "flicker", "gain_of"]
+
+FORMULAE = {
+    "gain": "mean over channels of |ln(restored / input)(t+1) - ln(restored / input)(t)|, of means in linear light",
+    "points": "mean CIEDE2000 of the same scene points in views t and t+1",
+    "relative": "points / mean CIEDE2000 of different points in view t",
+}
+
+_DARKEST = (
+    0.5 / 255 / 12.92
+)  # half of the smallest step of 8 bits, in linear light: the mean of a channel without light
+_MOST_POINTS = 20_000  # of a pair; the mean over so many is off by some 0.02
+_LINEAR = srgb_decode(np.arange(256) / 255)
+
+
+@dataclass(frozen=True)
+class Flicker:
+    """A mean over pairs of consecutive views, and its 95 % interval (NaN for one pair); pairs: how many there are."""
+
+    mean: float
+    low: float
+    high: float
+    pairs: int
+
+
+def flicker(frames: Sequence[Frame], methods: Sequence[str]) -> dict[str, dict[str, Flicker]]:
+    """Return by method, "input" first, and by variant, how much consecutive views differ; views are read in turn.
+
+    A variant that no pair of views has, such as "points" without depth or poses, is left out.
+    """
+    labels = (INPUT, *methods)
+    found: dict[str, dict[str, list[float]]] = {label: {name: [] for name in FORMULAE} for label in labels}
+    before: tuple[View, dict[str, Picture]] | None = None
+    for frame in track(frames, "flicker"):
+        now = frame.view, {label: frame.picture(label) for label in labels}
+        if before is not None:
+            for label, name, value in (*_gain_changes(before[1], now[1]), *_point_differences(*before, *now)):
+                found[label][name].append(value)
+        before = now
+    return {label: {name: _mean(values) for name, values in own.items() if values} for label, own in found.items()}
+
+
+def gain_of(restored: Picture, given: Picture) -> Array:
+    """Return ln(mean restored / mean input) (3,) in linear light over restored pixels; NaN where there are none."""
+    coloured = restored.any(axis=-1)
+    if not coloured.any():
+        return np.full(3, np.nan)
+    means = [np.maximum(_LINEAR[picture[coloured]].mean(axis=0), _DARKEST) for picture in (restored, given)]
+    return np.asarray(np.log(means[0] / means[1]))
+
+
+def _gain_changes(before: Mapping[str, Picture], now: Mapping[str, Picture]) -> Iterator[tuple[str, str, float]]:
+    for method in now:
+        if method != INPUT:
+            change = float(np.abs(gain_of(now[method], now[INPUT]) - gain_of(before[method], before[INPUT])).mean())
+            if np.isfinite(change):
+                yield method, "gain", change
+
+
+def _point_differences(
+    view: View, pictures: Mapping[str, Picture], following: View, following_pictures: Mapping[str, Picture]
+) -> Iterator[tuple[str, str, float]]:
+    """How points differ that both views show, and that all pictures of them have colours for."""
+    if view.camera is None or view.cam_from_world is None or not view.has_depth or not view.valid.any():
+        return
+    matches = match(lift(view), following, "depth")
+    if matches is None or not len(matches.pixels):
+        return
+    here = {name: picture.reshape(-1, 3)[matches.pixels] for name, picture in pictures.items()}
+    there = {name: picture.reshape(-1, 3)[matches.others] for name, picture in following_pictures.items()}
+    both = np.logical_and.reduce([side[name].any(axis=-1) for side in (here, there) for name in here if name != INPUT])
+    chosen = np.flatnonzero(both)[:: max(1, int(both.sum()) // _MOST_POINTS)]
+    if not len(chosen):
+        return
+    for name in here:
+        own = here[name][chosen]
+        difference = float(_differences(own, there[name][chosen]).mean())
+        yield name, "points", difference
+        if contrast := float(_differences(own, np.roll(own, len(own) // 2, axis=0)).mean()):
+            yield name, "relative", difference / contrast
+
+
+def _differences(a: Picture, b: Picture) -> Array:
+    """CIEDE2000 (P,) between two pictures' colours (P, 3), uint8 sRGB."""
+    return ciede2000(lab_d50(a / 255), lab_d50(b / 255))
+
+
+def _mean(values: Sequence[float]) -> Flicker:
+    from scipy.stats import t
+
+    n, mean = len(values), float(np.mean(values))
+    if n < 2:
+        return Flicker(mean, np.nan, np.nan, n)
+    half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
+    return Flicker(mean, max(0.0, mean - half), mean + half, n)  # nothing flickers less than not at all

@@ -1,0 +1,311 @@
+"""An output folder as mlflow's runs."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import compare, plugins, results
+from sucre_bench.compare import text as tables
+from sucre_bench.machine import provenance
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.reports.mlflow.connection import connect
+from sucre_bench.reports.paper.figures import style
+from sucre_bench.results import layout
+from sucre_bench.results.layout import file_name
+from sucre_bench.results.restorations import restorations
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from mlflow import MlflowClient
+    from mlflow.entities import DatasetInput, LoggedModel, Metric
+
+__all__ = ["log"]
+
+_LONGEST_PARAM = 6000
+_MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its artifacts
+_PICTURE_SIZE = (640, 640)
+
+
+def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
+    """Tell mlflow of the rows of an output folder, and of the files beside them; return how many child runs are new.
+
+    A child whose rows have been logged before is left as it is. Raises InputError for a path that mlflow cannot take,
+    and what mlflow raises.
+    """
+    client, experiment_id = connect(uri, experiment)
+    store = _Store(client, experiment_id, out)
+    named = rows[rows["method"] != ""]
+    jobs = [(str(d), str(m), own) for (d, m), own in named.groupby(["dataset", "method"], sort=False)]
+    new = [job for job in jobs if not store.has(job[2])]
+    if not new:
+        return 0
+    older = store.latest()
+    with store.run(out.resolve().name, rows, {"jobs": str(len(jobs)), **_source(out)}) as parent:
+        client.set_tag(parent, "mlflow.note.content", _note(rows))
+        store.log_table(parent, rows)
+        for name in ("config.yaml", "environment.json"):
+            if (out / name).is_file():
+                client.log_artifact(parent, str(out / name))
+        for folder in ("tables", "figures"):
+            if (out / folder).is_dir():
+                client.log_artifacts(parent, str(out / folder), folder)
+        store.succeed(parent, older.get(("", ""), []))
+        for dataset, method, own in new:
+            _log_job(store, parent, dataset, method, own, older.get((dataset, method), []))
+    return len(new)
+
+
+@dataclass(frozen=True)
+class _Store:
+    """An experiment of mlflow, and the folder it is told of."""
+
+    client: MlflowClient
+    experiment: str
+    out: Path
+
+    def has(self, rows: pd.DataFrame) -> bool:
+        """Whether a run of these very rows has been ended."""
+        query = f"tags.rows = '{_hash(rows)}' and attributes.status != 'RUNNING'"
+        return bool(self.client.search_runs([self.experiment], query, max_results=1))
+
+    def latest(self) -> dict[tuple[str, str], list[str]]:
+        """The newest runs of this folder by dataset and method, both empty for its parent run."""
+        found: dict[tuple[str, str], list[str]] = {}
+        token: str | None = None
+        while token != "":
+            page = self.client.search_runs([self.experiment], "tags.latest = 'yes'", page_token=token)
+            for run in page:
+                if run.data.tags.get("out") == str(self.out.resolve()):
+                    key = (run.data.tags.get("dataset", ""), run.data.tags.get("method", ""))
+                    found.setdefault(key, []).append(run.info.run_id)
+            token = page.token or ""
+        return found
+
+    def succeed(self, run: str, older: Iterable[str]) -> None:
+        """Say which run is the newest of what it is of, and that older ones no longer are."""
+        self.client.set_tag(run, "latest", "yes")
+        for other in older:
+            self.client.set_tag(other, "latest", "no")
+
+    @contextmanager
+    def run(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
+        """A run from the time its rows begin to that of their end; one that is broken off does not go on for ever."""
+        about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
+        own = {**about, "out": str(self.out.resolve()), **tags}
+        run = str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), own, name).info.run_id)
+        try:
+            yield run
+        except BaseException:
+            with suppress(Exception):  # of what broke it off; mlflow may be gone
+                self.client.set_terminated(run, "KILLED")
+            raise
+        failed = (rows["status"] == "failed").any()
+        self.client.set_terminated(run, "FAILED" if failed else "FINISHED", _stamp(rows["time"].max()))
+
+    def log_table(self, run: str, rows: pd.DataFrame) -> None:
+        with tempfile.TemporaryDirectory() as folder:
+            path = Path(folder) / results.TABLE
+            rows.to_parquet(path, index=False)
+            self.client.log_artifact(run, str(path))
+
+
+def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame, older: Iterable[str]) -> None:
+    """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
+    from mlflow.entities import LoggedModelOutput
+
+    client, options = store.client, json.loads(rows["options"].iloc[-1])
+    tags = {
+        "mlflow.parentRunId": parent,
+        "mlflow.runColor": style.colour(method),
+        "dataset": dataset,
+        "method": method,
+        "plugin": str(options.get("name", "")),
+        "data_id": ",".join(sorted(set(rows["data_id"]) - {""})),
+        "code": ",".join(sorted(set(rows["code"].str.split(".").str[0]) - {""})),
+        "device": ",".join(sorted(set(rows["device"]) - {""})),
+        "status": _status(rows),
+    }
+    with store.run(f"{method} on {dataset}", rows, tags) as run:
+        client.set_tag(run, "mlflow.note.content", _about(options, dataset, method, rows))
+        params = dict(_params(options)) | _replicates(rows)
+        data = _dataset(options, dataset, tags["data_id"])
+        client.log_inputs(run, [data])
+        model = _model(store, run, method, params, tags)
+        _log_values(client, run, rows, params, model, data)
+        client.log_outputs(run, [LoggedModelOutput(model.model_id, 0)])
+        client.finalize_logged_model(model.model_id, "FAILED" if tags["status"] == "failed" else "READY")
+        store.log_table(run, rows)
+        pictures = store.out / "restored" / file_name(dataset) / file_name(method)
+        if pictures.is_dir():
+            client.log_artifacts(run, str(pictures), "restored")
+        _log_pictures(store, run, rows)
+        store.succeed(run, older)
+        client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
+
+
+def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInput:
+    from mlflow.entities import Dataset, DatasetInput, InputTag
+
+    about = {"dataset": options.get("dataset", {}), "degrade": options.get("degrade", {})}
+    text = json.dumps(about, default=str)
+    digest = data_id if len(data_id) <= 36 else hashlib.blake2b(data_id.encode(), digest_size=6).hexdigest()
+    dataset = Dataset(
+        label[:500], digest or "unknown", "local", str(about["dataset"].get("root") or label), profile=text
+    )
+    return DatasetInput(dataset, [InputTag("mlflow.data.context", "evaluation")])
+
+
+def _model(store: _Store, run: str, method: str, params: Mapping[str, Any], tags: Mapping[str, str]) -> LoggedModel:
+    """The method as mlflow's models page shows it, with its options."""
+    own = {name.removeprefix("method."): _text(value) for name, value in params.items() if name.startswith("method.")}
+    name = file_name(method).replace(".", "_").replace("%", "_")
+    said = {key: tags[key] for key in ("dataset", "method", "plugin", "code")}
+    return store.client.create_logged_model(store.experiment, name, run, said, own, "restorer")
+
+
+def _replicates(rows: pd.DataFrame) -> dict[str, str]:
+    """Which repetitions a run holds, where there are several."""
+    numbers = sorted({results.unreplicated(scene)[1] for scene in rows["scene"].unique()})
+    return {"replicates": ",".join(map(str, numbers))} if numbers not in ([0], []) else {}
+
+
+def _params(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
+    """Every option of method, dataset and degradation by the name the command line has for it."""
+    groups = ("dataset", "degrade")
+    for name, value in options.items():
+        if name not in (*groups, "replicate"):
+            yield f"method.{name}", value
+    for group in groups:
+        yield from ((f"{group}.{name}", value) for name, value in options.get(group, {}).items())
+
+
+def _log_values(
+    client: MlflowClient,
+    run: str,
+    rows: pd.DataFrame,
+    params: Mapping[str, Any],
+    model: LoggedModel,
+    data: DatasetInput,
+) -> None:
+    """Parameters, means over views, and every view's value as a step, in as few requests as may be."""
+    from mlflow.entities import Param
+
+    metrics = list(_metrics(rows, model.model_id, data))
+    listed = [Param(name, _text(value)[:_LONGEST_PARAM]) for name, value in params.items()]
+    for start in range(0, len(metrics), 1000):
+        client.log_batch(run, metrics=metrics[start : start + 1000])
+    for start in range(0, len(listed), 100):
+        client.log_batch(run, params=listed[start : start + 100])
+
+
+def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Metric]:
+    from mlflow.entities import Metric
+
+    ok = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
+    ok = ok[ok["value"].notna() & ~ok["value"].isin([float("inf"), float("-inf")])]
+    steps = _steps(rows)
+    for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
+        name, when = f"{metric}.{variant}", _stamp(scores["time"].max())
+        by_view = scores.groupby(["scene", "view"])["value"].mean()
+        yield Metric(name, float(by_view.mean()), when, 0, model, data.dataset.name, data.dataset.digest)
+        for view, value in by_view.items():
+            yield Metric(f"views/{name}", float(value), when, steps[view])
+
+    views = rows[rows["metric"] == "seconds"].drop_duplicates(["scene", "view"])
+    for status in ("ok", "failed", "skipped"):
+        yield Metric(f"views_{status}", float((views["status"] == status).sum()), _stamp(rows["time"].max()), 0)
+
+
+def _steps(rows: pd.DataFrame) -> dict[tuple[str, str], int]:
+    """Each view's step in mlflow's curves and pictures, in order of name, alike for all methods of a dataset."""
+    views = rows[rows["view"] != ""]
+    return {view: step for step, view in enumerate(sorted(set(zip(views["scene"], views["view"], strict=True))))}
+
+
+def _log_pictures(store: _Store, run: str, rows: pd.DataFrame) -> None:
+    """Small pictures by step, which mlflow's chart view shows side by side for the runs that are selected."""
+    from PIL import Image
+
+    steps = _steps(rows)
+    every = -(-len(steps) // _MOST_PICTURES)
+    for row in restorations(rows).itertuples():
+        step = steps[str(row.scene), str(row.view)]
+        place = layout.find(row.dataset, row.scene, row.view, store.out) if step % every == 0 else None
+        if place is None:
+            continue
+        try:
+            with Image.open(place.restored(store.out, row.method)) as whole:
+                small = whole.convert("RGB")
+        except OSError:  # gone, or cut short: the others are shown
+            continue
+        small.thumbnail(_PICTURE_SIZE)
+        store.client.log_image(run, small, key="restored", step=step, timestamp=_stamp(str(row.time)), synchronous=True)
+
+
+def _status(rows: pd.DataFrame) -> str:
+    own = set(rows.loc[rows["metric"] == "seconds", "status"])
+    return "failed" if "failed" in own else "skipped" if own == {"skipped"} else "ok"
+
+
+def _user() -> str:
+    import getpass
+
+    try:
+        return getpass.getuser()
+    except (OSError, KeyError):  # in a container, an id without a name
+        return "unknown"
+
+
+def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataFrame) -> str:
+    """What a child run is of, which mlflow's page shows as its description."""
+    views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
+    head = f"**{method}** on **{dataset}**, {len(views)} view{'' if len(views) == 1 else 's'}."
+    plugin = plugins.discover("method").get(str(options.get("name", "")))
+    said = [plugin.summary, plugin.cites] if isinstance(plugin, Plugin) else []
+    reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)
+    faults = [f"failed: `{reason}`" for reason in reasons]
+    return "\n\n".join(part for part in (head, *said, *faults) if part)
+
+
+def _source(out: Path) -> dict[str, str]:
+    """Commit and command, as mlflow's page shows them."""
+    environment = provenance.read(out / "environment.json") or {}
+    said = {
+        "mlflow.source.git.commit": environment.get("git_commit"),
+        "command": " ".join(environment.get("command", [])),
+        "sucre_bench": environment.get("sucre_bench"),
+    }
+    return {name: str(value)[:5000] for name, value in said.items() if value}
+
+
+def _note(rows: pd.DataFrame) -> str:
+    """The tables, which mlflow's page renders as the run's description."""
+    ok = rows[rows["status"] == "ok"]
+    text = tables.as_text(compare.compare(rows), "md") if len(ok) else ""
+    return text if len(text) < 7500 else "Too many tables to show here; they are in scores.parquet."
+
+
+def _text(value: Any) -> str:
+    return value if isinstance(value, str) else json.dumps(value, default=str)
+
+
+def _stamp(time: str) -> int:
+    import pandas as pd
+
+    return int(pd.Timestamp(str(time)).timestamp() * 1000)
+
+
+def _hash(rows: pd.DataFrame) -> str:
+    import pandas as pd
+
+    ordered = rows.sort_values([*rows.columns[:4], "metric", "variant", "region"], kind="stable")
+    return hashlib.blake2b(
+        pd.util.hash_pandas_object(ordered, index=False).to_numpy().tobytes(), digest_size=8
+    ).hexdigest()

@@ -1,0 +1,155 @@
+"""The results page: one static file made from the table and the pictures, which opens from disk without a network.
+
+Values are embedded as JSON, a block a dataset, read when that dataset is chosen; scripts and styles are the files
+beside this one, put into the page as they are. The page allows itself no connection at all (its
+Content-Security-Policy).
+"""
+
+from __future__ import annotations
+
+import base64
+import gzip
+import json
+import math
+import shlex
+from collections.abc import Iterable, Sequence
+from importlib.resources import files
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import compare
+from sucre_bench.machine import provenance
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
+from sucre_bench.reports.page.gallery import Gallery
+from sucre_bench.reports.paper.figures import style
+from sucre_bench.results import layout
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sucre_bench.compare import Comparison
+
+__all__ = ["write"]
+
+# In the order in which they build on one another.
+_STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
+_SCRIPTS = (
+    *("page", "words", "sheet", "scores", "zoom", "pictures", "detail", "grid", "charts", "plots", "cost", "distances"),
+    *("water", "sweep", "keys"),
+)
+_HUGE = 1e308  # what JSON has for infinity
+
+
+def write(out: Path, rows: pd.DataFrame) -> Path:
+    """Write ``out/report/index.html`` and return its path.
+
+    Thumbnails are embedded; full pictures are read from `out` where they lie.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    pages = Environment(loader=PackageLoader("sucre_bench", "report"), autoescape=True, undefined=StrictUndefined)
+    pages.filters["shell"] = shlex.join
+    compared = compare.compare(rows)
+    gallery = Gallery(out, _most_pictures(rows))
+    config = _read(out / "config.yaml")
+    sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in compared]
+    told = [_json(section.content()) for section in sections]
+    page = pages.get_template("page.html.j2").render(
+        style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
+        scripts=Markup("\n".join(_source(f"{name}.js") for name in _SCRIPTS)),
+        summary=Markup(_json(_summary(rows, compared))),
+        datasets=[Markup(text) for text in told],
+        blocks=gallery.blocks(),
+        plotly=_plotly() if (rows["status"] == "ok").any() else "",
+        failed=_reasons(rows, "failed"),
+        skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
+        unscored=_reasons(rows[rows["metric"] != "seconds"], "skipped"),
+        counts=rows.loc[rows["metric"] == "seconds", "status"].value_counts().to_dict(),
+        environment=provenance.read(out / "environment.json"),
+        config=config,
+        log=layout.log_path(out).is_file(),
+    )
+    path = out / "report" / "index.html"
+    write_atomically(path, page.encode())
+    return path
+
+
+def _most_pictures(rows: pd.DataFrame) -> int:
+    """How many pictures the views and their restorations may have."""
+    views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
+    return 2 * len(views) + int(((rows["metric"] == "seconds") & (rows["status"] == "ok")).sum())
+
+
+def _summary(rows: pd.DataFrame, compared: Sequence[Comparison]) -> dict[str, Any]:
+    """What is known before a dataset is chosen: the methods and their colours, and the means on every dataset."""
+    methods = list(dict.fromkeys(name for table in compared for name in table.methods))
+    columns = {key_of(c.metric, c.variant): column_of(c) for table in compared for c in table.columns}
+    means: dict[str, list[list[Any]]] = {key: [] for key in columns}
+    for table in compared:
+        own = {key_of(c.metric, c.variant): c for c in table.columns}
+        for key, lines in means.items():
+            lines.append([cell_of(table, name, own[key]) if key in own else None for name in methods])
+    looks = style.looks(methods)
+    return {
+        "datasets": [table.title for table in compared],
+        "methods": methods,
+        "colours": {name: look.colour for name, look in looks.items()},
+        "columns": list(columns.values()),
+        "means": means,
+    }
+
+
+def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
+    """Where and why, the same fault of one method said once with its views."""
+    own = rows[rows["status"] == status]
+    said = []
+    for (dataset, method, metric, reason), same in own.groupby(["dataset", "method", "metric", "reason"], sort=False):
+        views = sorted(set(same["view"]) - {""})
+        score = "" if metric == "seconds" else metric
+        said.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
+    return said
+
+
+def _plugins(config: str) -> tuple[str, ...]:
+    """The files that a run took plugins from."""
+    import yaml
+
+    try:
+        found = (yaml.safe_load(config) or {}).get("plugins")
+    except (yaml.YAMLError, AttributeError):
+        return ()
+    return tuple(map(str, found or ()))
+
+
+def _read(path: Path) -> str:
+    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+
+
+def _source(name: str) -> str:
+    return files("sucre_bench.reports.page").joinpath(name).read_text(encoding="utf-8")
+
+
+def _plotly() -> str:
+    """Plotly's own bundle, compressed: the page unpacks it when the first plot comes into view."""
+    bundle = files("plotly").joinpath("package_data/plotly.min.js").read_bytes()
+    return base64.b64encode(gzip.compress(bundle, mtime=0)).decode()
+
+
+def _json(value: Any) -> str:
+    """As JSON that may stand in a page: nothing in it ends a script, and no number is not a number."""
+    text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
+    return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
+
+
+def _finite(value: Any) -> Any:
+    if isinstance(value, dict):
+        return {str(key): _finite(inner) for key, inner in value.items()}
+    if isinstance(value, Iterable) and not isinstance(value, str):
+        return [_finite(inner) for inner in value]
+    if isinstance(value, float):
+        if math.isnan(value):
+            return None
+        return float(f"{value:.6g}") if math.isfinite(value) else math.copysign(_HUGE, value)
+    return value

@@ -1,0 +1,230 @@
+"""What the page is told of a dataset, as plain values: its table, its views with their pictures, its charts."""
+
+from __future__ import annotations
+
+import json
+from collections import defaultdict
+from collections.abc import Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.compare import COSTS, Column, Comparison, text
+from sucre_bench.compare.text import shown
+from sucre_bench.errors import InputError
+from sucre_bench.jobs.rerun import Command, metric_words, shell, value_of
+from sucre_bench.reports.page.gallery import Gallery
+from sucre_bench.results import layout
+from sucre_bench.results.restorations import told
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Section", "cell_of", "column_of", "key_of"]
+
+_WATER = ("B", "beta", "gamma")
+_WHOLE = ("coverage:", *(f"{name}:" for name in COSTS))  # scores of the whole picture, or of none of it
+_MOST_TOLD = 600  # characters of what a method tells of its work
+_MOST_NAMED = 100  # views in one command
+_VIEW = ["scene", "view"]
+_EXPORTS: tuple[tuple[str, text.Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
+
+
+def key_of(metric: str, variant: str) -> str:
+    """The name of a score on the page, and in links to it."""
+    return f"{metric}:{variant}"
+
+
+def column_of(column: Column) -> dict[str, Any]:
+    """A column of a table. cost: it is shown, but nobody wins by it; ranked: neither that nor what only describes."""
+    return {
+        "key": key_of(column.metric, column.variant),
+        "metric": column.metric,
+        "variant": column.variant,
+        "unit": column.unit,
+        "better": column.better,
+        "ranked": column.ranked,
+        "of": column.of,
+        "n": column.n_units,
+        "views": column.n_views,
+        "cost": column.metric in COSTS,
+    }
+
+
+def cell_of(table: Comparison, name: str, column: Column) -> dict[str, Any] | None:
+    """A cell of a table with the marks that every table gives it."""
+    cell, marks = table.cells.get((name, column)), shown(table, name, column)
+    if cell is None:
+        return None
+    numbers = {"mean": cell.mean, "std": cell.std, "low": cell.low, "high": cell.high}
+    return {**numbers, "holes": cell.holes, "mark": marks.mark, "look": marks.look}
+
+
+@dataclass(frozen=True)
+class Section:
+    """A dataset on the page.
+
+    out: the run's folder; rows: all of the dataset's; table: of its methods; plugins: files they were loaded from.
+    """
+
+    out: Path
+    rows: pd.DataFrame
+    table: Comparison
+    gallery: Gallery
+    plugins: tuple[str, ...]
+
+    def content(self) -> dict[str, Any]:
+        """Everything the page shows of it."""
+        values, charts = self._values(), self._charts()
+        views = [self._view(*place, values, charts) for place in self._chosen()]
+        return {
+            "name": self.table.title,
+            "legend": text.legend(self.table),
+            "notes": list(text.left_out(self.table)),
+            "verdicts": text.verdicts(self.table),
+            "columns": [column_of(c) for c in self.table.columns],
+            "methods": [self._method(name) for name in self.table.methods],
+            "cells": [[cell_of(self.table, name, c) for c in self.table.columns] for name in self.table.methods],
+            "metric_words": self._metric_words(),
+            "views": views,
+            "exports": [{"name": name, "text": text.as_text([self.table], how)} for name, how in _EXPORTS],
+        }
+
+    # -- the table -------------------------------------------------------------------------------------------
+
+    def _method(self, name: str) -> dict[str, Any]:
+        own = self.rows[self.rows["method"] == name]
+        last = own.iloc[-1]
+        command = Command(self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins)
+        return {
+            "label": name,
+            "options": command.own,
+            "given": command.given(),
+            "command": shell(command.words()),
+            "views": self._view_words(own),
+            "code": last["code"].split(".")[0],
+        }
+
+    @staticmethod
+    def _view_words(own: pd.DataFrame) -> str:
+        """The words that ask for a method's views again; none for more than a command line has room for."""
+        views = sorted(set(own["view"]) - {""})
+        return shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
+
+    def _metric_words(self) -> dict[str, str]:
+        """The words that ask for a score again, and under "" those for all of them."""
+        variants: dict[str, list[str]] = defaultdict(list)
+        scored = self.rows.loc[~self.rows["metric"].isin(COSTS), ["metric", "variant"]].drop_duplicates()
+        for name, variant in scored.itertuples(index=False, name=None):
+            variants[name].append(variant)
+        words = {name: metric_words(name, own) for name, own in variants.items()}
+        everything = [f"metrics={value_of(list(words))}", *(word for own in words.values() for word in own)]
+        single = {
+            key_of(name, variant): shell([f"metrics={value_of([name])}", *metric_words(name, [variant])])
+            for name, own in variants.items()
+            for variant in own
+        }
+        return {**single, "": shell(everything) if words else ""}
+
+    # -- its views -------------------------------------------------------------------------------------------
+
+    def _chosen(self) -> list[tuple[str, str, bool]]:
+        """Every view, and whether the page keeps its pictures: as many as may be, spread evenly."""
+        names = self.rows.loc[self.rows["view"] != "", _VIEW].drop_duplicates().sort_values(_VIEW)
+        share, views = self.gallery.share, names.itertuples(index=False, name=None)
+        return [(scene, view, int((n + 1) * share) > int(n * share)) for n, (scene, view) in enumerate(views)]
+
+    def _values(self) -> Mapping[tuple[str, str], Mapping[str, Mapping[str, tuple[float, float]]]]:
+        """Of each view and method, each score and its coverage: of charts their mean."""
+        ok = self.rows[(self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)]
+        by = [*_VIEW, "method", "metric", "variant"]
+        means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()
+        found: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
+        for (scene, view, method, metric, variant), *score in means.itertuples(name=None):
+            found[scene, view][method][key_of(metric, variant)] = (score[0], score[1])
+        return found
+
+    def _view(self, scene: str, view: str, kept: bool, values: Any, charts: Any) -> dict[str, Any]:
+        place = layout.find(self.table.title, scene, view, self.out)
+        whole = self._restorations.get((scene, view), {})
+        results = [
+            self._result(place, whole.get(name), values.get((scene, view), {}).get(name, {}), kept, name)
+            for name in self.table.methods
+        ]
+        return {
+            "name": f"{scene} · {view}" if self._has_scenes else view,
+            "words": shell([f"views={value_of([view])}"]),
+            "original": self.gallery.picture(place.original(self.out), kept) if place else None,
+            "reference": self.gallery.picture(place.reference(self.out), kept) if place else None,
+            "truth": next((r["truth"] for r in results if r.get("truth")), None),
+            "results": results,
+            "charts": charts.get((scene, view), {}),
+        }
+
+    @cached_property
+    def _has_scenes(self) -> bool:
+        return len(set(self.rows["scene"]) - {""}) > 1
+
+    @cached_property
+    def _restorations(self) -> dict[tuple[str, str], dict[str, Any]]:
+        found: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        for row in self.rows[self.rows["metric"] == "seconds"].itertuples():
+            found[row.scene, row.view][row.method] = row
+        return found
+
+    def _result(
+        self, place: layout.Place | None, row: Any, scores: Mapping[str, tuple[float, float]], kept: bool, name: str
+    ) -> dict[str, Any]:
+        if row is None:
+            return {"status": "not run", "reason": ""}
+        if row.status != "ok":
+            return {"status": row.status, "reason": row.reason}
+        own = _told(row, self.out)
+        return {
+            "status": "ok",
+            "picture": self.gallery.picture(place.restored(self.out, name), kept, row.coverage < 1) if place else None,
+            "coverage": row.coverage,
+            "device": row.device,
+            "scores": {key: value for key, (value, _) in scores.items()},
+            "covers": {key: share for key, (_, share) in scores.items() if share < 1 and not key.startswith(_WHOLE)},
+            "water": {k: own.get(k) for k in (*_WATER, "encoding", "standard_error")} if _has_water(own) else None,
+            "truth": own.get("true_water"),
+            "told": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},
+        }
+
+    # -- its charts ------------------------------------------------------------------------------------------
+
+    def _charts(self) -> Mapping[tuple[str, str], Mapping[str, Any]]:
+        """Of each view and chart, each score and those of its patches, a value a method (None: a hole)."""
+        place = {name: n for n, name in enumerate(self.table.methods)}
+        ok = self.rows[(self.rows["status"] == "ok") & self.rows["method"].isin(place)]
+        of_charts = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
+        found: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        columns = ["scene", "view", "region", "metric", "variant", "method", "value"]
+        for scene, view, region, metric, variant, method, value in of_charts[columns].itertuples(
+            index=False, name=None
+        ):
+            chart, _, patch = region.partition("/")
+            own = found[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
+            scores = own["patches"].setdefault(patch, {}) if patch else own["scores"]
+            scores.setdefault(key_of(metric, variant), [None] * len(place))[place[method]] = value
+        return found
+
+
+def _told(row: Any, out: Path) -> Mapping[str, Any]:
+    """What a method told of its work; nothing where the file is damaged: the page shows the rest."""
+    try:
+        own = told(row, out)
+    except InputError:
+        return {}
+    return own if isinstance(own, dict) else {}
+
+
+def _has_water(own: Mapping[str, Any]) -> bool:
+    values = [value for name in _WATER if isinstance(value := own.get(name), list)]
+    return any(isinstance(x, (int, float)) for value in values for x in value)
+
+
+def _is_short(value: Any) -> bool:
+    return len(json.dumps(value)) <= _MOST_TOLD

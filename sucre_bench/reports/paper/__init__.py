@@ -1,0 +1,10 @@
+"""Studies: what an experiment asks of its rows, beside the long table itself: tables and figures for a paper.
+
+`Study` is the block ``study:`` of an experiment's configuration, `write` makes its files. `follow_option`
+has the tables of a study that follows one option through its values.
+"""
+
+from sucre_bench.jobs.study import Study
+from sucre_bench.reports.paper.write import Written, write
+
+__all__ = ["Study", "Written", "write"]

@@ -1,0 +1,94 @@
+"""The errors of colour charts against their distance (SUCRe, fig. "Chart psi-bar error vs. distance").
+
+A dot is the mean over charts that are about equally far, at most eight such places; the bar behind it reaches one
+standard deviation of their patches to either side. Needs the scores `chart_distance`, and `psi` or `de00`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.paper.figures import style
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+    from sucre_bench.reports.paper import Study
+
+__all__ = ["PLACES", "draw", "seen_charts", "with_places"]
+
+_ERRORS = {"psi": "mean angle $\\bar\\psi$ (°)", "de00": "$\\Delta E_{00}$"}
+_CHART = ["dataset", "scene", "view", "chart"]
+PLACES = 8
+
+
+def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+    """Yield a figure per dataset, a panel per error and variant, of those that the study names if it names any."""
+    charts = seen_charts(rows)
+    charts = charts[charts["metric"].isin(_ERRORS)]
+    full = charts["metric"] + ":" + charts["variant"]
+    named = charts["metric"].isin(study.metrics) | full.isin(study.metrics)
+    charts = charts[named] if named.any() else charts
+    if charts.empty:
+        raise NotApplicableError("no errors of colour charts; add metrics=[psi,de00,chart_distance]")
+    for name, own in style.each_dataset(charts):
+        yield name, _against_distance(with_places(own))
+
+
+def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the scores of charts and patches, with the columns chart, and distance in metres.
+
+    Raises NotApplicableError where no chart has a distance.
+    """
+    ok = rows[(rows["status"] == "ok") & rows["value"].notna()]
+    ok = ok.assign(chart=ok["region"].str.split("/").str[0])
+    distances = ok[ok["metric"] == "chart_distance"].drop_duplicates(_CHART).rename(columns={"value": "distance"})
+    if distances.empty:
+        raise NotApplicableError(
+            "no colour chart at a known distance; add the metric chart_distance, on images with charts and depth"
+        )
+    return ok.merge(distances[[*_CHART, "distance"]], on=_CHART)
+
+
+def with_places(charts: pd.DataFrame) -> pd.DataFrame:
+    """Add the column place: the mean distance of the charts that are about as far, equally many at each place."""
+    sites = charts.drop_duplicates(_CHART)["distance"].to_numpy()
+    n = min(PLACES, len(sites))
+    edges = np.quantile(sites, np.arange(1, n) / n)  # of as many charts as places, each is one
+    middles = np.array([sites[np.searchsorted(edges, sites, "right") == k].mean() for k in range(n)])
+    return charts.assign(place=middles[np.searchsorted(edges, charts["distance"], "right")])
+
+
+def _against_distance(charts: pd.DataFrame) -> Figure:
+    panels = list(dict.fromkeys(zip(charts["metric"], charts["variant"], strict=True)))
+    looks = style.looks(charts["method"])
+    width = min(len(panels), 2)
+    n_rows = -(-len(panels) // width)
+    figure, axes = style.figure(2 if width == 2 else 1, 0.5 + 2.3 * n_rows, n_rows, width, sharex=True)
+    step = 0.004 * np.ptp(charts["place"])  # beside each other, that bars do not hide bars
+    for place, ((metric, variant), panel) in enumerate(zip(panels, axes.flat, strict=False)):
+        scores = charts[(charts["metric"] == metric) & (charts["variant"] == variant)]
+        is_patch = scores["region"].str.contains("/", regex=False)
+        whole, patches = scores[~is_patch], scores[is_patch]
+        for k, (method, look) in enumerate(looks.items()):
+            means = whole[whole["method"] == method].groupby("place")["value"].mean()
+            spread = patches[patches["method"] == method].groupby("place")["value"].std(ddof=0).reindex(means.index)
+            x = means.index + step * (k - (len(looks) - 1) / 2)
+            panel.errorbar(x, means, spread, fmt="none", ecolor=look.colour, alpha=0.3, elinewidth=0.7, zorder=1)
+            panel.plot(x, means, color=look.colour, marker=look.marker, label=method, markersize=3)
+        several = sum(metric == other for other, _ in panels) > 1
+        panel.set(ylabel=f"{_ERRORS[metric]}{f', {variant}' if several else ''}")
+        panel.set_ylim(bottom=0)
+        panel.tick_params(labelbottom=place + width >= len(panels))
+        panel.grid(axis="y")
+    for panel in axes.flat[len(panels) :]:
+        panel.set_visible(False)
+    figure.supxlabel("distance of the chart (m); bars: standard deviation over its patches", fontsize=7)
+    style.legend_above(figure, axes[0, 0], 5 if width == 2 else 3)
+    return figure

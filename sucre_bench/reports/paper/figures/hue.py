@@ -1,0 +1,114 @@
+"""The hue of each chart patch against the chart's distance (SUCRe, fig. "Hue vs. distance" and its appendix).
+
+A panel a patch, half a turn up and down from the hue expected there, the gray line. A dot is the circular mean over
+charts that are about equally far, see `figures.charts`; a line that leaves through the top comes back
+from below. Needs the scores `hue` (measured and expected) and `chart_distance`.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.figures.charts import PLACES, seen_charts, with_places
+from sucre_bench.results.layout import file_name
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sucre_bench.reports.paper import Study
+    from sucre_bench.reports.paper.figures.style import Look
+
+__all__ = ["draw"]
+
+_PANELS = 24
+
+
+def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+    """Yield a figure per dataset, kind of chart (told apart by their patches) and variant of hue."""
+    hues = seen_charts(rows)
+    hues = hues[hues["metric"] == "hue"]
+    forms = [v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])]
+    if not forms:
+        raise NotApplicableError("no hues of chart patches; add metrics=[hue,chart_distance]")
+    hues = hues.assign(patch=hues["region"].str.partition("/")[2])
+    for name, own in style.each_dataset(hues):
+        kinds = list(_by_kind(own))
+        for kind, charts in kinds:
+            for form in forms:
+                pages = _pages(charts)
+                for k, patches in enumerate(pages, 1):
+                    several = (len(kinds) > 1, len(forms) > 1, len(pages) > 1)
+                    words = [name, *itertools.compress((kind, form, str(k)), several)]
+                    yield "-".join(filter(None, words)), _panels(with_places(charts), form, patches)
+
+
+def _by_kind(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The charts that have the same patches, named after the first of them."""
+    names = hues.groupby("chart")["patch"].transform(lambda patches: "|".join(sorted(set(patches))))
+    for kind in dict.fromkeys(names):
+        own = hues[names == kind]
+        yield file_name(own["chart"].iloc[0]), own
+
+
+def _pages(hues: pd.DataFrame) -> list[list[str]]:
+    """The patches by their numbers, as many on a page as there is room for."""
+    patches = sorted(set(hues["patch"]), key=lambda patch: int(patch.partition("-")[0]))
+    return [patches[start : start + _PANELS] for start in range(0, len(patches), _PANELS)]
+
+
+def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
+    looks = style.looks(hues["method"])
+    width = 4
+    n_rows = -(-len(patches) // width)
+    figure, axes = style.figure(2, 0.6 + 1.25 * n_rows, n_rows, width, sharex=True)
+    for k, (patch, panel) in enumerate(zip(patches, axes.flat, strict=False)):
+        own = hues[hues["patch"] == patch]
+        expected = float(own.loc[own["variant"] == f"{form}-expected", "value"].iloc[0])
+        _panel(panel, own[own["variant"] == form], expected, looks)
+        panel.tick_params(labelbottom=k + width >= len(patches))
+        panel.set_title(patch.partition("-")[2], fontsize=7)
+    for panel in axes.flat[len(patches) :]:
+        panel.set_visible(False)
+    figure.supxlabel("distance of the chart (m)", fontsize=7)
+    figure.supylabel({"hsv": "hue (HSV, °)", "lab": "hue $h_{ab}$ (CIE Lab, °)"}.get(form, form), fontsize=7)
+    style.legend_above(figure, axes[0, 0], 5)
+    return figure
+
+
+def _panel(panel: Axes, measured: pd.DataFrame, expected: float, looks: dict[str, Look]) -> None:
+    panel.axhline(expected, color="#999999", linewidth=2.5, zorder=0)
+    for method, look in looks.items():
+        places = measured[measured["method"] == method].groupby("place")["value"]
+        turns = places.agg(lambda hues: _mean_turn(hues.to_numpy(), expected))
+        unbroken = np.unwrap(turns.to_numpy(), period=360)
+        for turn in range(-PLACES // 2, PLACES // 2 + 1):  # what leaves through one edge comes back at the other
+            y = unbroken + 360 * turn
+            if turn == 0 or (y.min() <= 180 and y.max() >= -180):
+                label = method if turn == 0 else "_again"
+                panel.plot(
+                    turns.index,
+                    expected + y,
+                    color=look.colour,
+                    marker=look.marker,
+                    label=label,
+                    markersize=2.5,
+                    lw=0.9,
+                )
+    panel.set_ylim(expected - 180, expected + 180)
+    ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
+    panel.set_yticks(ticks, [f"{tick % 360:.0f}" for tick in ticks])
+
+
+def _mean_turn(hues: Array, expected: float) -> float:
+    """The circular mean of hues less the expected one: degrees in [-180, 180]."""
+    return float(np.degrees(np.angle(np.exp(1j * np.radians(hues - expected)).mean())))

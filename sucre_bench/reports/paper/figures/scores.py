@@ -1,0 +1,90 @@
+"""Scores of all methods: a panel a metric, the best on top, with 95 % intervals.
+
+A hollow dot is a method that is no different from the best by more than chance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.compare import COSTS, Column, Comparison
+from sucre_bench.compare.text import title
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.jobs.study import Study
+from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.ordering import compared
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.figure import Figure
+
+__all__ = ["draw", "panels"]
+
+_LINE = 0.135  # inches a method takes
+_PAGE = 9.0  # inches a page has
+
+
+def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+    """Yield a figure per dataset, or more where the panels do not fit on a page."""
+    comparisons = compared(rows, study)
+    drawn = [(comparison, panels(comparison, study)) for comparison in comparisons]
+    if not any(columns for _, columns in drawn):
+        raise NotApplicableError("no scores that tell methods apart; add metrics, or method=a,b")
+    for comparison, columns in drawn:
+        most = 2 * max(1, int(_PAGE / _height(comparison)))
+        for start in range(0, len(columns), most):
+            page = str(start // most + 1) if len(columns) > most else ""
+            words = (comparison.title if len(comparisons) > 1 else "", page)
+            yield "-".join(filter(None, words)), _figure(comparison, columns[start : start + most])
+
+
+def panels(comparison: Comparison, study: Study) -> list[Column]:
+    """Return the columns worth a panel: what tells methods apart, but of costs only those that the study names."""
+    named = {metric.partition(":")[0] for metric in study.metrics}
+    chosen = (c for c in comparison.columns if c.ranked or (c.metric in COSTS and c.metric in named))
+    return [column for column in chosen if _tells(comparison, column)]
+
+
+def _tells(comparison: Comparison, column: Column) -> bool:
+    """Whether methods have scores, and not all of them the same."""
+    means = {cell.mean for (_, own), cell in comparison.cells.items() if own == column}
+    n_scored = sum(own == column for _, own in comparison.cells)
+    return len(means) > 1 or n_scored == 1
+
+
+def _height(comparison: Comparison) -> float:
+    """Inches that a panel takes."""
+    return 0.55 + _LINE * len(comparison.methods)
+
+
+def _figure(comparison: Comparison, columns: list[Column]) -> Figure:
+    width = min(len(columns), 2)
+    n_rows = -(-len(columns) // width)
+    figure, axes = style.figure(width, n_rows * _height(comparison), n_rows, width)
+    looks = style.looks(comparison.methods)
+    for column, panel in zip(columns, axes.flat, strict=False):
+        _panel(panel, comparison, column, looks)
+    for panel in axes.flat[len(columns) :]:
+        panel.set_visible(False)
+    return figure
+
+
+def _panel(panel: Any, comparison: Comparison, column: Column, looks: dict[str, style.Look]) -> None:
+    scored = [(cell.place, name, cell) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
+    scored.sort(key=lambda one: one[0])
+    for y, (_, method, cell) in enumerate(scored):
+        look = looks[method]
+        if math.isfinite(cell.low):
+            panel.plot([cell.low, cell.high], [y, y], color=look.colour, linewidth=1, solid_capstyle="butt")
+        if math.isfinite(cell.mean):
+            face = "white" if cell.tie else look.colour
+            panel.plot(cell.mean, y, look.marker, color=look.colour, markerfacecolor=face, markeredgewidth=0.9)
+    panel.set_yticks(range(len(scored)), [method for _, method, _ in scored])
+    panel.set_ylim(len(scored) - 0.4, -0.6)
+    panel.tick_params(axis="y", length=0)
+    panel.grid(axis="x")
+    panel.set_xlabel(f"{title(column)} ({column.variant})")
+    panel.spines["left"].set_visible(False)

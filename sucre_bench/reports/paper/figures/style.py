@@ -1,0 +1,182 @@
+"""How figures look: sizes of paper columns, type, and a colour and a marker for each method.
+
+A method's colour is found from its label alone, so that it has the same one in every figure, run and study; where two
+methods of one figure would share it, `looks` gives one of them the next. The palette begins with the seven colours of
+Okabe & Ito 2008, "Color Universal Design"; each of the others is the colour farthest from all before it (CIEDE2000) as
+people with normal, deuteranope and protanope vision see it (Machado, Oliveira & Fernandes 2009), among those dark
+enough for white paper. Colours may still be confused where there are many: markers tell those apart.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.results.layout import file_name
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+__all__ = [
+    "CHANNELS",
+    "MARKERS",
+    "PALETTE",
+    "Look",
+    "colour",
+    "each_dataset",
+    "figure",
+    "legend_above",
+    "look",
+    "looks",
+    "marker",
+    "save",
+]
+
+# Width in inches of one column, and of both, of a two-column paper.
+WIDTH = {1: 3.35, 2: 6.9}
+
+PALETTE = (
+    "#000000", "#E69F00", "#56B4E9", "#009E73", "#0072B2", "#D55E00", "#CC79A7", "#2D0096", "#872D3C", "#B4C387",
+    "#006969", "#0F2D00", "#784B00", "#3C1E3C", "#8778FF", "#E1B4B4", "#C30F96", "#D25A5A", "#690FFF", "#00D2D2",
+)  # fmt: skip
+# Of the channels of an image.
+CHANNELS = {"red": "#D55E00", "green": "#009E73", "blue": "#0072B2"}
+MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
+# With this one, the methods of conf/experiment/table1.yaml fall on colours of their own, whichever of them are shown.
+_SALT = (344186602).to_bytes(4, "little")
+
+_STYLE: Any = {
+    "font.size": 7,
+    "axes.labelsize": 7,
+    "axes.titlesize": 8,
+    "xtick.labelsize": 7,
+    "ytick.labelsize": 7,
+    "legend.fontsize": 7,
+    "figure.titlesize": 8,
+    "font.family": "DejaVu Sans",  # comes with matplotlib: the same everywhere
+    "axes.linewidth": 0.6,
+    "axes.spines.top": False,
+    "axes.spines.right": False,
+    "axes.axisbelow": True,
+    "grid.color": "#DDDDDD",
+    "grid.linewidth": 0.5,
+    "xtick.major.width": 0.6,
+    "ytick.major.width": 0.6,
+    "xtick.major.size": 2.5,
+    "ytick.major.size": 2.5,
+    "lines.linewidth": 1.2,
+    "lines.markersize": 4,
+    "legend.frameon": False,
+    "image.interpolation": "antialiased",
+    "figure.facecolor": "white",
+    "savefig.dpi": 300,
+    "pdf.fonttype": 42,  # text stays text
+    "svg.fonttype": "none",
+    "svg.hashsalt": "sucre_bench",  # the same file from the same numbers
+}
+
+
+@dataclass(frozen=True)
+class Look:
+    """How a method is drawn. colour: as #RRGGBB; marker: one of matplotlib's."""
+
+    colour: str
+    marker: str
+
+
+@contextmanager
+def look() -> Iterator[None]:
+    """Switch the style on, for what is drawn inside."""
+    import matplotlib
+
+    with matplotlib.rc_context(_STYLE):
+        yield
+
+
+def colour(method: str) -> str:
+    """Return a method's colour as #RRGGBB, the same wherever its label is."""
+    return PALETTE[_place(method) % len(PALETTE)]
+
+
+def marker(method: str) -> str:
+    """Return a method's marker, the same wherever its label is."""
+    return MARKERS[_place(method) // len(PALETTE) % len(MARKERS)]
+
+
+def looks(methods: Iterable[str]) -> dict[str, Look]:
+    """Return how each of a figure's methods is drawn: no two alike, and no two of one colour while there are enough."""
+    methods = list(dict.fromkeys(methods))
+    found: dict[str, Look] = {}
+    for method in sorted(methods):  # whatever order a figure has them in; first those that can have what is theirs
+        if colour(method) not in {own.colour for own in found.values()}:
+            found[method] = Look(colour(method), marker(method))
+    for method in sorted(set(methods) - set(found)):
+        used = [own.colour for own in found.values()]
+        least = min(map(used.count, PALETTE))
+        free = next(other for other in _from(PALETTE, colour(method)) if used.count(other) == least)
+        taken = {own.marker for own in found.values() if own.colour == free}
+        signs = _from(MARKERS, marker(method))
+        found[method] = Look(free, next((sign for sign in signs if sign not in taken), signs[0]))
+    return {method: found[method] for method in methods}
+
+
+def _from(cycle: tuple[str, ...], first: str) -> tuple[str, ...]:
+    """All of them, beginning at one."""
+    start = cycle.index(first)
+    return cycle[start:] + cycle[:start]
+
+
+def _place(method: str) -> int:
+    return int.from_bytes(hashlib.blake2b(method.encode(), digest_size=8, salt=_SALT).digest(), "little")
+
+
+def figure(
+    columns: int = 1, height: float = 2.4, nrows: int = 1, ncols: int = 1, **subplots: Any
+) -> tuple[Figure, Any]:
+    """Return a figure as wide as one or two columns of a paper, and its axes as an array (nrows, ncols).
+
+    height: in inches; subplots: as of matplotlib's Figure.subplots (sharex, width_ratios ...).
+    """
+    from matplotlib.figure import Figure
+
+    with look():
+        made = Figure(figsize=(WIDTH[columns], height), layout="constrained")
+        return made, made.subplots(nrows, ncols, squeeze=False, **subplots)
+
+
+def each_dataset(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """Yield each dataset's rows with a suffix for its figures, empty where there is but one dataset."""
+    datasets = list(dict.fromkeys(rows["dataset"]))
+    for dataset in datasets:
+        yield file_name(dataset) if len(datasets) > 1 else "", rows[rows["dataset"] == dataset]
+
+
+def legend_above(figure: Figure, axes: Axes, columns: int) -> None:
+    """Name what one panel shows, for all of them, above."""
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper center", ncols=min(columns, len(labels)))
+
+
+def save(figure: Figure, path: Path, svg: bool = False) -> list[Path]:
+    """Write a figure as `path` with .png (300 dpi) and .pdf (vectors), and .svg if asked; return what was written.
+
+    Equal figures make equal files.
+    """
+    written = []
+    for suffix in (".png", ".pdf", *([".svg"] if svg else [])):
+        buffer = io.BytesIO()
+        undated = {".pdf": {"CreationDate": None}, ".svg": {"Date": None}}.get(suffix, {})
+        with look():
+            figure.savefig(buffer, format=suffix[1:], metadata=undated)
+        target = path.with_name(path.name + suffix)  # a name may hold a dot
+        write_atomically(target, buffer.getvalue())
+        written.append(target)
+    return written

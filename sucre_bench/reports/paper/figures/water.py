@@ -1,0 +1,104 @@
+"""Estimated water against the variance of a view's distances (SUCRe, fig. "Distance map variance vs. parameters").
+
+A row a parameter, a column a method, at most four a figure; a dot a view and channel; dashed, the true water where the
+run's records know it. On top, the scatter of each channel over the views: standard deviation by mean. Views of one
+water that disagree at the left and agree at the right are the paper's case. Needs the scores `water_parameters` and
+`distance_variance`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.compare.text import number
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.paper.figures import style
+from sucre_bench.results.restorations import told
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from sucre_bench.reports.paper import Study
+
+__all__ = ["draw"]
+
+# parameter, as variants begin with it: its name in a run's records, and as an axis says it
+_PARAMETERS = {
+    "veiling_light": ("B", "veiling light $B$"),
+    "attenuation": ("beta", "attenuation $\\beta$ (1/m)"),
+    "backscatter": ("gamma", "backscatter $\\gamma$ (1/m)"),
+}
+_MARKERS = {"red": "o", "green": "s", "blue": "^"}
+_VIEW = ["dataset", "scene", "view"]
+_METHODS = 4
+
+
+def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+    """Yield a figure per dataset and four methods."""
+    ok = rows[(rows["status"] == "ok") & rows["value"].notna()]
+    water = ok[ok["metric"] == "water_parameters"]
+    variances = ok[ok["metric"] == "distance_variance"].drop_duplicates(_VIEW).rename(columns={"value": "variance"})
+    water = water.merge(variances[[*_VIEW, "variance"]], on=_VIEW)
+    if water.empty:
+        raise NotApplicableError(
+            "no water beside a variance of distances; add metrics=[water_parameters,distance_variance], with a method "
+            "that estimates water, on images with depth"
+        )
+    for name, own in style.each_dataset(water):
+        methods = list(dict.fromkeys(own["method"]))
+        pages = [methods[start : start + _METHODS] for start in range(0, len(methods), _METHODS)]
+        for k, page in enumerate(pages, 1):
+            words = [name, str(k) if len(pages) > 1 else ""]
+            yield "-".join(word for word in words if word), _page(own, page, out)
+
+
+def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
+    from matplotlib.lines import Line2D
+
+    figure, axes = style.figure(2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row")
+    true = Line2D([], [], color="#666666", linewidth=0.8, linestyle="--", label="true")
+    known = False
+    for column, method in zip(axes.T, methods, strict=True):
+        own = water[water["method"] == method]
+        truth = _truth(own, out)
+        known = known or bool(truth)
+        for panel, (parameter, (symbol, _)) in zip(column, _PARAMETERS.items(), strict=True):
+            _panel(panel, own, parameter, truth.get(symbol))
+        column[0].set_title(method, fontsize=7)
+    for line, (_, title) in zip(axes, _PARAMETERS.values(), strict=True):
+        line[0].set_ylabel(title)
+        low, high = line[0].get_ylim()
+        line[0].set_ylim(low, high + 0.15 * (high - low))  # room for the numbers
+    figure.supxlabel("variance of the view's distances (m²)", fontsize=7)
+    handles = [*axes[0, 0].get_legend_handles_labels()[0], *([true] if known else [])]
+    figure.legend(handles=handles, loc="outside upper center", ncols=len(handles))
+    return figure
+
+
+def _panel(panel: Axes, estimates: pd.DataFrame, parameter: str, truth: Any) -> None:
+    for place, (channel, marker) in enumerate(_MARKERS.items()):
+        own, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
+        panel.scatter(own["variance"], own["value"], s=9, color=colour, marker=marker, linewidths=0, label=channel)
+        if truth is not None:
+            panel.axhline(truth[place], color=colour, linewidth=0.8, linestyle="--", zorder=0)
+        if len(own) > 1 and (mean := own["value"].mean()):
+            percent = round(100 * own["value"].std() / abs(mean), 3)
+            panel.text(
+                0.19 + 0.31 * place, 1, f"{number(percent)} %",
+                color=colour, ha="center", va="top", transform=panel.transAxes,
+            )  # fmt: skip
+
+
+def _truth(estimates: pd.DataFrame, out: Path) -> dict[str, Any]:
+    """The true water of a method's views, by B, beta and gamma, from what the run kept beside its pictures.
+
+    Empty where it is not known, where scenes differ in it, and where it explains other intensities than the estimate.
+    """
+    one = [told(row, out) for row in estimates.drop_duplicates(["dataset", "scene"]).itertuples()]
+    true = [record.get("true_water") or {} for record in one]
+    fits = all(t and t["encoding"] == record.get("encoding") for t, record in zip(true, one, strict=True))
+    return true[0] if fits and all(t == true[0] for t in true) else {}

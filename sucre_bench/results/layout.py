@@ -1,0 +1,107 @@
+"""Where everything is kept under an output folder.
+
+restored/<dataset>/<method label>/[<scene>/]<view stem>.png   what a method made of a view (and .npz with save=full)
+views/<dataset>/[<scene>/]<view stem>.jpg                     the view itself, for people to look at
+references/<dataset>/[<scene>/]<view stem>.jpg                the scene without water, where it is known
+logs/failures.log                                            tracebacks
+
+The scene is named where the dataset has several, below a folder replicate=N for every replicate but the first; a view
+keeps its suffix where another differs in nothing else.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+from sucre_bench.errors import InputError
+from sucre_bench.results.rows import unreplicated
+from sucre_bench.scene import Scene
+
+__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places"]
+
+
+def file_name(text: str) -> str:
+    """Return a label as a file or folder name: what a shell or a file system would trip over becomes '_'.
+
+    A name too long for a file system is cut and ends on a hash of the whole.
+    """
+    name = re.sub(r"[^\w.,=+@-]+", "_", text).strip("_.") or "_"
+    return (
+        name
+        if len(name.encode()) <= 120
+        else f"{name[:30]}-{hashlib.blake2b(text.encode(), digest_size=6).hexdigest()}"
+    )
+
+
+def log_path(out: Path) -> Path:
+    """Where the tracebacks of a run are kept."""
+    return out / "logs" / "failures.log"
+
+
+def pairs_path(out: Path) -> Path:
+    """Where the jobs of a sweep share what they pair, while it runs."""
+    return out / ".pairs"
+
+
+@dataclass(frozen=True)
+class Place:
+    """A view's place in each tree, without the suffix."""
+
+    dataset: str
+    stem: PurePosixPath
+
+    def restored(self, out: Path, method: str) -> Path:
+        """The picture a method made of it."""
+        return _inside(out / "restored" / self.dataset / file_name(method), f"{self.stem}.png")
+
+    def original(self, out: Path) -> Path:
+        """The view itself."""
+        return _inside(out / "views" / self.dataset, f"{self.stem}.jpg")
+
+    def reference(self, out: Path) -> Path:
+        """The view without water."""
+        return _inside(out / "references" / self.dataset, f"{self.stem}.jpg")
+
+
+def _inside(folder: Path, name: str) -> Path:
+    path = folder / name
+    if not path.resolve().is_relative_to(folder.resolve()):
+        raise InputError(f"{name}: a view's name leads out of the output folder; rename the image")
+    return path
+
+
+def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tuple[str, str], Place]:
+    """Return where each view is kept, by the names of scene and view."""
+    found = {}
+    for scene in scenes:
+        within = PurePosixPath(file_name(scene.name)) if len(scenes) > 1 else PurePosixPath()
+        within = PurePosixPath(f"replicate={replicate}") / within if replicate else within
+        stems = Counter(PurePosixPath(view.name).with_suffix("") for view in scene.views)
+        for view in scene.views:
+            name = PurePosixPath(view.name)
+            own = name.with_suffix("") if stems[name.with_suffix("")] == 1 else name
+            found[scene.name, view.name] = Place(file_name(dataset), within / own)
+    return found
+
+
+def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
+    """Return where a view, or what methods made of it, was kept, from what a row says of it; None when nothing was."""
+    scene, replicate = unreplicated(scene)
+    name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
+    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
+    stems = (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
+    candidates = [Place(file_name(dataset), first / stem) for stem in stems]
+    found = (place for place in candidates if place.original(out).is_file())
+    return next(found, None) or _restored(candidates, out / "restored" / file_name(dataset))
+
+
+def _restored(candidates: Sequence[Place], folder: Path) -> Place | None:
+    """The place of a view that is itself no longer there. folder: of the dataset's restorations."""
+    methods = list(folder.iterdir()) if folder.is_dir() else []
+    files = ((place, method / f"{place.stem}.png") for place in candidates for method in methods)
+    return next((place for place, file in files if file.is_file()), None)

@@ -1,0 +1,98 @@
+"""A row of the score table, and what identifies it."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import asdict, dataclass, field, fields
+from typing import TYPE_CHECKING, Any, Literal
+
+from sucre_bench.machine.log import now
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["COLUMNS", "COSTS", "By", "Row", "Status", "fingerprint", "frame", "replicated", "unreplicated"]
+
+Status = Literal["ok", "failed", "skipped"]
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """One score, or the reason why there is none.
+
+    method: the configuration's label; options: all its options as JSON, options_id their hash; region: "image", a
+    chart, or "<chart>/<patch>"; coverage: share of the region scored; status: "ok", "failed" or "skipped" (value NaN,
+    `reason` says why); seconds, peak_mb: of the restoration (wall time; memory above what was held before, with the
+    GPU's); code: hashes of source, the restoration's and the metric's; data_id: hash of the data; time: UTC, ISO 8601.
+    The row of metric "seconds" stands for the restoration as a whole: it is the one that says failed or skipped, and
+    what a row is before anything is known.
+    """
+
+    dataset: str = ""
+    scene: str = ""
+    view: str = ""
+    method: str = ""
+    options: str = "{}"
+    options_id: str = ""
+    metric: str = "seconds"
+    variant: str = "wall"
+    region: str = "image"
+    value: float = math.nan
+    unit: str = "s"
+    better: str = "lower"
+    n_pixels: int = 0
+    coverage: float = 1.0
+    status: Status = "ok"
+    reason: str = ""
+    seconds: float = math.nan
+    peak_mb: float = math.nan
+    device: str = "cpu"
+    seed: int = 0
+    code: str = ""
+    data_id: str = ""
+    time: str = field(default_factory=now)
+
+
+def replicated(scene: str, replicate: int) -> str:
+    """A scene's name as rows keep it: every replicate but the first says which it is."""
+    return f"{scene},replicate={replicate}" if replicate else scene
+
+
+def unreplicated(scene: str) -> tuple[str, int]:
+    """A scene's name as the dataset gives it, and the replicate, from what a row says."""
+    name, found, replicate = scene.rpartition(",replicate=")
+    return (name, int(replicate)) if found and replicate.isdecimal() else (scene, 0)
+
+
+COLUMNS = tuple(f.name for f in fields(Row))
+
+
+_RESTORATION = ["dataset", "scene", "view", "method"]
+
+
+_NUMBERS = {"value": "float64", "n_pixels": "int64", "coverage": "float64", "seconds": "float64", "peak_mb": "float64"}
+
+
+def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
+    """Return options as canonical JSON, and a short hash of that."""
+    text = json.dumps(dict(values), sort_keys=True, default=str)
+    return text, hashlib.blake2b(text.encode(), digest_size=6).hexdigest()
+
+
+def frame(rows: Iterable[Row]) -> pd.DataFrame:
+    """Rows as a table with all columns, their types the same however few the rows."""
+    import pandas as pd
+
+    table = pd.DataFrame([asdict(row) for row in rows], columns=list(COLUMNS))
+    text = {name: "str" for name in COLUMNS if name not in _NUMBERS and name != "seed"}
+    return table.astype({**_NUMBERS, "seed": "int64", **text})
+
+
+By = Literal["method", "view", "region"]
+
+
+# What a restoration takes: shown with the scores, but nobody wins by it.
+COSTS = ("seconds", "peak_mb")

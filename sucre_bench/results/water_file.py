@@ -1,0 +1,63 @@
+"""Water in files: a .json as a run leaves it beside each picture, or an .npz, with B, beta and gamma.
+
+    {"B": [r, g, b], "beta": [r, g, b], "gamma": [r, g, b], "encoding": "gamma"}
+
+beta and gamma may be left out, or null, where they are not known. "encoding" is that of the intensities that the water
+explains; left out, or "view", it is that of the images the water is used with. What else such a file holds is ignored.
+"""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+from zipfile import BadZipFile
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Encoding, Water
+
+__all__ = ["read_water", "water_of"]
+
+_ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "gamma", "linear": "linear"}
+
+
+def read_water(path: Path) -> Water | None:
+    """Return the water of a file, NaN for what it does not tell; None for a file that holds no B.
+
+    Raises FileNotFoundError, and InputError for what cannot be read or is no water.
+    """
+    try:
+        if path.suffix == ".npz":
+            with path.open("rb") as file, np.load(file, allow_pickle=False) as values:
+                return water_of({name: values[name] for name in values.files if name in (*_NAMES, "encoding")}, path)
+        return water_of(json.loads(path.read_text(encoding="utf-8")), path)
+    except (FileNotFoundError, InputError):
+        raise
+    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as fault:
+        raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
+
+
+_NAMES = ("B", "beta", "gamma")
+
+
+def water_of(content: Any, path: Path) -> Water | None:
+    """Return the water of what a file holds, as `read_water` does; path: of that file, to be named."""
+    if not isinstance(content, Mapping) or content.get("B") is None:
+        return None
+    encoding = content.get("encoding")
+    encoding = str(encoding) if isinstance(encoding, np.ndarray) else encoding
+    if not isinstance(encoding, (str, type(None))) or encoding not in _ENCODINGS:
+        raise InputError(f"{path}: encoding '{encoding}' is unknown; use gamma, linear or view")
+    B, beta, gamma = (_triple(content.get(name), name, path) for name in _NAMES)
+    return Water(B, beta, gamma, _ENCODINGS[encoding])
+
+
+def _triple(values: Any, name: str, path: Path) -> Array:
+    numbers = np.full(3, np.nan) if values is None else np.array(values, dtype=np.float64)
+    if numbers.shape != (3,):
+        raise InputError(f"{path}: {name} must be three numbers, red, green and blue; mend it there")
+    return numbers
