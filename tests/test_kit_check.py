@@ -15,6 +15,7 @@ from colmap_folder import write_dive
 
 from sucre_bench import InputError, plugins
 from sucre_bench.commands.check import check as command
+from sucre_bench.plugins import registry
 from sucre_bench.plugins.registry import discover, find, load_file
 from sucre_bench.programs.contract import Subject, breaches, check, rules
 
@@ -78,7 +79,7 @@ class Tried:
 @pytest.fixture(autouse=True)
 def only_built_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """Plugins loaded by a test are forgotten after it."""
-    monkeypatch.setattr(plugins, "_files", {})
+    monkeypatch.setattr(registry, "_files", {})
     discover.cache_clear()
     yield
     discover.cache_clear()

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 from sucre_bench import results
+from sucre_bench.results import table
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
 
@@ -21,16 +22,16 @@ def test_a_job_that_writes_while_parts_are_joined_loses_nothing(tmp_path: Path, 
     for step in ("_take", "_read", "_write_table"):
         part.add([row(f"before {step}")])
         part.flush()
-        original = getattr(results, step)
+        original = getattr(table, step)
 
         def late(*given, step=step, original=original):
-            monkeypatch.setattr(results, step, original)
+            monkeypatch.setattr(table, step, original)
             done = original(*given)
             part.add([row(f"after {step}")])
             part.flush()
             return done
 
-        monkeypatch.setattr(results, step, late)
+        monkeypatch.setattr(table, step, late)
         results.merge(tmp_path)
     views = {f"{when} {step}" for when in ("before", "after") for step in ("_take", "_read", "_write_table")}
     assert set(results.read(tmp_path)["view"]) == views
@@ -43,14 +44,14 @@ def test_who_reads_while_parts_are_joined_sees_every_row(tmp_path: Path, monkeyp
         part = Part(tmp_path, f"job{number}")
         part.add([row(f"{number}.png")])
         part.flush()
-    original = results._table
+    original = table._table
 
     def merged_before(*given: Any):
-        monkeypatch.setattr(results, "_table", original)
+        monkeypatch.setattr(table, "_table", original)
         results.merge(tmp_path)
         return original(*given)
 
-    monkeypatch.setattr(results, "_table", merged_before)
+    monkeypatch.setattr(table, "_table", merged_before)
     assert set(results.read(tmp_path)["view"]) == {"0.png", "1.png", "2.png"}
 
 
@@ -63,7 +64,7 @@ def test_a_merge_that_was_killed_leaves_what_it_took_to_the_next(tmp_path: Path,
         raise KeyboardInterrupt
 
     with monkeypatch.context() as patch:
-        patch.setattr(results, "_write_table", killed)
+        patch.setattr(table, "_write_table", killed)
         with pytest.raises(KeyboardInterrupt):
             results.merge(tmp_path)
     assert list(results.read(tmp_path)["view"]) == ["a.png"]
@@ -80,6 +81,6 @@ def test_a_job_waits_for_nobody_to_write(tmp_path: Path):
         part.flush()
         done.set()
 
-    with results._locked(tmp_path):
+    with table._locked(tmp_path):
         threading.Thread(target=write, daemon=True).start()
         assert done.wait(20)

@@ -10,6 +10,7 @@ import pytest
 
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.command import jobs
+from sucre_bench.plugins import registry
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import Broken
 from sucre_bench.plugins.registry import discover, find, load_file
@@ -31,7 +32,7 @@ class {name}:
 @pytest.fixture(autouse=True)
 def only_built_in(monkeypatch: pytest.MonkeyPatch):
     """Plugins loaded by a test are forgotten after it."""
-    monkeypatch.setattr(plugins, "_files", {})
+    monkeypatch.setattr(registry, "_files", {})
     discover.cache_clear()
     yield
     discover.cache_clear()

@@ -25,7 +25,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
-from sucre_bench.programs.prepare import mapping, undistort, writing
+from sucre_bench.programs.prepare import mapping, output, undistort
 from sucre_bench.programs.prepare.depthmaps import write_depth
 from sucre_bench.programs.prepare.fill_holes import without_small_holes
 from sucre_bench.programs.prepare.photos import find_photos
@@ -505,7 +505,7 @@ def test_a_command_stopped_while_writing_leaves_one_scale(
     before, scale_before, _ = given_again(prepared, photos, out)
     line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), "--scale", "7"]
     with monkeypatch.context() as stop:
-        stop.setattr(writing, "write_depth", _stopping(writing.write_depth, 3))
+        stop.setattr(output, "write_depth", _stopping(output.write_depth, 3))
         with pytest.raises(_StoppedError):
             CliRunner().invoke(command, line, catch_exceptions=False)
     view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]

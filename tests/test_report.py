@@ -23,7 +23,7 @@ from sucre_bench.engine import sweep
 from sucre_bench.jobs import command
 from sucre_bench.jobs.rerun import Command
 from sucre_bench.reports import page as report
-from sucre_bench.reports.page import pictures
+from sucre_bench.reports.page import gallery as pictures
 from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"

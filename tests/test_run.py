@@ -20,6 +20,7 @@ from sucre_bench import plugins, results
 from sucre_bench.engine import sweep
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.plugins import registry
 from sucre_bench.plugins.registry import find
 
 
@@ -228,7 +229,7 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
     (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setattr(registry, "_files", dict(registry._files))
     plugins.load_file(tmp_path / "uses.py")
     outcome = run(out, "method=uses,gain", multirun=True)
     plugins.discover.cache_clear()
@@ -406,7 +407,7 @@ def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
 def test_a_method_that_is_not_installed_stops_before_any_work(
     out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    monkeypatch.setattr(plugins, "_files", dict(plugins._files))
+    monkeypatch.setattr(registry, "_files", dict(registry._files))
     path = tmp_path / "needy.py"
     path.write_text(
         "from dataclasses import dataclass\nfrom sucre_bench import Restoration, method\n\n"

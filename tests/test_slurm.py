@@ -21,7 +21,7 @@ import slurm_cluster
 
 from sucre_bench import results
 from sucre_bench.engine import sweep
-from sucre_bench.engine.slurm import controller, waiting
+from sucre_bench.engine.slurm import squeue, waiting
 from sucre_bench.engine.slurm.waiting import Submitted, wait
 
 BENCH = str(Path(sys.executable).with_name("sucre-bench"))
@@ -326,7 +326,7 @@ def test_a_damaged_result_is_a_fault(job: Submitted):
 def test_the_size_of_arrays_is_the_clusters(cluster: dict[str, str], monkeypatch: pytest.MonkeyPatch):
     for name, value in cluster.items():
         monkeypatch.setenv(name, value)
-    assert controller.largest_array() == ARRAY
+    assert squeue.largest_array() == ARRAY
     monkeypatch.setenv("PATH", "")
-    assert controller.largest_array() == 1001
-    assert controller.states() is None
+    assert squeue.largest_array() == 1001
+    assert squeue.states() is None

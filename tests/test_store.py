@@ -14,7 +14,8 @@ from made_scene import make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.machine.progress import watched_by
-from sucre_bench.multiview import mapped, store
+from sucre_bench.multiview import cache as store
+from sucre_bench.multiview import spool as mapped
 from sucre_bench.multiview.cache import paired, sharing
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
@@ -112,7 +113,7 @@ def test_other_data_views_targets_options_or_source_are_made_anew(
         fresh = counted_scene()
         make(fresh)
         assert n_loads(fresh) > 0
-    monkeypatch.setattr(store, "source_hash", lambda: "other source")
+    monkeypatch.setattr(store, "engine_hash", lambda: "other source")
     fresh = counted_scene()
     paired(fresh, fresh["a.png"], tmp_path)
     assert n_loads(fresh) > 0

@@ -19,7 +19,9 @@ from sucre_bench.compare import COSTS
 from sucre_bench.engine.tasks import base_row
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.jobs import command
-from sucre_bench.reports.paper import Study, Written, along, figures, write
+from sucre_bench.jobs.study import FIGURES
+from sucre_bench.reports.paper import Study, Written, figures, write
+from sucre_bench.reports.paper import follow_option as along
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
@@ -459,6 +461,5 @@ def test_tables_for_papers_balance_their_braces(tmp_path: Path):
 
 
 def test_figures_are_found_by_name():
-    assert {"scores", "against", "pictures"} <= set(figures.names())
-    assert "style" not in figures.names()
-    assert all(callable(figures.find(name)) for name in figures.names())
+    assert all(callable(figures.find(name)) for name in FIGURES)
+    assert {path.stem for path in Path(figures.__file__).parent.glob("*.py")} - set(FIGURES) == {"__init__", "style"}

@@ -4,16 +4,21 @@ from __future__ import annotations
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, fields
-from typing import Any, get_args
+from typing import Any, Literal, get_args
 
 from sucre_bench import plugins
-from sucre_bench.compare import COSTS, By
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, did_you_mean
-from sucre_bench.reports.paper import figures
 from sucre_bench.results.layout import file_name
+from sucre_bench.results.rows import COSTS, By
 
-__all__ = ["Study"]
+__all__ = ["FIGURES", "Study"]
+
+# Each is a module of `reports.paper.figures`.
+Figure = Literal[
+    "against", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches", "water"
+]
+FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 
 @dataclass(frozen=True)
@@ -67,7 +72,7 @@ class Study:
         for metric in study.metrics:
             _check_metric(metric)
         for figure in study.figures:
-            _known("study.figures", figure, figures.names(), "figure")
+            _known("study.figures", figure, FIGURES, "figure")
         if study.along:
             _check_along(study.along)
         return study

@@ -76,7 +76,8 @@ def write_page(made: Prepared, facts: Mapping[str, str], pictures: Mapping[str, 
     """Write the page. facts: what and how much, of the whole scene; pictures: see `thumbnails`, by image."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
-    pages = Environment(loader=PackageLoader("sucre_bench", "prepare"), autoescape=True, undefined=StrictUndefined)
+    loader = PackageLoader("sucre_bench.programs.prepare", "")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     page = pages.get_template("quality.html.j2").render(
         title=made.out.resolve().name,
         unit="m" if made.scale.is_metric else "of no unit",

@@ -49,7 +49,8 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    pages = Environment(loader=PackageLoader("sucre_bench", "report"), autoescape=True, undefined=StrictUndefined)
+    loader = PackageLoader("sucre_bench.reports.page", "")
+    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     pages.filters["shell"] = shlex.join
     compared = compare.compare(rows)
     gallery = Gallery(out, _most_pictures(rows))

@@ -8,7 +8,6 @@ draw at all. It is called with the style switched on.
 
 from __future__ import annotations
 
-import pkgutil
 from collections.abc import Callable, Iterator
 from importlib import import_module
 from pathlib import Path
@@ -19,17 +18,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sucre_bench.errors import NotApplicableError
-    from sucre_bench.reports.paper import Study
+    from sucre_bench.jobs.study import Study
 
-__all__ = ["Draw", "Drawn", "find", "names"]
+__all__ = ["Draw", "Drawn", "find"]
 
 Drawn: TypeAlias = "Iterator[tuple[str, Figure | NotApplicableError]]"
 Draw = Callable[["pd.DataFrame", "Study", Path], Drawn]
-
-
-def names() -> list[str]:
-    """The figures there are."""
-    return sorted(module.name for module in pkgutil.iter_modules(__path__) if module.name != "style")
 
 
 def find(name: str) -> Draw:
