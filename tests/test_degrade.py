@@ -16,7 +16,7 @@ from sucre_bench import Arrays, Camera, Chart, InputError, Scene, View, Water, p
 from sucre_bench.arrays import Array
 from sucre_bench.camera import project
 from sucre_bench.degrade import Degradation, degraded
-from sucre_bench.engine import sweep
+from sucre_bench.engine import preflight, sweep
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.jobs import command
 from sucre_bench.scene import Encoding, Plane
@@ -422,7 +422,7 @@ def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped
 def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(toys: str, tmp_path: Path):
     base = ["dataset=two_scenes", "method=gain", "metrics=[redness]", f"out={tmp_path}", "tracking.uri=off"]
     for option, lacking in (("depth_holes=0.1", "depth"), ("pose_noise_m=1", "poses")):
-        with pytest.raises(sweep.ProblemsError, match=f"scene 'left' has no {lacking}; leave it out"):
+        with pytest.raises(preflight.ProblemsError, match=f"scene 'left' has no {lacking}; leave it out"):
             sweep.run([*base, f"degrade.{option}"], multirun=False)
 
 

@@ -37,7 +37,7 @@ def test_the_wheel_carries_plugins_and_configuration(wheel: zipfile.ZipFile):
         "sucre_bench/metrics/uiqm.py",
         "sucre_bench/conf/config.yaml",
         "sucre_bench/conf/experiment/demo.yaml",
-        "sucre_bench/report/page.html.j2",
+        "sucre_bench/reports/page/page.html.j2",
         "sucre_bench/py.typed",
     ):
         assert needed in names

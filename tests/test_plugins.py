@@ -8,6 +8,7 @@ from typing import Literal
 
 import pytest
 
+import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.command import jobs
 from sucre_bench.plugins import registry
@@ -96,7 +97,7 @@ def test_two_plugins_of_one_name_are_refused_with_both_places(tmp_path: Path):
 
 
 def test_a_built_in_file_given_again_is_the_same_plugin():
-    load_file(Path(plugins.__file__).parent / "methods" / "gray_world.py")
+    load_file(Path(sucre_bench.__file__).parent / "methods" / "gray_world.py")
     assert find("method", "gray_world").name == "gray_world"
 
 

@@ -17,7 +17,7 @@ import pytest
 
 import sucre_bench as sb
 from sucre_bench import plugins, results
-from sucre_bench.engine import sweep
+from sucre_bench.engine import preflight, sweep
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.plugins import registry
@@ -164,7 +164,7 @@ def test_another_metric_later_keeps_the_scores_there_were(out: Path):
 
 def test_a_label_does_not_change_its_meaning_silently(out: Path):
     run(out, "method.label=mine")
-    with pytest.raises(sweep.ProblemsError, match="its 'mine' has other options"):
+    with pytest.raises(preflight.ProblemsError, match="its 'mine' has other options"):
         run(out, "method.label=mine", "method.gain=2")
     assert run(out, "method.label=mine", "method.gain=2", "overwrite=always").ok == 3
 
@@ -178,7 +178,7 @@ def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
 
 
 def test_an_unknown_view_is_named_before_any_work(out: Path):
-    with pytest.raises(sweep.ProblemsError, match=r"no view is called 'v9.png'; did you mean"):
+    with pytest.raises(preflight.ProblemsError, match=r"no view is called 'v9.png'; did you mean"):
         run(out, "views=[v9.png]")
     assert not (out / "scores.parquet").exists()
 
@@ -260,12 +260,12 @@ def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_i
 
 
 def test_a_dataset_with_two_views_of_one_name_is_refused(out: Path):
-    with pytest.raises(sweep.ProblemsError, match=r"2 views are called 'a.png'; names must be unique"):
+    with pytest.raises(preflight.ProblemsError, match=r"2 views are called 'a.png'; names must be unique"):
         run(out, "dataset=twins")
 
 
 def test_a_dataset_with_two_scenes_of_one_name_is_refused(out: Path):
-    with pytest.raises(sweep.ProblemsError, match="2 scenes are called 'one'"):
+    with pytest.raises(preflight.ProblemsError, match="2 scenes are called 'one'"):
         run(out, "dataset=namesakes")
 
 
@@ -416,7 +416,7 @@ def test_a_method_that_is_not_installed_stops_before_any_work(
     )
     plugins.load_file(path)
     with pytest.raises(
-        sweep.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
+        preflight.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
     ):
         run(out, "method=gain,needy", multirun=True)
     assert not out.exists() or not list(out.rglob("*.png"))
