@@ -14,7 +14,7 @@ from made_scene import WATER, make_scene
 from sucre_bench import Arrays, InputError, Scene, SolveError, Water
 from sucre_bench.colour import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
-from sucre_bench.methods.sucre.prior import posterior
+from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
 from sucre_bench.progress import watched_by
 
 SCENE = make_scene()
