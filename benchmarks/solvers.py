@@ -54,7 +54,8 @@ def main() -> None:
     for name, work in works.items():
         seconds, solution = fastest(work)
         paper = paper or seconds
-        error = np.abs(solution.water / truth - 1).mean(axis=1) * 100
+        found = np.stack([solution.water.B, solution.water.beta, solution.water.gamma])
+        error = np.abs(found / truth - 1).mean(axis=1) * 100
         cost = " ".join(f"{c:8.2f}" for c in solution.cost)
         print(f"{name:20}{seconds:10.3f}{paper / seconds:8.1f}{cost:>28}   {error.round(1)} %")
     costs = [fit(observations, backend=backend, device="cpu", seed=seed).cost.sum() for seed in range(3)]

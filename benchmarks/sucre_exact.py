@@ -26,12 +26,12 @@ import numpy as np
 
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.kernels import opened
-from sucre_bench.methods.sucre.model import predict
+from sucre_bench.methods.sucre.model import WaterParameters, predict
 from sucre_bench.multiview.observations import Observations
 
 BACKENDS = ("numba", "torch", "jax", "numpy")
 SIZES = (1e5, 1e6, 1e7, 1e8)
-WATER = np.array([[0.06, 0.42, 0.30], [0.22, 0.14, 0.17], [0.30, 0.10, 0.13]])  # a row a channel: B, beta, gamma
+WATER = WaterParameters(np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13]))
 NOISE = 0.004
 _BLOCK = 1 << 20  # observations made at a time
 
@@ -50,7 +50,7 @@ def made(n_pixels: int) -> Observations:
             z = distance[part] = 1 + 9 * rng.random(n, dtype=np.float32)
             noise = np.float32(NOISE) * rng.standard_normal(n, dtype=np.float32)
             for c in range(3):
-                seen = predict(J[c, start : start + n], z, *WATER[c].astype(np.float32)) + noise
+                seen = predict(J[c, start : start + n], z, *map(np.float32, WATER.channel(c))) + noise
                 colour[c, part] = np.rint(255 * seen.clip(0, 1))
     return observations
 
@@ -65,9 +65,9 @@ def measure(n: float, backend: Any, turns: int) -> dict[str, float]:
     def restore() -> None:
         found = fit(observations, backend=backend, device="cpu")
         with opened(observations, backend, "cpu") as kernel:
-            kernel.colours(found.water.T, noise, covariance)
+            kernel.colours(found.water, noise, covariance)
         passes_needed.append(found.passes)
-        error = np.abs(found.water.T / WATER - 1).max()
+        error = np.abs(found.water.by_channel() / WATER.by_channel() - 1).max()
         assert n < 1e6 or error < 0.02, f"a fast but wrong water: off by {error:.1%}"
 
     with opened(observations, backend, "cpu") as kernel:

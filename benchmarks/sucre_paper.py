@@ -15,10 +15,11 @@ import torch
 
 import sucre_bench as sb
 from sucre_bench.methods.sucre.adam import minimise
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
 
-START = np.full((3, 3), 0.1)
+START = np.full((3, 3), 0.1)  # rows B, beta, gamma
 TURNS = 3
 
 
@@ -53,12 +54,14 @@ def main() -> None:
     observations = observe(view, scene.views)
     own = np.ascontiguousarray(view.rgb.reshape(-1, 3)[observations.pixels].T)
 
-    ours = minimise(observations, own, START, steps=steps, lr=0.05, device="cpu").water
+    ours = minimise(observations, own, WaterParameters(*START), steps=steps, lr=0.05, device="cpu").water
     theirs = plain(observations, own, steps)
-    assert np.allclose(ours, theirs, atol=1e-4), "the two must take the same steps to be compared"
+    assert np.allclose([ours.B, ours.beta, ours.gamma], theirs, atol=1e-4), (
+        "the two must take the same steps to be compared"
+    )
     turns = [
         (
-            timed(lambda: minimise(observations, own, START, steps=steps, lr=0.05, device="cpu")),
+            timed(lambda: minimise(observations, own, WaterParameters(*START), steps=steps, lr=0.05, device="cpu")),
             timed(lambda: plain(observations, own, steps)),
         )
         for _ in range(TURNS)

@@ -1,7 +1,7 @@
 """Underwater light attenuation prior, ULAP (Song et al. 2018, A rapid scene depth estimation model).
 
-Red fades first, so that the farther a point, the more of its green or blue and the less of its red is left: depth is
-linear in both, with coefficients learned from images with known relative depth.
+Water takes red first. So depth is modelled as linear in red and in the stronger of green and blue; the authors learned
+the coefficients from images of known relative depth.
 """
 
 from __future__ import annotations
@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.guided_filter import guided_filter
-from sucre_bench.imaging.filters.veiling_light import brightest, highest, nearest_depth, restoration
+from sucre_bench.imaging.filters.veiling_light import brightest, highest, nearest_depth, restoration, stretched_plane
 from sucre_bench.plugins.ranges import check_ranges
 
 _OFFSET, _STRONGER, _RED = 0.51157954, 0.50516165, -0.90511117  # learned, for intensities in [0, 1]
@@ -29,42 +29,42 @@ _OFFSET, _STRONGER, _RED = 0.51157954, 0.50516165, -0.90511117  # learned, for i
 class Ulap:
     """Estimate depth linearly from red and the stronger of green and blue, and undo the attenuation over it.
 
-    Depth is refined by a guided filter; the veiling light A is the brightest among the deepest pixels, and
-    J = (I - A) / t + A with t = r^(deepest (depth + nearest)), r being what is left of each channel after a metre.
+    Depth is stretched to [0, 1] and refined by a guided filter. The veiling light A is the brightest of the deepest
+    pixels. Then J = (I - A) / t + A with t = r^(deepest (depth + nearest)); r is the share of light left after a metre.
     """
 
     remaining: tuple[float, ...] = (0.83, 0.95, 0.97)
     """Shares of red, green and blue light that are left after a metre."""
     deepest: float = 8.0
-    """Metres that the relative depth 1 stands for."""
+    """Distance of relative depth 1, metres."""
     share: float = 0.001
-    """Share of the pixels, the deepest, among which the veiling light is the brightest."""
+    """Share of the deepest pixels; the brightest of them gives the veiling light."""
     radius: int = 50
     """Radius of the guided filter's window, pixels."""
     eps: float = 1e-3
     """Variance of intensity below which the guided filter smooths."""
     least: float = 0.1
-    """Least transmission: what bounds the amplification of noise."""
+    """Least transmission: noise is amplified by at most 1 / least; 1e-6 switches the bound off."""
     greatest: float = 0.9
-    """Greatest transmission."""
+    """Greatest transmission; 1 switches the bound off."""
 
     def __post_init__(self) -> None:
         check_ranges(self, remaining="[1e-3, 1]", deepest="(0, 1000]", share="(0, 1]")
         check_ranges(self, radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]", greatest=f"[{self.least}, 1]")
         if len(self.remaining) != 3:
-            raise InputError(f"ulap.remaining: {self.remaining} are not three; give those of red, green and blue")
+            raise InputError(f"ulap.remaining: {self.remaining} is not three numbers; give red's, green's and blue's")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored; it may leave [0, 1]."""
+        """Return the whole image; values may leave [0, 1]."""
         rgb = view.rgb
-        depth = guided_filter(rgb, _depth(rgb), self.radius, self.eps)
+        depth = guided_filter(rgb, stretched_plane(depth_prior(rgb)), self.radius, self.eps)
         A = brightest(rgb, highest(depth, self.share))
         metres = self.deepest * (depth.clip(0, 1) + np.float32(nearest_depth(rgb, A)))
         t = np.array(self.remaining, dtype=np.float32) ** metres[..., None]
         return restoration(rgb, A, t.clip(self.least, self.greatest))
 
 
-def _depth(rgb: Array) -> Array:
-    """Relative depth (H, W), linear in red and in the stronger of green and blue."""
+def depth_prior(rgb: Array) -> Array:
+    """Return the depth prior (H, W) before it is stretched: linear in red and in the stronger of green and blue."""
     stronger = rgb[..., 1:].max(axis=-1)
     return np.asarray(_OFFSET + _STRONGER * stronger + _RED * rgb[..., 0])

@@ -6,6 +6,7 @@ import numpy as np
 from made_scene import WATER
 
 from sucre_bench import Water
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 
@@ -36,6 +37,15 @@ def made(
         seen.append(Seen(f"{k}.png", chosen, z, stored))
     observations = arrange((1, n_pixels), seen)
     return observations, J[observations.pixels].T
+
+
+def parameters(water: Water) -> WaterParameters:
+    return WaterParameters(water.veiling_light, water.attenuation, water.backscatter)
+
+
+def table(water: WaterParameters) -> np.ndarray:
+    """(3, 3): rows B, beta, gamma; columns RGB."""
+    return np.stack([water.B, water.beta, water.gamma])
 
 
 def flat(observations: Observations) -> tuple[np.ndarray, np.ndarray, np.ndarray]:

@@ -132,8 +132,8 @@ def test_just_beyond_their_ranges_options_are_refused(name: str, option: str, va
     [
         ("clahe", {"clip": 1e-9, "tiles": 256}),
         ("clahe", {"clip": 256, "tiles": 1}),
-        ("fusion_2012", {"illuminant": 10, "noise": 1, "clip": 256, "tiles": 256, "levels": 32}),
-        ("fusion_2012", {"illuminant": 0, "noise": 1e-30, "clip": 1e-9, "tiles": 1, "levels": 1}),
+        ("fusion_2012", {"illuminant": 1, "percent": 49.9, "noise": 1, "clip": 256, "tiles": 256, "levels": 32}),
+        ("fusion_2012", {"illuminant": 0, "percent": 0, "noise": 1e-30, "clip": 1e-9, "tiles": 1, "levels": 1}),
         ("fusion_2018", {"red": 10, "blue": 10, "gamma": 10, "blur_px": 200, "levels": 32}),
         ("fusion_2018", {"red": 0, "blue": 0, "gamma": 1e-9, "blur_px": 1e-9, "levels": 1}),
         ("rghs", {"distance_m": 100, "tail": 49.999, "noise": 1}),

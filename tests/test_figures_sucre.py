@@ -10,12 +10,12 @@ import cv2
 import numpy as np
 import pandas as pd
 import pytest
-from made_observations import made
+from made_observations import made, parameters
 from made_scene import WATER
 
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.methods.sucre.residuals import residuals
-from sucre_bench.methods.sucre.solvers import colours_in
+from sucre_bench.methods.sucre.solvers import colours_for_water
 from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import residuals as residuals_figure
 from sucre_bench.reports.paper.figures import scaling, seams
@@ -49,8 +49,8 @@ def keep(out: Path, row: Row, info: dict[str, Any], picture: np.ndarray | None =
 def fitted(tmp_path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
     """One restoration of normal noise with what it leaves, and its row."""
     observations, _ = made(3_000, noise=0.01)
-    J = colours_in(observations, WATER_ROWS, None, "numpy", "cpu").J
-    left = residuals(observations, J, WATER_ROWS)
+    J = colours_for_water(observations, parameters(WATER), None, "numpy", "cpu").J
+    left = residuals(observations, J, parameters(WATER))
     info = {"n_observations": len(observations), "residuals": left} | dict(
         zip(("B", "beta", "gamma"), WATER_ROWS.tolist(), strict=True)
     )

@@ -8,11 +8,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_observations import flat, made
+from made_observations import flat, made, parameters
 from made_scene import WATER, make_scene
 
 import sucre_bench as sb
-from sucre_bench.methods.sucre.model import transmission, veil
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.multiview.observations import Observations
 
@@ -31,7 +31,7 @@ def best_colours(observations: Observations) -> np.ndarray:
 
 
 def left_of(observations: Observations, seed: int = 0) -> dict[str, Any]:
-    return residuals(observations, best_colours(observations), TRUE_WATER, seed)
+    return residuals(observations, best_colours(observations), parameters(WATER), seed)
 
 
 def test_the_spread_is_that_of_the_noise_however_many_observations_a_pixel_has() -> None:
@@ -76,7 +76,7 @@ def test_outliers_make_heavy_tails_and_leave_the_robust_spread() -> None:
 def test_residuals_are_observed_minus_fitted() -> None:
     observations, _ = made(2_000, noise=NOISE)
     low = best_colours(observations) - 0.3
-    assert min(residuals(observations, low, TRUE_WATER)["mean"]) > 0
+    assert min(residuals(observations, low, parameters(WATER))["mean"]) > 0
 
 
 def test_pixels_seen_once_are_left_out_and_counted() -> None:
@@ -100,7 +100,7 @@ def test_of_a_near_and_a_very_far_observation_the_near_one_decides_the_colour_an
 
 def test_where_no_pixel_is_seen_twice_nothing_is_looked_at() -> None:
     observations, J = made(100, 1)
-    assert residuals(observations, J, TRUE_WATER) == {"observations": 0, "single_share": 1.0}
+    assert residuals(observations, J, parameters(WATER)) == {"observations": 0, "single_share": 1.0}
 
 
 def test_the_histogram_counts_all_and_says_what_lies_beyond() -> None:
@@ -119,7 +119,7 @@ def test_the_histogram_counts_all_and_says_what_lies_beyond() -> None:
 def test_the_running_median_finds_a_bend_that_the_spread_does_not() -> None:
     observations, J = made(25_000, noise=1e-3)
     bent = observations.colour + np.where(observations.colour > 0.45, 0.02, 0).astype(np.float32)
-    left = residuals(replace(observations, colour=bent), J, TRUE_WATER)["against_fit"]["green"]
+    left = residuals(replace(observations, colour=bent), J, parameters(WATER))["against_fit"]["green"]
     fits = np.linspace(*left["fit"], 33)[:-1]
     median = np.array(left["median"], dtype=float)
     assert np.nanmax(np.abs(median[fits < 0.42])) < 2e-3
@@ -147,7 +147,7 @@ def test_a_dead_channel_is_told_without_a_warning_and_fits_json() -> None:
     J[0] = 0
     water = TRUE_WATER.copy()
     water[:, 0] = 0
-    left = residuals(replace(observations, colour=colour), J, water)
+    left = residuals(replace(observations, colour=colour), J, WaterParameters(*water))
     assert left["std"][0] == 0
     assert left["kurtosis"][0] is None
     json.dumps(left, allow_nan=False)

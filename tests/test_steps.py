@@ -10,7 +10,14 @@ from sucre_bench.imaging.filters.dark_channel import dark_channel, window_max
 from sucre_bench.imaging.filters.guided_filter import box_mean, guided_filter
 from sucre_bench.imaging.filters.lab import equalised, from_lab, to_lab
 from sucre_bench.imaging.filters.luma import luma
-from sucre_bench.imaging.filters.white_balance import gray_world, mid_gray_gain, red_from_green
+from sucre_bench.imaging.filters.white_balance import (
+    gray_world,
+    mid_gray_gain,
+    red_from_green,
+    shifted_to_gray,
+    stretched_by_weakness,
+    stretched_together,
+)
 
 RNG = np.random.default_rng(0)
 IMAGE = RNG.random((20, 23, 3)).astype(np.float32)
@@ -105,16 +112,54 @@ def test_gray_world_makes_the_means_equal_and_leaves_a_dead_channel():
     assert not gray_world(IMAGE * np.float32([0, 1, 1]))[..., 0].any()
 
 
-@pytest.mark.parametrize("ahead", [0.0, 0.2])
-def test_the_mid_gray_gain_brings_means_to_a_half_and_leaves_a_black_channel(ahead: float):
+def test_the_mid_gray_gain_brings_means_to_a_half_and_leaves_a_black_channel():
     image = IMAGE * np.float32([0, 0.3, 1.5])
-    gain = mid_gray_gain(image, ahead)
+    gain = mid_gray_gain(image)
     assert gain.dtype == np.float32
-    means = (image.astype(np.float64) * gain).mean(axis=(0, 1))
-    np.testing.assert_allclose(
-        means, [0, *(0.5 + ahead * image[..., 1:].astype(np.float64).mean(axis=(0, 1)))], rtol=1e-5
-    )
+    np.testing.assert_allclose((image.astype(np.float64) * gain).mean(axis=(0, 1)), [0, 0.5, 0.5], rtol=1e-5)
     assert gain[0] == 1
+
+
+@pytest.mark.parametrize("cast", [0.0, 0.2])
+def test_a_shift_to_gray_moves_the_means_and_keeps_all_differences(cast: float):
+    image = IMAGE * np.float32([0.1, 0.8, 0.5])
+    shifted = shifted_to_gray(image, cast).astype(np.float64)
+    means = image.astype(np.float64).mean(axis=(0, 1))
+    np.testing.assert_allclose(shifted.mean(axis=(0, 1)), 0.5 + cast * means, atol=1e-6)
+    np.testing.assert_allclose(np.diff(shifted, axis=0), np.diff(image, axis=0), atol=1e-6)
+
+
+def test_a_common_stretch_keeps_the_ratio_of_differences_between_channels():
+    image = np.float32(0.2) + np.float32(0.3) * IMAGE * np.float32([0.5, 1, 0.7])
+    stretched = stretched_together(image, 0)
+    assert (stretched.min(), stretched.max()) == (0, 1)
+    np.testing.assert_allclose(stretched.std(axis=(0, 1)) / image.std(axis=(0, 1)), 1 / np.ptp(image), rtol=1e-5)
+    cut = stretched_together(image, 5)
+    assert (cut == 0).mean() == pytest.approx(0.05, abs=0.01)
+    assert (cut == 1).mean() == pytest.approx(0.05, abs=0.01)
+    flat = np.full((4, 5, 3), 0.3, np.float32)
+    np.testing.assert_array_equal(stretched_together(flat, 1), flat)
+
+
+def test_the_weaker_a_channel_the_more_of_it_the_stretch_cuts():
+    ramp = np.linspace(0.2, 0.6, 1000, dtype=np.float32).reshape(20, 50)
+    rgb = np.stack([ramp / 10, ramp, ramp], axis=-1)
+    balanced = stretched_by_weakness(rgb)
+    for c, cut in ((0, 0.05), (1, 0.005)):  # red is ten times weaker
+        # The k-th smallest of 1000 is the quantile (k - .5) / 1000: .05 is between the 50th and the 51st.
+        bottom, top = (np.interp(q * 1000, np.arange(1000) + 0.5, rgb[..., c].ravel()) for q in (cut, 1 - cut))
+        expected = ((rgb[..., c].astype(np.float64) - bottom) / (top - bottom)).clip(0, 1)
+        np.testing.assert_allclose(balanced[..., c], expected, atol=1e-5)
+
+
+def test_the_stretch_by_weakness_neither_inverts_a_channel_that_is_almost_black_nor_divides_by_one_that_is():
+    rgb = IMAGE * np.float32([0.001, 0, 1])
+    balanced = stretched_by_weakness(rgb)
+    assert np.isfinite(balanced).all()
+    assert np.corrcoef(balanced[..., 0].ravel(), rgb[..., 0].ravel())[0, 1] > 0.5
+    assert balanced[..., 0].min() == 0
+    assert balanced[..., 0].max() == 1
+    assert (balanced[..., 1] == 0).all()
 
 
 def test_luma_is_of_red_green_and_blue_in_this_order_and_gray_keeps_its_value():

@@ -15,7 +15,7 @@ from sucre_bench import Arrays, InputError, Scene, SolveError, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.progress import watched_by
 from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
-from sucre_bench.methods.sucre.prior import posterior
+from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]

@@ -7,17 +7,18 @@ from typing import Any
 
 import numpy as np
 import pytest
-from made_observations import made, reduced_residuals
+from made_observations import made, parameters, reduced_residuals, table
 from made_scene import WATER, make_scene
 from scipy.optimize import least_squares
 
 from sucre_bench import SolveError, Water
-from sucre_bench.methods.sucre.diagnostics import judge
+from sucre_bench.methods.sucre.diagnostics import uncertainty_of
 from sucre_bench.methods.sucre.exact import fit, sampled
 from sucre_bench.methods.sucre.levenberg import Bounds, minimise
-from sucre_bench.methods.sucre.prior import posterior
-from sucre_bench.methods.sucre.reduced import ReducedSystem
-from sucre_bench.methods.sucre.solvers import colours_in, solve_adam_closed_form, solve_exact
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
+from sucre_bench.methods.sucre.solvers import colours_for_water, solve_adam_closed_form, solve_exact
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 
@@ -28,8 +29,7 @@ WATERS = [
 ]
 
 
-def parameters(water: Water) -> np.ndarray:
-    return np.array([water.veiling_light, water.attenuation, water.backscatter])
+TRUTH = table(parameters(WATER))
 
 
 # -- the minimum -------------------------------------------------------------------------------------------
@@ -41,7 +41,7 @@ def test_made_water_is_found_within_two_per_cent(water: Water, seed: int) -> Non
     observations, _ = made(60_000, water=water, noise=0.004, eight_bit=True, seed=seed)
     found = fit(observations)
     assert found.converged
-    np.testing.assert_allclose(found.water, parameters(water), rtol=0.02)
+    np.testing.assert_allclose(table(found.water), table(parameters(water)), rtol=0.02)
 
 
 def test_no_random_start_leads_an_independent_minimiser_lower() -> None:
@@ -65,14 +65,16 @@ def test_the_cost_is_never_above_that_of_adam() -> None:
     exact = solve_exact(observations)
     adam = solve_adam_closed_form(observations, 200, 0.05, "auto", "cpu")
     assert (exact.cost < adam.cost).all()
-    at_start = colours_in(observations, np.full((3, 3), 0.1), None, "numpy", "cpu").cost
+    at_start = colours_for_water(
+        observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"
+    ).cost
     assert (adam.cost < 0.1 * at_start).all()  # and Adam was on its way there
 
 
 def test_exact_data_leave_no_residual() -> None:
     observations, J = made(2_000)
     solution = solve_exact(observations, backend="numpy")
-    np.testing.assert_allclose(solution.water, parameters(WATER), rtol=1e-4)
+    np.testing.assert_allclose(table(solution.water), TRUTH, rtol=1e-4)
     np.testing.assert_allclose(solution.J, J, atol=1e-4)
 
 
@@ -81,17 +83,17 @@ def test_several_images_are_fitted_as_one_is_that_holds_all_their_pixels() -> No
     parts = [whole.take(np.arange(k, 9_000, 3)) for k in range(3)]
     together, at_once = fit(parts, backend="numpy"), fit(whole, backend="numpy")
     np.testing.assert_allclose(together.cost, at_once.cost, rtol=1e-7)
-    np.testing.assert_allclose(together.water, at_once.water, rtol=1e-3)
+    np.testing.assert_allclose(table(together.water), table(at_once.water), rtol=1e-3)
 
 
 def test_an_image_that_cannot_tell_its_water_gains_from_others_in_the_same() -> None:
     narrow, J = made(5_000, distances_m=(3, 3.5), noise=0.004, seed=0)
     wide, _ = made(5_000, distances_m=(1, 9), noise=0.004, seed=1)
     alone, shared = fit(narrow), fit([narrow, wide])
-    errors = [np.abs(one.water / parameters(WATER) - 1).max() for one in (alone, shared)]
+    errors = [np.abs(table(one.water) / TRUTH - 1).max() for one in (alone, shared)]
     assert errors[1] < 0.03 < 0.3 < errors[0]
     psnr = [
-        -10 * np.log10(np.mean((colours_in(narrow, one.water, one.trust, "numpy", "cpu").J - J) ** 2))
+        -10 * np.log10(np.mean((colours_for_water(narrow, one.water, one.uncertainty, "numpy", "cpu").J - J) ** 2))
         for one in (alone, shared)
     ]
     assert psnr[1] > psnr[0] + 3
@@ -100,7 +102,7 @@ def test_an_image_that_cannot_tell_its_water_gains_from_others_in_the_same() -> 
 def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
     observations, _ = made(50_000, noise=0.01)
     one, again, other = fit(observations, seed=0), fit(observations, seed=0), fit(observations, seed=7)
-    assert np.array_equal(one.water, again.water)
+    assert np.array_equal(table(one.water), table(again.water))
     np.testing.assert_allclose(one.cost, other.cost, rtol=1e-6)
 
 
@@ -108,13 +110,13 @@ def test_pixels_seen_once_do_not_move_the_water() -> None:
     observations, _ = made(3_000, n_single=1_000, noise=0.01)
     without = observations.take(np.arange(observations.n_repeated))
     assert len(without.pixels) < len(observations.pixels)
-    np.testing.assert_array_equal(fit(observations).water, fit(without).water)
+    np.testing.assert_array_equal(table(fit(observations).water), table(fit(without).water))
 
 
 def test_the_scale_of_the_scene_does_not_matter() -> None:
     observations, _ = made(5_000, noise=0.005)
     toy = replace(observations, distance=observations.distance * np.float32(1 / 64))
-    np.testing.assert_allclose(fit(toy).water, fit(observations).water * [[1], [64], [64]], rtol=1e-3)
+    np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [64], [64]], rtol=1e-3)
 
 
 # -- colours held above zero -------------------------------------------------------------------------------
@@ -138,7 +140,7 @@ def test_a_physical_fit_has_far_fewer_negative_colours() -> None:
 
 def test_where_the_model_holds_a_physical_fit_finds_the_same_water() -> None:
     observations, _ = made(30_000, noise=0.004, eight_bit=True, n_single=5_000)
-    np.testing.assert_allclose(fit(observations, physical=True).water, parameters(WATER), rtol=0.02)
+    np.testing.assert_allclose(table(fit(observations, physical=True).water), TRUTH, rtol=0.02)
 
 
 # -- what is known about it --------------------------------------------------------------------------------
@@ -146,11 +148,11 @@ def test_where_the_model_holds_a_physical_fit_finds_the_same_water() -> None:
 
 def test_standard_errors_are_those_of_repeated_experiments() -> None:
     fits = [fit(made(1_500, 6, distances_m=(2, 8), noise=0.01, seed=seed)[0]) for seed in range(24)]
-    spread = np.std([one.water.T for one in fits], axis=0, ddof=1)
-    claimed = np.mean([one.trust.standard_error for one in fits], axis=0)
+    spread = np.std([table(one.water) for one in fits], axis=0, ddof=1)
+    claimed = np.mean([table(one.uncertainty.standard_error) for one in fits], axis=0)
     np.testing.assert_allclose(claimed / spread, 1, atol=0.45)  # of 24 draws: 15 % each
     assert 0.8 < np.median(claimed / spread) < 1.25
-    np.testing.assert_allclose(np.mean([one.trust.noise for one in fits], axis=0), 0.01, rtol=0.03)
+    np.testing.assert_allclose(np.mean([one.uncertainty.noise for one in fits], axis=0), 0.01, rtol=0.03)
 
 
 def test_the_confidence_map_is_the_spread_of_colours_about_the_truth() -> None:
@@ -165,14 +167,14 @@ def test_the_confidence_map_is_the_spread_of_colours_about_the_truth() -> None:
 
 def test_a_known_water_leaves_colours_only_their_own_noise() -> None:
     narrow, J = made(5_000, distances_m=(3, 3.3), noise=0.01)
-    solution = colours_in(narrow, parameters(WATER), None, "auto", "cpu")
+    solution = colours_for_water(narrow, parameters(WATER), None, "auto", "cpu")
     assert ((solution.J - J) / solution.deviation).std() == pytest.approx(1, abs=0.03)
 
 
 def test_robust_weights_do_not_make_a_fit_surer_than_it_is() -> None:
     observations, J = made(10_000, noise=0.01)
     solution = solve_exact(observations, robust=True)
-    np.testing.assert_allclose(solution.trust.noise, 0.01, rtol=0.05)
+    np.testing.assert_allclose(solution.uncertainty.noise, 0.01, rtol=0.05)
     # Weights of .8 and less count as less light than there was: on the safe side, by a little.
     assert 0.9 < ((solution.J - J) / solution.deviation).std() < 1.02
 
@@ -191,7 +193,7 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
     solution = solve_exact(gone, backend=backend)
     assert np.isfinite(solution.cost).all()
     assert np.isfinite(solution.J).all()
-    np.testing.assert_allclose(solution.water, fit(observations).water, rtol=0.03)
+    np.testing.assert_allclose(table(solution.water), table(fit(observations).water), rtol=0.03)
     shrunk, deviation = posterior(solution.J, solution.deviation)
     assert np.isfinite(shrunk).all()
     assert np.isfinite(deviation).all()
@@ -201,22 +203,22 @@ def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> 
 def test_an_image_without_repeated_pixels_adds_nothing_to_a_common_fit() -> None:
     several, _ = made(2_000, noise=0.01)
     lonely, _ = made(50, n_views=1, seed=1)
-    np.testing.assert_array_equal(fit([several, lonely]).water, fit([several]).water)
+    np.testing.assert_array_equal(table(fit([several, lonely]).water), table(fit([several]).water))
 
 
 def test_two_observations_too_many_cannot_tell_the_noise_and_it_is_said() -> None:
     observations, _ = made(3, 2, n_single=1)
-    trust = fit(observations).trust
-    assert any("too few repeated observations" in limit for limit in trust.limits)
+    limits = fit(observations).uncertainty.limits
+    assert any("too few repeated observations" in limit for limit in limits)
 
 
 def test_a_narrow_range_of_distances_is_called_undetermined() -> None:
     narrow, _ = made(2_000, distances_m=(3, 3.3), noise=0.004)
     wide, _ = made(2_000, distances_m=(2, 10), noise=0.004)
-    told, silent = fit(narrow).trust, fit(wide).trust
-    assert any("undetermined by these distances" in limit for limit in told.limits)
-    assert silent.limits == ()
-    assert told.condition.max() > 100 * silent.condition.max()
+    unsure, sure = fit(narrow).uncertainty, fit(wide).uncertainty
+    assert any("undetermined by these distances" in limit for limit in unsure.limits)
+    assert sure.limits == ()
+    assert unsure.condition.max() > 100 * sure.condition.max()
 
 
 @pytest.mark.parametrize("channel", [0, 2])
@@ -227,10 +229,10 @@ def test_a_dead_or_saturated_channel_is_left_as_it_is_and_said(channel: int, lev
     colour[channel] = level
     solution = solve_exact(replace(observations, colour=colour))
     name = ("red", "green", "blue")[channel]
-    assert any(limit.startswith(f"{name}: ") for limit in solution.trust.limits)
+    assert any(limit.startswith(f"{name}: ") for limit in solution.uncertainty.limits)
     np.testing.assert_allclose(solution.J[channel], level / 255, atol=1e-6)
     others = [c for c in range(3) if c != channel]
-    np.testing.assert_allclose(solution.water[:, others], parameters(WATER)[:, others], rtol=0.1)
+    np.testing.assert_allclose(table(solution.water)[:, others], TRUTH[:, others], rtol=0.1)
     assert np.isfinite(solution.J).all()
 
 
@@ -248,11 +250,11 @@ def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
         fit(arrange((1, 500), seen))
 
 
-def test_a_given_water_gives_the_best_colours_in_it() -> None:
+def test_a_given_water_gives_the_best_colours_for_water_it() -> None:
     observations, J = made(1_000, noise=0.0)
-    solution = colours_in(observations, parameters(WATER), None, "numpy", "cpu")
+    solution = colours_for_water(observations, parameters(WATER), None, "numpy", "cpu")
     np.testing.assert_allclose(solution.J, J, atol=1e-5)
-    np.testing.assert_array_equal(solution.water, parameters(WATER))
+    np.testing.assert_array_equal(table(solution.water), TRUTH)
 
 
 def test_a_sample_keeps_whole_pixels() -> None:
@@ -324,7 +326,7 @@ def test_a_step_that_is_known_to_raise_the_cost_is_not_taken_in_the_end() -> Non
 def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:
     system = ReducedSystem(np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.full(3, 1e-6))
     free = np.array([[True, False, True], [True] * 3, [True] * 3])
-    trust = judge(system, np.ones((3, 3)), free, 1000)
-    assert trust.limits == ("red: attenuation at the end of the range",)
-    assert np.isnan(trust.standard_error[0, 1])
-    np.testing.assert_allclose(trust.condition, 1)
+    known = uncertainty_of(WaterParameters.of_channels(np.ones((3, 3))), system, free, 1000)
+    assert known.limits == ("red: attenuation at the end of the range",)
+    assert np.isnan(known.standard_error.beta[0])
+    np.testing.assert_allclose(known.condition, 1)

@@ -11,13 +11,16 @@ import pytest
 from made_observations import flat, made, reduced_residuals
 
 from sucre_bench.methods.sucre.kernels import Kernel, opened
-from sucre_bench.methods.sucre.kernels.dense import WALL, Block, blocks, fill
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.kernels.formulas import WALL, Block, blocks, fill
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 BACKENDS = ["numpy", "numba", "torch", "jax"]
 SINGLE = BACKENDS[1:]  # those that compute in float32
-WATER = np.array([[0.08, 0.38, 0.27], [0.25, 0.16, 0.2], [0.33, 0.12, 0.11]])  # near made_scene's, not at the minimum
+# Near made_scene's, not at the minimum: rows RGB, columns B, beta, gamma.
+ROWS = np.array([[0.08, 0.38, 0.27], [0.25, 0.16, 0.2], [0.33, 0.12, 0.11]])
+WATER = WaterParameters.of_channels(ROWS)
 MARGIN = np.array([0.02, 0.05, 0.01])
 NOISE = np.array([0.01, 0.02, 0.005])
 
@@ -44,7 +47,7 @@ def assert_close(found: ReducedSystem, truth: ReducedSystem, rtol: float) -> Non
 def dense(observations: Observations, c: int, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
     """The products (4, 4) of D' and r by elimination of all J from the full Jacobian, and the colours (P,)."""
     place, z, I = flat(observations)  # noqa: E741
-    B, beta, gamma = WATER[c]
+    B, beta, gamma = ROWS[c]
     w = np.ones(len(z)) if observations.weight is None else observations.weight.astype(float)
     a, e = np.exp(-beta * z), np.exp(-gamma * z)
     of_J = np.zeros((len(z), len(observations.pixels)))
@@ -95,9 +98,9 @@ def test_g_is_minus_half_the_slope_of_the_reduced_cost(held: bool) -> None:
         margin = MARGIN[c] if held else np.inf
         step = 1e-5
         for i, towards in enumerate(np.eye(3) * step):
-            higher, lower = (held_cost(observations, c, WATER[c] + sign * towards, margin) for sign in (1, -1))
+            higher, lower = (held_cost(observations, c, ROWS[c] + sign * towards, margin) for sign in (1, -1))
             assert -2 * found.g[c, i] == pytest.approx((higher - lower) / (2 * step), rel=1e-4, abs=1e-5)
-        assert found.cost[c] == pytest.approx(held_cost(observations, c, WATER[c], margin), rel=1e-9)
+        assert found.cost[c] == pytest.approx(held_cost(observations, c, ROWS[c], margin), rel=1e-9)
 
 
 def test_held_colours_enter_h_as_rows_of_their_own() -> None:
@@ -111,10 +114,10 @@ def test_held_colours_enter_h_as_rows_of_their_own() -> None:
             a, y = np.exp(-water[1] * z), I[c] - water[0] * (1 - np.exp(-water[2] * z))
             return np.bincount(place, a * y, n) / np.sqrt(np.bincount(place, a * a, n)) + MARGIN[c]
 
-        below = shortfall(WATER[c]) < 0
+        below = shortfall(ROWS[c]) < 0
         assert 20 < below.sum() < n - 20
         step = np.eye(3) * 1e-6
-        rows = np.stack([shortfall(WATER[c] + s)[below] - shortfall(WATER[c] - s)[below] for s in step]) / 2e-6
+        rows = np.stack([shortfall(ROWS[c] + s)[below] - shortfall(ROWS[c] - s)[below] for s in step]) / 2e-6
         np.testing.assert_allclose(held.H[c] - free.H[c], WALL**2 * rows @ rows.T, rtol=1e-5)
 
 
@@ -127,7 +130,7 @@ def test_colours_are_the_least_squares_colours_with_their_propagated_deviation()
     for c in range(3):
         _, truth = dense(observations, c)
         np.testing.assert_allclose(J[c], truth, rtol=1e-5, atol=1e-6)
-        B, beta, gamma = WATER[c]
+        B, beta, gamma = ROWS[c]
         a, e = np.exp(-beta * z), np.exp(-gamma * z)
         D = np.stack([1 - e, -truth[place] * a * z, B * z * e])
         A = np.bincount(place, a * a)
@@ -194,7 +197,7 @@ def single_views() -> list[Seen]:
     rng = np.random.default_rng(3)
     J, pixels = rng.uniform(0, 0.6, (200, 1)), np.arange(200)
     distances = rng.uniform(1, 8, (4, 200, 1))
-    B, beta, gamma = WATER.T
+    B, beta, gamma = ROWS.T
     colours = J * np.exp(-beta * distances) + 0.5 * B * (1 - np.exp(-gamma * distances))
     colours += rng.normal(0, 0.02, colours.shape)
     return [
@@ -242,12 +245,12 @@ def test_water_of_extreme_rates_is_exact_or_seen_to_be_out_of_range(backend: str
     observations = made(200, noise=0.01)[0]
     with opened(observations, "numpy", "cpu") as exact, opened(observations, backend, "cpu") as kernel:
         for rates in ((-0.3, 1e-5), (1e-6, 3.0), (2.0, -0.2)):
-            water = np.array([[0.2, *rates]] * 3)
+            water = WaterParameters.of_channels(np.array([[0.2, *rates]] * 3))
             assert_close(kernel.system(water), exact.system(water), 2e-3)
-        assert np.isnan(silently(kernel, np.full((3, 3), np.nan)).cost).all()
+        assert np.isnan(silently(kernel, WaterParameters.of_channels(np.full((3, 3), np.nan))).cost).all()
 
 
-def silently(kernel: Kernel, water: np.ndarray) -> ReducedSystem:
+def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
     with np.errstate(all="ignore"):
         return kernel.system(water)
 

@@ -6,17 +6,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_observations import reduced_residuals
+from made_observations import parameters, reduced_residuals
 from made_scene import WATER
 
 from sucre_bench import SolveError
 from sucre_bench.methods.sucre import lamp as module
 from sucre_bench.methods.sucre.kernels import opened
 from sucre_bench.methods.sucre.lamp import Lamp, estimate, lit
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
 WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation / 2, WATER.backscatter / 2], axis=1)
-START = WATER_ROWS * (1, 2, 2)
+START = parameters(WATER)
+HALVED = WaterParameters.of_channels(WATER_ROWS)  # rates over the light's whole way
 COVARIANCE = np.array([[0.26, 0.02], [0.02, 0.18]])
 
 
@@ -35,7 +37,7 @@ def made_lit(
     """Observations in a lamp's light (None: even light, one way) and the true J (3, P); rays all over 70 degrees."""
     rng = np.random.default_rng(seed)
     J = rng.uniform(0.1, 0.9, (3, n_pixels))
-    B, beta, gamma = (column[:, None] for column in (WATER_ROWS if lamp else START).T)
+    B, beta, gamma = (HALVED if lamp else START).columns()
     seen = []
     for k in range(n_views):
         chosen = np.flatnonzero(rng.random(n_pixels) < (1.0 if k < 2 else 0.7))
@@ -60,7 +62,7 @@ def test_lamp_and_water_are_recovered_without_noise() -> None:
     found = estimate(made_lit(1500, true_lamp())[0], START)
     np.testing.assert_allclose(found.lamp.lamp_from_cam, true_lamp().lamp_from_cam, atol=2e-3)
     np.testing.assert_allclose(found.lamp.precision, true_lamp().precision, rtol=5e-3, atol=5e-3)
-    np.testing.assert_allclose(found.water, WATER_ROWS, rtol=1e-2)
+    np.testing.assert_allclose(found.water.by_channel(), WATER_ROWS, rtol=1e-2)
     assert found.is_worth_it
 
 
@@ -68,7 +70,7 @@ def test_lamp_and_water_are_recovered_from_noise() -> None:
     found = estimate(made_lit(4000, true_lamp(), noise=0.004)[0], START)
     np.testing.assert_allclose(found.lamp.lamp_from_cam, true_lamp().lamp_from_cam, atol=0.03)
     np.testing.assert_allclose(found.lamp.precision, true_lamp().precision, rtol=0.05, atol=0.1)
-    np.testing.assert_allclose(found.water, WATER_ROWS, rtol=0.15)
+    np.testing.assert_allclose(found.water.by_channel(), WATER_ROWS, rtol=0.15)
     assert found.noise == pytest.approx(0.004, rel=0.1)
 
 
@@ -77,12 +79,12 @@ def test_even_light_needs_no_lamp() -> None:
     assert not found.is_worth_it
     corner = np.array([0.7, 0.7])
     assert corner @ found.lamp.precision @ corner < 0.1  # less than 5 % darker in the corners
-    np.testing.assert_allclose(found.water[:, 1], START[:, 1] / 2, rtol=0.2)  # twice the way
+    np.testing.assert_allclose(found.water.beta, START.beta / 2, rtol=0.2)  # twice the way
 
 
 def test_gradient_and_cost_are_those_of_finite_differences() -> None:
     sample = module._Sample.of(made_lit(60, true_lamp(), noise=0.01)[0], 40, np.random.default_rng(0))
-    at = module._start((0.1, -0.2, 0.05), 1.5, WATER_ROWS * 1.2)
+    at = module._start((0.1, -0.2, 0.05), 1.5, WaterParameters.of_channels(WATER_ROWS * 1.2))
     at[[0, 1, 6]] = 0.1, -0.05, 0.3
     system, numeric = module._system(sample, at), np.empty(17)
     for k in range(17):
@@ -100,13 +102,13 @@ def test_lit_observations_have_the_lamps_own_least_squares() -> None:
     even = lit(observations, true_lamp())
     kept = replace(observations, weight=(even.weight > 0).astype(np.float32))
     sample = module._Sample.of(kept, 400, np.random.default_rng(0))
-    unknowns = np.concatenate([module._start((0.15, 0.25, 0), 1, WATER_ROWS)[:8], WATER_ROWS.ravel()])
+    unknowns = np.concatenate([module._start((0.15, 0.25, 0), 1, HALVED)[:8], WATER_ROWS.ravel()])
     unknowns[[0, 1]] = 0.04, 0.06
     M = np.linalg.cholesky(true_lamp().precision).T
     unknowns[5:8] = M[0, 0], M[0, 1], M[1, 1]
     with opened(even, "numpy", "cpu") as kernel:
-        cost = kernel.system(WATER_ROWS).cost
-        mine, _ = kernel.colours(WATER_ROWS, np.full(3, 0.01), np.zeros((3, 3, 3)))
+        cost = kernel.system(HALVED).cost
+        mine, _ = kernel.colours(HALVED, np.full(3, 0.01), np.zeros((3, 3, 3)))
     np.testing.assert_allclose(cost, (module._residuals(sample, unknowns) ** 2).sum(axis=1), rtol=1e-4)
     assert np.median(np.abs(mine - J)) < 0.01
 
@@ -148,8 +150,8 @@ def test_pixels_in_the_dark_are_left_out_and_nothing_becomes_nan() -> None:
     even = lit(observations, Lamp(np.eye(4), np.eye(2) * 200))
     assert 0 < len(even.pixels) < 500
     with opened(even, "numpy", "cpu") as kernel:
-        J, deviation = kernel.colours(WATER_ROWS, np.full(3, 0.01), np.zeros((3, 3, 3)))
-        assert np.isfinite(kernel.system(WATER_ROWS).H).all()
+        J, deviation = kernel.colours(HALVED, np.full(3, 0.01), np.zeros((3, 3, 3)))
+        assert np.isfinite(kernel.system(HALVED).H).all()
     assert np.isfinite(J).all()
     assert np.isfinite(deviation).all()
 

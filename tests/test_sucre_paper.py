@@ -7,19 +7,21 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import torch
+from made_observations import table
 from made_scene import WATER, make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, View
 from sucre_bench.methods.sucre import SucrePaper, adam
 from sucre_bench.methods.sucre.adam import Objective, minimise
-from sucre_bench.methods.sucre.model import derivatives, predict
+from sucre_bench.methods.sucre.model import WaterParameters, derivatives, predict
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
 FEW = SucrePaper(steps=12, device="cpu")
-START = np.full((3, 3), 0.1)
+START = np.full((3, 3), 0.1)  # rows B, beta, gamma
+PAPER_START = WaterParameters(*START)
 
 
 def made_observations(n_pixels: int = 60, seed: int = 0, noise: float = 0.0) -> tuple[Observations, np.ndarray]:
@@ -68,8 +70,8 @@ def evaluate(observations: Observations, J: np.ndarray, water: np.ndarray) -> tu
     """The objective's cost (3,), dE/dJ (3, P) and dE/dwater (3, 3)."""
     J_grad = torch.full(J.shape, torch.nan)
     with Objective.on(observations) as objective:
-        cost, water_grad = objective.evaluate(torch.tensor(J, dtype=torch.float32), torch.tensor(water), J_grad)
-    return cost.numpy(), J_grad.numpy(), water_grad.numpy()
+        cost, water_grad = objective.evaluate(torch.tensor(J, dtype=torch.float32), torch.tensor(water.T), J_grad)
+    return cost.numpy(), J_grad.numpy(), water_grad.numpy().T
 
 
 # -- the model -------------------------------------------------------------------------------------------------------
@@ -161,9 +163,9 @@ def test_steps_are_those_of_adam_with_automatic_differentiation(steps: int) -> N
     observations, _ = made_observations(noise=0.004)
     J0 = observations.intensity(slice(0, len(observations.pixels)))  # the first slot: each pixel's first observation
     J, water = naive_adam(observations, J0, steps)
-    fit = minimise(observations, J0, START, steps=steps)
+    fit = minimise(observations, J0, PAPER_START, steps=steps)
     np.testing.assert_allclose(fit.J, J, atol=5e-6)  # float32 rounding; a step is .05
-    np.testing.assert_allclose(fit.water, water, atol=5e-6)
+    np.testing.assert_allclose(table(fit.water), water, atol=5e-6)
     with torch.no_grad():
         final = squared_error(observations, torch.tensor(J), torch.tensor(water)).numpy()
         initial = squared_error(observations, torch.tensor(J0, dtype=torch.float64), torch.tensor(START)).numpy()
@@ -176,7 +178,7 @@ def test_adams_eps_does_not_bite_the_sum_as_it_does_the_mean_over_many_observati
     J0 = observations.intensity(slice(0, len(observations.pixels)))
     without, _ = naive_adam(observations, J0, 30, eps=0)
     mean_of_1e8, _ = naive_adam(observations, J0, 30, divided_by=3e8)
-    assert np.abs(minimise(observations, J0, START, steps=30).J - without).max() < 5e-6
+    assert np.abs(minimise(observations, J0, PAPER_START, steps=30).J - without).max() < 5e-6
     assert np.abs(mean_of_1e8 - without).max() > 0.01
 
 
@@ -185,10 +187,10 @@ def test_water_and_colours_are_recovered_when_adam_is_given_time() -> None:
     # paper's 200 steps of .05 do not (gamma of red is 40 % off), and 4,000 of them still jump about.
     observations, truth = made_observations(n_pixels=400)
     J0 = observations.intensity(slice(0, len(observations.pixels)))
-    fit = minimise(observations, J0, START, steps=800, lr=0.02)
-    np.testing.assert_allclose(fit.water[0], WATER.veiling_light, rtol=0.02)
-    np.testing.assert_allclose(fit.water[1], WATER.attenuation, rtol=0.02)
-    np.testing.assert_allclose(fit.water[2], WATER.backscatter, rtol=0.08)
+    fit = minimise(observations, J0, PAPER_START, steps=800, lr=0.02)
+    np.testing.assert_allclose(fit.water.B, WATER.veiling_light, rtol=0.02)
+    np.testing.assert_allclose(fit.water.beta, WATER.attenuation, rtol=0.02)
+    np.testing.assert_allclose(fit.water.gamma, WATER.backscatter, rtol=0.08)
     np.testing.assert_allclose(fit.J, truth, atol=0.02)
     assert (fit.cost < 1e-4 * fit.initial_cost).all()
 

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from made_observations import flat, made
+from made_observations import flat, made, parameters, table
 from made_scene import WATER
 
 from sucre_bench.methods.sucre.exact import WaterFit, fit
@@ -14,7 +14,7 @@ from sucre_bench.methods.sucre.kernels import opened
 from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 from sucre_bench.multiview.observations import Observations
 
-TRUE = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter], axis=1)  # rows channels
+TRUE = parameters(WATER)
 NOISE = 0.004
 
 
@@ -32,7 +32,7 @@ def plain_fit(observations: Observations) -> WaterFit:
 
 def psnr(observations: Observations, found: WaterFit, J: np.ndarray, pixels: np.ndarray) -> float:
     with opened(observations, "numpy", "cpu") as kernel:
-        mine, _ = kernel.colours(found.water.T, np.full(3, NOISE), np.zeros((3, 3, 3)))
+        mine, _ = kernel.colours(found.water, np.full(3, NOISE), np.zeros((3, 3, 3)))
     return float(-10 * np.log10(((mine - J)[:, pixels] ** 2).mean()))
 
 
@@ -40,8 +40,8 @@ def test_water_and_colours_survive_an_animal_in_every_eighth_observation() -> No
     clean, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
     observations, wrong = spoilt(clean)
     plain, (robust, weighted) = plain_fit(observations), fit_robustly(observations, plain_fit)
-    assert np.abs(plain.water.T / TRUE - 1).max() > 0.3
-    assert np.abs(robust.water.T / TRUE - 1).max() < 0.08
+    assert np.abs(table(plain.water) / table(TRUE) - 1).max() > 0.3
+    assert np.abs(table(robust.water) / table(TRUE) - 1).max() < 0.08
     often = (observations.counts >= 5) & (np.bincount(flat(observations)[0], wrong) <= 1)  # a majority is right
     assert psnr(weighted, robust, J, often) > 35 > 25 > psnr(observations, plain, J, often)
 
@@ -75,7 +75,7 @@ def test_the_weight_of_two_is_that_of_their_difference() -> None:
     """s^2 is the squared difference, over its variance; at 3 noises in one channel 9."""
     observations, _ = made(1, n_views=2, distances_m=(2, 5), seed=1)
     z = observations.distance.astype(np.float64)
-    a = np.exp(-TRUE[0, 1] * z)
+    a = np.exp(-TRUE.beta[0] * z)
     off = 3 * 0.01 * np.sqrt(1 + (a[1] / a[0]) ** 2)  # of the second, from what the first foretells
     colour = observations.colour.copy()
     colour[0, 1] += off

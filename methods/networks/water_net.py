@@ -10,6 +10,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.lab import equalised
+from sucre_bench.imaging.filters.white_balance import stretched_by_weakness
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.networks.on_torch import loaded
 from sucre_bench.methods.networks.sizes import limited, tiled
@@ -17,7 +18,7 @@ from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["WaterNet", "white_balanced"]
+__all__ = ["WaterNet"]
 
 # A pixel sees 13 others to each side, fewer than a quarter of the overlap: tiles leave no trace.
 _TILE, _OVERLAP = 512, 64
@@ -65,26 +66,8 @@ class WaterNet:
 
         def run(rgb: Array) -> Array:
             rgb = rgb.clip(0, 1)
-            inputs = (rgb, white_balanced(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
+            inputs = (rgb, stretched_by_weakness(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
             return tiled(inputs, network, _TILE, _OVERLAP)
 
         height, width = view.rgb.shape[:2]
         return restored_at(view, limited(height, width, self.longest_side), network.device, run)
-
-
-def white_balanced(rgb: Array) -> Array:
-    """Stretch each channel (H, W, 3) between two of its quantiles: the weaker it is, the more of it is cut.
-
-    Cut are a share of .005 max(sum R, sum G, sum B) / sum of the channel at both ends (the authors' variant of the
-    simplest colour balance of Limare et al. 2011), and below a half, which a channel that is all but black would
-    exceed. A constant channel stays as it is.
-    """
-    total = rgb.sum(axis=(0, 1), dtype=np.float64)
-    cut = np.minimum(0.005 * total.max() / np.maximum(total, 1e-12), 0.49)
-    channels = []
-    for c in range(3):
-        # The quantiles of the authors' language: the k-th of n values is at (k - .5) / n.
-        bottom, top = np.quantile(rgb[..., c], [cut[c], 1 - cut[c]], method="hazen").astype(np.float32)
-        flat = top - bottom < 1e-6
-        channels.append(rgb[..., c] if flat else ((rgb[..., c] - bottom) / (top - bottom)).clip(0, 1))
-    return np.stack(channels, axis=-1)

@@ -1,11 +1,22 @@
 """SUCRe: colour restoration from several views of a scene (Boittiaux et al., 3DV 2024).
 
-Pairing finds every pixel of the target in the other views, at other distances; the fit explains all observations by
+Pairing finds every pixel of the target in the other views, at other distances. The fit explains all observations by
 one water and one colour a pixel.
+
+| file | subject |
+|---|---|
+| `sucre.py`, `sucre_plus.py`, `sucre_paper.py` | the three methods |
+| `options.py` | options of `sucre`, and which go together |
+| `model.py` | the image formation model, its derivatives, `WaterParameters` |
+| `normal_equations.py`, `kernels/` | the least-squares problem in the water, and the passes that sum it up |
+| `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
+| `adam.py`, `solvers.py` | the paper's optimiser; all solvers with one kind of result |
+| `robust.py`, `lamp.py`, `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
+| `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
 """
 
-from sucre_bench.methods.sucre.paper import SucrePaper
-from sucre_bench.methods.sucre.plus import SucrePlus
 from sucre_bench.methods.sucre.sucre import Sucre
+from sucre_bench.methods.sucre.sucre_paper import SucrePaper
+from sucre_bench.methods.sucre.sucre_plus import SucrePlus
 
 __all__ = ["Sucre", "SucrePaper", "SucrePlus"]

@@ -13,7 +13,7 @@ Adam does not depend on the scale of E except through its eps, which is added to
 E / (3 N) with eps is therefore minimising E with 3 N eps: at N = 3e6 observations and the usual 1e-8 that is 0.1, as
 much as a pixel's own gradient, and colours lag behind the water; at 1e8 it is 3. The sum is safe at any N.
 
-Pixels are worked in blocks small enough to stay in a processor's cache; float32 inside a block, float64 across.
+Blocks of pixels are small enough to stay in a processor's cache; float32 inside a block, float64 across.
 """
 
 from __future__ import annotations
@@ -26,7 +26,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.progress import track
-from sucre_bench.methods.sucre.model import derivatives
+from sucre_bench.methods.sucre.model import WaterParameters, derivatives
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:
@@ -44,12 +44,12 @@ _BLOCK_PX = {"cpu": 1 << 17, "cuda": 1 << 22}
 class Fit:
     """Adam's last iterate.
 
-    J: (3, P) float32, intensities without water; water: (3, 3) float64, rows B, beta, gamma, columns RGB;
-    cost, initial_cost: (3,) float64, sum of squared residuals of each channel.
+    J: (3, P) float32, intensities without water; cost, initial_cost: (3,) float64, sum of squared residuals of each
+    channel.
     """
 
     J: Array
-    water: Array
+    water: WaterParameters
     cost: Array
     initial_cost: Array
 
@@ -57,18 +57,18 @@ class Fit:
 def minimise(
     observations: Observations,
     J: Array,
-    water: Array,
+    water: WaterParameters,
     *,
     steps: int = 200,
     lr: float = 0.05,
     eps: float = 1e-8,
     device: str = "cpu",
 ) -> Fit:
-    """Take Adam's steps from J (3, P) and water (3, 3: B, beta, gamma), full batch, without bounds."""
+    """Take Adam's steps from J (3, P) and a water, full batch, without bounds."""
     import torch
 
     J_now = torch.tensor(J, dtype=torch.float32, device=device)
-    water_now = torch.tensor(water, dtype=torch.float64)
+    water_now = torch.tensor(water.by_channel())
     J_now.grad = torch.zeros_like(J_now)
     adam = torch.optim.Adam([J_now, water_now], lr=lr, eps=eps, fused=True)  # fused: one pass over memory, not ten
     with Objective.on(observations, device) as objective:
@@ -79,7 +79,7 @@ def minimise(
             adam.step()
         cost, _ = objective.evaluate(J_now, water_now, J_now.grad)
     first = cost if first is None else first
-    return Fit(J_now.cpu().numpy(), water_now.numpy(), cost.numpy(), first.numpy())
+    return Fit(J_now.cpu().numpy(), WaterParameters.of_channels(water_now.numpy()), cost.numpy(), first.numpy())
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -110,7 +110,7 @@ class Objective:
         distance = torch.from_numpy(observations.distance).to(device)
         colour = torch.from_numpy(observations.colour).to(device)
         # One thread an operation and several blocks at a time: an operation on a block takes some 30 us, less than
-        # it costs to gather threads for it, and a thread that others have displaced would hold up every one.
+        # gathering threads for it, and a displaced thread would hold up all the others.
         threads = torch.get_num_threads()
         n_workers = threads if device == "cpu" else 1
         torch.set_num_threads(1)
@@ -121,13 +121,15 @@ class Objective:
             torch.set_num_threads(threads)
 
     def evaluate(self, J: torch.Tensor, water: torch.Tensor, J_grad: torch.Tensor) -> tuple[torch.Tensor, torch.Tensor]:
-        """Return the cost (3,) and dE/dwater (3, 3), float64 on the CPU; dE/dJ (3, P) is written to J_grad.
+        """Return the cost (3,) and dE/dwater (3, 3), float64 on the CPU, and write dE/dJ (3, P) to J_grad.
+
+        water: (3, 3) and its gradient have a row a channel, columns B, beta, gamma.
 
         Sums are added up in the order of the blocks, whatever thread made them: equal runs give equal results.
         """
         import torch
 
-        rows = water.T.tolist()
+        rows = water.tolist()
         sums = torch.zeros(len(self.blocks), 4, dtype=torch.float64, device=J.device)
 
         def work(worker: int) -> None:
@@ -138,7 +140,7 @@ class Objective:
 
         list(self.workers.map(work, range(self.n_workers)))
         total = sums.cpu().reshape(-1, 3, 4).sum(dim=0)  # blocks of one start are the three channels
-        return total[:, 0], -2 * total[:, 1:].T.contiguous()
+        return total[:, 0], -2 * total[:, 1:].contiguous()
 
     def _block(
         self,

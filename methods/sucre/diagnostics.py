@@ -1,4 +1,4 @@
-"""How far a fitted water can be trusted.
+"""How uncertain a fitted water is.
 
 With H and the residual cost of the reduced problem, sigma^2 = cost / (N - P - 3) over the pixels seen more than once,
 and sigma^2 H^-1 is the covariance of B, beta and gamma for independent noise. Where distances are alike the parameters
@@ -13,61 +13,69 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
-__all__ = ["CHANNELS", "ROUNDING", "Trust", "judge", "of_given", "with_noise"]
+__all__ = ["CHANNELS", "ROUNDING", "WaterUncertainty", "for_known_water", "rescaled_to_noise", "uncertainty_of"]
 
 CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
 
-_TOO_FEW = "too few repeated observations to tell the noise, and with it how sure anything is"
+_TOO_FEW = "too few repeated observations to estimate the noise; nothing is known about errors"
 
 # A parameter whose standard error is more than this share of its value is called undetermined.
 _LOOSE = 0.5
 
-# A cost at which float32 sums of intensities have nothing more to say: rms 1e-6 of each observation.
+# The rounding of float32 sums of intensities, as a cost: 1e-6 rms of each observation.
 ROUNDING = 1e-12
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Trust:
-    """noise: (3,) sigma of each channel, in intensity; covariance: (3, 3, 3) of B, beta, gamma in each channel;
-    standard_error: (3, 3) rows channels, NaN where held at a bound; condition: (3,) of the scaled H;
-    limits: in words, what is not determined.
+class WaterUncertainty:
+    """What is known about the errors of a water.
+
+    noise: (3,) standard deviation of an observation in each channel, in intensity; covariance: (3, 3, 3) of B, beta,
+    gamma in each channel; standard_error: of each parameter, NaN where it is held at a bound; condition: (3,) of the
+    scaled H; limits: in words, what the observations do not determine.
     """
 
     noise: Array
     covariance: Array
-    standard_error: Array
+    standard_error: WaterParameters
     condition: Array
     limits: tuple[str, ...]
 
 
-def with_noise(trust: Trust, noise: Array) -> Trust:
-    """Return what another noise (3,) makes of it: the cost of robustly weighted residuals does not tell theirs."""
-    ratio = np.divide(noise, trust.noise, out=np.ones(3), where=trust.noise > 0)
-    covariance, error = trust.covariance * ratio[:, None, None] ** 2, trust.standard_error * ratio[:, None]
-    return replace(trust, noise=noise, covariance=covariance, standard_error=error)
+def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncertainty:
+    """Rescale covariance and errors to a given noise (3,): with robust weights the cost underestimates it."""
+    ratio = np.divide(noise, uncertainty.noise, out=np.ones(3), where=uncertainty.noise > 0)
+    covariance = uncertainty.covariance * ratio[:, None, None] ** 2
+    error = WaterParameters.of_channels(uncertainty.standard_error.by_channel() * ratio[:, None])
+    return replace(uncertainty, noise=noise, covariance=covariance, standard_error=error)
 
 
-def of_given(trust: Trust) -> Trust:
-    """Return what is known when the water is known from elsewhere: nothing about it is uncertain, colours still are."""
-    said = tuple(limit for limit in trust.limits if limit == _TOO_FEW)
-    return replace(trust, covariance=np.zeros((3, 3, 3)), standard_error=np.full((3, 3), np.nan), limits=said)
+def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
+    """Return the uncertainty when the water is known from elsewhere: colours have noise, the water has no error."""
+    kept = tuple(limit for limit in uncertainty.limits if limit == _TOO_FEW)
+    error = WaterParameters.of_channels(np.full((3, 3), np.nan))
+    return replace(uncertainty, covariance=np.zeros((3, 3, 3)), standard_error=error, limits=kept)
 
 
-def judge(system: ReducedSystem, water: Array, free: Mask, n_excess: int, dead: Mask | None = None) -> Trust:
-    """Judge a water (3, 3), rows channels.
+def uncertainty_of(
+    water: WaterParameters, system: ReducedSystem, free: Mask, n_excess: int, dead: Mask | None = None
+) -> WaterUncertainty:
+    """Return the uncertainty of a water from the system around it.
 
-    n_excess: observations more than pixels, over pixels seen repeatedly; dead: (3,) bool, channels without signal.
+    free: (3 channels, 3) bool, parameters that no bound holds; n_excess: how many more observations than pixels there
+    are, over pixels seen repeatedly; dead: (3,) bool, channels without signal.
     """
     dead = np.zeros(3, dtype=bool) if dead is None else dead
-    told = (np.einsum("cii->ci", system.H) > 0) & ~dead[:, None]
+    informed = (np.einsum("cii->ci", system.H) > 0) & ~dead[:, None]
     noise = np.sqrt(system.cost / (n_excess - 3)) if n_excess > 3 else np.full(3, np.nan)
     covariance, condition = np.zeros((3, 3, 3)), np.full(3, np.inf)
     error = np.full((3, 3), np.nan)
     for c, H in enumerate(system.H):
-        k = np.flatnonzero(free[c] & told[c])
+        k = np.flatnonzero(free[c] & informed[c])
         if not len(k):
             continue
         scale = 1 / np.sqrt(np.diag(H)[k])
@@ -77,17 +85,17 @@ def judge(system: ReducedSystem, water: Array, free: Mask, n_excess: int, dead: 
         inverse = np.linalg.pinv(scaled, rcond=1e-14, hermitian=True) * scale[:, None] * scale
         covariance[c][np.ix_(k, k)] = noise[c] ** 2 * inverse
         error[c, k] = np.sqrt(np.diag(covariance[c])[k].clip(min=0))
-    said = _limits(water, error, free, told, dead)
+    limits = _limits(water.by_channel(), error, free, informed, dead)
     if n_excess <= 3:
-        said.append(_TOO_FEW)
-    return Trust(noise, covariance, error, condition, tuple(said))
+        limits.append(_TOO_FEW)
+    return WaterUncertainty(noise, covariance, WaterParameters.of_channels(error), condition, tuple(limits))
 
 
-def _limits(water: Array, error: Array, free: Mask, told: Mask, dead: Mask) -> list[str]:
-    said = []
+def _limits(water: Array, error: Array, free: Mask, informed: Mask, dead: Mask) -> list[str]:
+    limits = []
     for c, colour in enumerate(CHANNELS):
         if dead[c]:
-            said.append(f"{colour}: the same in all observations, black or saturated; left as it is")
+            limits.append(f"{colour}: the same in all observations, black or saturated; left as it is")
             continue
         loose = [
             f"{name} {value:.3g} ± {spread:.2g}"
@@ -95,11 +103,11 @@ def _limits(water: Array, error: Array, free: Mask, told: Mask, dead: Mask) -> l
             if spread > _LOOSE * abs(value)
         ]
         if loose:
-            said.append(f"{colour}: undetermined by these distances: {', '.join(loose)}")
+            limits.append(f"{colour}: undetermined by these distances: {', '.join(loose)}")
         for which, why in (
-            (~told[c], "not told by these observations"),
-            (told[c] & ~free[c], "at the end of the range"),
+            (~informed[c], "not determined by these observations"),
+            (informed[c] & ~free[c], "at the end of the range"),
         ):
             if which.any():
-                said.append(f"{colour}: {' and '.join(np.array(_PARAMETERS)[which])} {why}")
-    return said
+                limits.append(f"{colour}: {' and '.join(np.array(_PARAMETERS)[which])} {why}")
+    return limits

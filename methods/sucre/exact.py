@@ -1,13 +1,13 @@
-"""The minimum of SUCRe's eq. 7, to the digits that the data hold.
+"""The exact minimum of SUCRe's eq. 7, to the digits that the data hold.
 
-Every pixel's colour is eliminated (reduced.py), which leaves three parameters a channel. They are found on a sample of
-pixels, from several starts, and refined by a few passes over all observations. Nothing in it is random but the sample,
-which has a seed; nothing depends on the number of threads.
+Every pixel's colour is eliminated (normal_equations.py), which leaves three parameters a channel. `fit` finds them on a
+sample of pixels from several starts, and refines them by a few passes over all observations. Only the sample is random,
+and it has a seed. The number of threads changes nothing.
 
-physical: the model fits many real images best with a veil that is brighter than their darkest pixels, which makes
-colours negative. Then every pixel whose colour would lie below zero by more than its noise adds what it is short of,
-as a residual (kernels/dense.py); the noise is what the free fit leaves, from the median of its residuals. A pixel seen
-once takes part in that: no veil can be brighter than what is seen through it.
+physical: many real images are fitted best by a veil that is brighter than their darkest pixels, which makes colours
+negative. With this option every pixel whose colour would lie below zero by more than its noise adds that shortfall as
+a residual (kernels/formulas.py). The noise is that of the free fit, from the median of its residuals. Pixels seen once
+take part: no veil is brighter than what is seen through it.
 """
 
 from __future__ import annotations
@@ -22,12 +22,13 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.sucre.diagnostics import ROUNDING, Trust, judge
+from sucre_bench.methods.sucre.diagnostics import ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.methods.sucre.robust import robust_noise
-from sucre_bench.methods.sucre.starts import bounds_for, promising
+from sucre_bench.methods.sucre.starting_points import bounds_for, promising
 from sucre_bench.multiview.observations import Observations
 
 __all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
@@ -35,13 +36,13 @@ __all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
 # Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
 SAMPLE = 20_000
 
-# Pixels that the starts are tried on, how many starts, and how many different minima of theirs the sample decides on.
+# Pixels that the starts are tried on, how many starts, and how many different minima the sample chooses from.
 _SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
 
-# Minima whose parameters differ by less, relatively, are one; of costs that differ by less a sample cannot decide.
+# Minima whose parameters differ by less (relative) are one. A sample cannot rank costs that differ by less (relative).
 _ALIKE, _UNDECIDED = 0.05, 0.01
 
-# Of the gain that a step promises, relative to the cost: to tell minima apart, on the sample, and at the end.
+# Tolerances on the promised gain, relative to the cost: to tell minima apart, on the sample, and at the end.
 _SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
 
 
@@ -49,14 +50,13 @@ _SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
 class WaterFit:
     """A fitted water.
 
-    water: (3, 3) float64, rows B, beta, gamma, columns RGB; cost: (3,) sum of squared residuals of each channel over
-    pixels seen more than once; trust: what is known about it; passes: over all observations; converged: whether
-    another step would gain next to nothing.
+    cost: (3,) sum of squared residuals of each channel over pixels seen more than once; uncertainty: of the water;
+    passes: over all observations; converged: whether no further step promises a gain.
     """
 
-    water: Array
+    water: WaterParameters
     cost: Array
-    trust: Trust
+    uncertainty: WaterUncertainty
     passes: int
     converged: bool
 
@@ -72,7 +72,7 @@ def fit(
 ) -> WaterFit:
     """Find the one water that explains the observations of one image, or of several, best.
 
-    physical: hold colours above zero, up to the noise that the free fit leaves.
+    physical: hold colours above zero, up to the noise of the free fit; sample: pixels that minima are chosen on.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
     images = [observations] if isinstance(observations, Observations) else observations
@@ -81,7 +81,6 @@ def fit(
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
     few = _samples(images, sample, physical, seed)
     _check_spread(few)
-    dead = _is_constant(few)
     distance = float(np.median(np.concatenate([one.distance for one in few])))
     bounds, margin = bounds_for(distance), None
     floor = ROUNDING * sum(map(len, images))
@@ -95,24 +94,26 @@ def fit(
         evaluate = _summed(kernels, None)
         ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in _distinct(ends)]
         if physical:
-            margin = np.mean([robust_noise(one, _distinct(ends)[0]) for one in few], axis=0)
+            free = WaterParameters.of_channels(_distinct(ends)[0])
+            margin = np.mean([robust_noise(one, free) for one in few], axis=0)
             evaluate, starts = _summed(kernels, margin), [*_distinct(ends), *starts]
             ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in starts]
     with _all_opened(images, backend, device) as kernels:
         evaluate, starts = _summed(kernels, margin), _distinct(ends, _UNDECIDED)
         end = _best([minimise(evaluate, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in starts])
         system = end.system
-        if physical:  # what the wall adds is no residual
+        if physical:  # without the shortfall of negative colours
             system = replace(system, cost=_summed(kernels, None)(end.at).cost)
-    water = np.where(dead[:, None], 0, end.at)  # J = I
-    trust = judge(system, water, end.free, sum(one.n_excess for one in images), dead)
-    return WaterFit(water.T.copy(), system.cost, trust, end.steps + 1, bool(end.converged.all()))
+    dead = _is_constant(few)
+    water = WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # J = I
+    uncertainty = uncertainty_of(water, system, end.free, sum(one.n_excess for one in images), dead)
+    return WaterFit(water, system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
-# Distances that differ by less are the same: float32 and depth maps in millimetres know no better.
+# Distances that differ by less are the same: float32 and depth maps in millimetres resolve no more.
 _SAME = 1e-4
 
-# A channel that varies by less over the whole sample is dead: less than one level of 8 bits.
+# A channel is dead if it varies by less than this over the whole sample: one level of 8 bits.
 _FLAT = 1 / 256
 
 _HOPELESS = "{}; give views that see the same places from other distances, or a known water (water=FILE)"
@@ -132,7 +133,7 @@ def sampled(observations: Observations, n: int, singles: bool, seed: int) -> Obs
 
 
 def _samples(images: Sequence[Observations], n: int, singles: bool, seed: int) -> list[Observations]:
-    """About n pixels of all images together, the same number of each."""
+    """Return about n pixels of all images together, the same number of each."""
     return [sampled(one, n // len(images) + 1, singles, seed + k) for k, one in enumerate(images)]
 
 
@@ -143,7 +144,10 @@ def _all_opened(images: Sequence[Observations], backend: Backend, device: Device
 
 
 def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
-    """The few lowest minima (3 channels, 3), best first, each channel's own; within: of the best's cost, relative."""
+    """Return the few lowest minima (3 channels, 3), best first, for each channel by itself.
+
+    within: how much higher than the best a cost may be, relative.
+    """
     per_channel = []
     for c in range(3):
         found = [(float(end.system.cost[c]), end.at[c]) for end in ends if np.isfinite(end.system.cost[c])]
@@ -162,7 +166,7 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
 
 
 def _best(ends: Sequence[Minimum]) -> Minimum:
-    """Each channel's best end, as one."""
+    """Combine the best end of each channel."""
     which = np.argmin([end.system.cost for end in ends], axis=0)
 
     def pick(values: Sequence[Any]) -> Any:
@@ -174,7 +178,8 @@ def _best(ends: Sequence[Minimum]) -> Minimum:
 
 
 def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array], ReducedSystem]:
-    def evaluate(water: Array) -> ReducedSystem:
+    def evaluate(rows: Array) -> ReducedSystem:
+        water = WaterParameters.of_channels(rows)
         first, *others = (kernel.system(water, margin) for kernel in kernels)
         return sum(others, first)
 
@@ -184,17 +189,14 @@ def _summed(kernels: Sequence[Kernel], margin: Array | None) -> Callable[[Array]
 def _check_spread(few: Sequence[Observations]) -> None:
     """Raise NotApplicableError when every pixel is seen from one distance: then any water fits."""
     for one in few:
-        nearest, farthest = np.full((2, len(one.pixels)), one.distance[: len(one.pixels)])
-        for n, part in one.slots():
-            np.minimum(nearest[:n], one.distance[part], out=nearest[:n])
-            np.maximum(farthest[:n], one.distance[part], out=farthest[:n])
+        nearest, farthest = one.distance_range()
         if (farthest > nearest * (1 + _SAME)).any():
             return
     raise NotApplicableError(_HOPELESS.format("every pixel is seen from one distance only"))
 
 
 def _is_constant(few: Sequence[Observations]) -> Mask:
-    """(3,) bool: channels that are the same everywhere, black or saturated, and tell nothing."""
+    """(3,) bool: channels with the same value everywhere, black or saturated, which hold no information."""
     lowest = np.min([one.colour.min(axis=1) * one.scale for one in few], axis=0)
     highest = np.max([one.colour.max(axis=1) * one.scale for one in few], axis=0)
     return np.asarray(highest - lowest < _FLAT)

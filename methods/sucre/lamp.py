@@ -1,12 +1,12 @@
-"""A lamp that is fixed to the camera and is the only light, as in the deep sea: found, and taken out.
+"""Find a lamp that is fixed to the camera and is the only light, as in the deep sea, and take its light out.
 
     I = l (J a + b),    l = exp(-|M p|^2 / 2),    z = |X| + |Y|,    Y = R (X - position),    p = (Y_x, Y_y) / Y_z
 
 X: a point in the observing camera's frame; Y: the same in the lamp's, whose axis is where it is brightest; a and b as
 in model.py, over the way from the lamp to the point and on to the camera. The lobe is a Gaussian in the lamp's image
-plane with peak 1, which settles what is lamp and what is colour. M is upper triangular, M^T M the inverse of the
-lobe's covariance, so that a lobe without end is M = 0. A lamp turned about its axis with its lobe turned back is the
-same lamp: R turns about y, then about x, and roll is left to M. Model: SUCRe's authors, for the same deep-sea images.
+plane. Its peak is 1, which separates the lamp's power from the colours. M is upper triangular and M^T M is the inverse
+of the lobe's covariance, so M = 0 is even light. R turns about y, then about x; M holds the roll, as a lamp turned
+about its axis with its lobe turned back is the same lamp. Model: SUCRe's authors, for the same deep-sea images.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
-from sucre_bench.methods.sucre.model import transmission, veil
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Indices, Observations
 
 __all__ = ["Lamp", "LampFit", "estimate", "lit"]
@@ -33,17 +33,17 @@ _SCREEN, _SAMPLE = 400, 10_000
 _POSITIONS = ((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (-0.3, 0.0, 0.0), (0.0, 0.3, 0.0), (0.0, -0.3, 0.0))
 _LOBES = (0.4, 1.3, 2.7)
 
-# What is believed of a lamp beforehand, as standard deviations about 0 of yaw and pitch, position in metres, and M: it
-# points ahead within 30 degrees, sits within half a metre, and its lobe is no narrower than about 20 degrees. Each
-# belief weighs as much as one observation with this noise.
-_BELIEFS = np.array([0.5, 0.5, 0.5, 0.5, 0.5, 5.0, 5.0, 5.0])
+# Priors on the lamp, as standard deviations about 0 of yaw and pitch, position in metres, and M: it points ahead within
+# 30 degrees, sits within half a metre, and its lobe is no narrower than about 20 degrees. Each prior weighs as much as
+# one observation with this noise.
+_PRIORS = np.array([0.5, 0.5, 0.5, 0.5, 0.5, 5.0, 5.0, 5.0])
 _NOISE = 0.01
 
-# Evaluations and relative gain at which a descent ends, from each start and at last. Where there is no lamp the valley
-# is long, and where on it one ends does not matter.
+# Most evaluations and least relative gain of a descent: from each start, and of the last one. Without a lamp the valley
+# is long, and any end on it will do.
 _ROUGHLY, _FINELY = (25, 1e-4), (40, 1e-6)
 
-# Less light than this tells nothing of a colour: an 8-bit level would be a twentieth of the whole scale.
+# Less light than this says nothing about a colour: an 8-bit level would be a twentieth of the whole scale.
 _DARK = 0.05
 
 # Channels at the ends of the scale were cut off.
@@ -74,12 +74,12 @@ class Lamp:
 class LampFit:
     """A lamp and the water in its light.
 
-    water: (3, 3) float64, a row a channel, columns B, beta, gamma; noise: rms of the residuals on the sample, in
-    intensity; noise_without: the same for the water that the fit started from and no lamp.
+    noise: rms of the residuals on the sample, in intensity; noise_without: the same for the water that the fit started
+    from and no lamp.
     """
 
     lamp: Lamp
-    water: Array
+    water: WaterParameters
     noise: float
     noise_without: float
 
@@ -87,18 +87,18 @@ class LampFit:
     def is_worth_it(self) -> bool:
         """Whether a lamp explains the observations better.
 
-        On made scenes it halved `noise` where there was a lamp, and moved it by .2 % where there was none.
+        On made scenes a lamp halved `noise`; without one, `noise` changed by .2 %.
         """
         return self.noise < 0.98 * self.noise_without
 
 
-def estimate(observations: Observations, water_start: Array, *, seed: int = 0) -> LampFit:
-    """Fit a lamp, and the water with it, to random pixels seen more than once; colours are eliminated.
+def estimate(observations: Observations, water_start: WaterParameters, *, seed: int = 0) -> LampFit:
+    """Fit a lamp and the water together to random pixels seen more than once; colours are eliminated.
 
-    water_start: (3, 3), a row a channel, columns B, beta, gamma, fitted without a lamp. Position and direction trade
-    against each other where the scene is far and flat: weak priors, worth an observation each, hold what the data
-    leave open. Without a lamp in truth the lobe becomes wide and the light's way only halves the rates.
-    Raises SolveError when no pixel is seen twice, or the observations came without rays.
+    water_start: fitted without a lamp. Position and direction trade against each other where the scene is far and
+    flat. Weak priors, worth an observation each, decide what the data leave open. If there is no lamp the lobe becomes
+    wide, and the light's way halves the rates.
+    Raises SolveError when no pixel is seen twice, or when the observations have no rays.
     """
     if observations.ray is None or not observations.n_repeated:
         raise SolveError("a lamp needs pixels that several views show; give views of the same places, or lamp=false")
@@ -108,9 +108,8 @@ def estimate(observations: Observations, water_start: Array, *, seed: int = 0) -
     starts = [_start(position, lobe, water_start) for position in _POSITIONS for lobe in _LOBES]
     tried = [_descend(screen, start, bounds, *_ROUGHLY) for start in track(starts, "lamp")]
     best = _descend(sample, min(tried, key=lambda end: float(end.system.cost[0])).at[0], bounds, *_FINELY).at[0]
-    water = best[8:].reshape(3, 3)
     noise, noise_without = _rms(_residuals(sample, best), sample), _rms(_plain(sample, water_start), sample)
-    return LampFit(_lamp(best), water, noise, noise_without)
+    return LampFit(_lamp(best), _water(best), noise, noise_without)
 
 
 def _descend(sample: _Sample, start: Array, bounds: Bounds, steps: int, tolerance: float) -> Minimum:
@@ -120,13 +119,20 @@ def _descend(sample: _Sample, start: Array, bounds: Bounds, steps: int, toleranc
     return minimise(evaluate, start[None], bounds, tolerance=tolerance, max_steps=steps)
 
 
-def _start(position: tuple[float, ...], lobe: float, water: Array) -> Array:
-    """All 17 unknowns: yaw, pitch; position; M's three; B, beta, gamma of each channel. The way is twice as long."""
-    return np.concatenate([(0, 0), position, (lobe, 0, lobe), (water * (1, 0.5, 0.5)).ravel()])
+def _start(position: tuple[float, ...], lobe: float, water: WaterParameters) -> Array:
+    """Return all 17 unknowns: yaw, pitch; position; the three of M; B, beta, gamma of each channel.
+
+    The rates are halved, as the light's way is twice as long.
+    """
+    return np.concatenate([(0, 0), position, (lobe, 0, lobe), (water.by_channel() * (1, 0.5, 0.5)).ravel()])
+
+
+def _water(unknowns: Array) -> WaterParameters:
+    return WaterParameters.of_channels(unknowns[8:].reshape(3, 3))
 
 
 def _bounds(observations: Observations) -> Bounds:
-    fastest = 30 / float(np.median(observations.distance))  # nothing comes through from the typical distance
+    fastest = 30 / float(np.median(observations.distance))  # no light arrives from the typical distance
     lower = np.array([-1.2, -1.2, -3, -3, -3, 0, -20, 0, *[0, 0, 0] * 3])
     upper = np.array([1.2, 1.2, 3, 3, 3, 20, 20, 20, *[1, fastest, fastest] * 3])
     return Bounds(lower, upper, np.array([True] * 8 + [False, True, True] * 3))  # B enters linearly
@@ -187,16 +193,21 @@ def _lamp(unknowns: Array) -> Lamp:
     return Lamp(pose, M.T @ M)
 
 
-def _colours(sample: _Sample, l: Array | float, z: Array, water: Array) -> tuple[Array, Array, Array, Array, Array]:  # noqa: E741
+def _colours(
+    sample: _Sample,
+    l: Array | float,  # noqa: E741
+    z: Array,
+    water: WaterParameters,
+) -> tuple[Array, Array, Array, Array, Array]:
     """a, b, s l a, its sum of squares over each pixel, and the best J, each (3, N)."""
-    B, beta, gamma = water.T[:, :, None]
+    B, beta, gamma = water.columns()
     a, b = transmission(z, beta), veil(z, B, gamma)
     x = sample.s * l * a
     A = np.maximum(sample.over_pixels(x * x), 1e-30)
     return a, b, x, A, sample.over_pixels(x * sample.s * (sample.I - l * b)) / A
 
 
-def _misfit(sample: _Sample, l: Array | float, z: Array, water: Array) -> Array:  # noqa: E741
+def _misfit(sample: _Sample, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
     _, b, x, _, J = _colours(sample, l, z, water)
     return np.asarray(sample.s * (sample.I - l * b) - x * J)
 
@@ -204,10 +215,10 @@ def _misfit(sample: _Sample, l: Array | float, z: Array, water: Array) -> Array:
 def _residuals(sample: _Sample, unknowns: Array) -> Array:
     """(3, N), with the best colours."""
     l, way = _lamp(unknowns).light(sample.X)  # noqa: E741
-    return _misfit(sample, l, sample.z + way, unknowns[8:].reshape(3, 3))
+    return _misfit(sample, l, sample.z + way, _water(unknowns))
 
 
-def _plain(sample: _Sample, water: Array) -> Array:
+def _plain(sample: _Sample, water: WaterParameters) -> Array:
     """The residuals (3, N) in a water without lamp."""
     return _misfit(sample, 1.0, sample.z, water)
 
@@ -217,10 +228,10 @@ def _rms(r: Array, sample: _Sample) -> float:
 
 
 def _system(sample: _Sample, unknowns: Array) -> ReducedSystem:
-    """H (1, 17, 17), g and cost around the unknowns, beliefs included; colours eliminated as in reduced.py."""
+    """H (1, 17, 17), g and cost around the unknowns, with the priors; colours eliminated as in normal_equations.py."""
     R, R_yaw, R_pitch = _rotations(*unknowns[:2])
     m00, m01, m11 = unknowns[5:8]
-    water = unknowns[8:].reshape(3, 3)
+    water = _water(unknowns)
     from_lamp = sample.X - unknowns[2:5, None]
     l, way = _lamp(unknowns).light(sample.X)  # noqa: E741
     Y = R @ from_lamp
@@ -237,7 +248,7 @@ def _system(sample: _Sample, unknowns: Array) -> ReducedSystem:
 
     z = sample.z + way
     a, b, x_J, A, J = _colours(sample, l, z, water)
-    B, beta, gamma = water.T[:, :, None]
+    B, beta, gamma = water.columns()
     fade = np.exp(-gamma * z)
     by_z = -beta * J * a + gamma * B * fade
     columns = (
@@ -249,21 +260,21 @@ def _system(sample: _Sample, unknowns: Array) -> ReducedSystem:
     )  # (11, 3, N)
     columns -= x_J * (sample.over_pixels(x_J * columns) / A)
     r = sample.s * (sample.I - l * b) - x_J * J
-    beliefs = np.append((_NOISE / _BELIEFS) ** 2, np.zeros(9))
-    H, g = np.diag(beliefs), -beliefs * unknowns
+    priors = np.append((_NOISE / _PRIORS) ** 2, np.zeros(9))
+    H, g = np.diag(priors), -priors * unknowns
     for c in range(3):
         own = np.r_[:8, 8 + 3 * c : 11 + 3 * c]
         H[np.ix_(own, own)] += columns[:, c] @ columns[:, c].T
         g[own] += columns[:, c] @ r[c]
-    return ReducedSystem(H[None], g[None], np.array([(r * r).sum() + beliefs @ unknowns**2]))
+    return ReducedSystem(H[None], g[None], np.array([(r * r).sum() + priors @ unknowns**2]))
 
 
 def lit(observations: Observations, lamp: Lamp) -> Observations:
-    """Return the observations as even light would have made them, for the model without a lamp.
+    """Return the observations as they would be in even light, for the model without a lamp.
 
-    Distance becomes the whole way of the light, colour I / l (float32, may exceed 1), weight l^2 times the weight it
-    had: the least squares of I / l = J a + b with it are those of I = l (J a + b). Observations in the dark or with a
-    channel at an end of the scale have weight 0; pixels with nothing else are left out.
+    Distance becomes the whole way of the light, colour I / l (float32, may exceed 1), and weights are multiplied by
+    l^2: least squares of I / l = J a + b with these weights are those of I = l (J a + b). Observations in the dark or
+    with a channel at an end of the scale get weight 0. Pixels without any weight are left out.
     """
     assert observations.ray is not None, "observe with rays"
     n = len(observations)

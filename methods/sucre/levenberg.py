@@ -1,10 +1,10 @@
-"""Damped Gauss-Newton steps on a few bounded parameters, for several independent problems side by side.
+"""Levenberg-Marquardt on a few bounded parameters, for several independent problems side by side.
 
-It knows nothing of images: `evaluate` gives H, g and the cost of every problem around given parameters. The damping is
-Nielsen's (1999): it falls smoothly with how well the linear model foretold the gain, and rises faster after every
-failure. A parameter that enters linearly needs none, so that each step takes it to its optimum for the others' step
-(Ruhe & Wedin 1980, algorithm 2). Bounds hold for the
-model's minimum, not for its result.
+This module knows nothing of images: `evaluate` returns H, g and the cost of every problem at given parameters. Each
+step minimises the damped linear model inside the bounds (see `_steps`). The damping is Nielsen's (1999): it falls
+smoothly with how well the linear model predicted the gain, and rises faster after every failure. Parameters that enter
+linearly are not damped, so each step takes them to their optimum for the step of the others (Ruhe & Wedin 1980,
+algorithm 2).
 """
 
 from __future__ import annotations
@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
 __all__ = ["Bounds", "Minimum", "minimise"]
 
@@ -30,7 +30,7 @@ _SINGULAR = 1e-12
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Bounds:
-    """lower, upper: (n,) of each parameter; damped: (n,) bool, the parameters that do not enter linearly."""
+    """lower, upper: (n,), the range of each parameter; damped: (n,) bool, parameters that do not enter linearly."""
 
     lower: Array
     upper: Array
@@ -39,11 +39,11 @@ class Bounds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Minimum:
-    """Where the steps ended, for C problems.
+    """The end of the steps, for C problems.
 
-    at: (C, n); system: there, but for the last step, which gains too little to be evaluated; free: (C, n) bool,
-    parameters not held at a bound; steps: evaluations after the first; converged: (C,) bool, whether no step
-    promises a relative gain above the tolerance.
+    at: (C, n) parameters; system: the system one step before, as the last step gains too little to be evaluated;
+    free: (C, n) bool, parameters not held at a bound; steps: evaluations after the first; converged: (C,) bool, whether
+    no step promises a relative gain above the tolerance.
     """
 
     at: Array
@@ -62,15 +62,15 @@ def minimise(
     floor: float = 0.0,
     max_steps: int = 60,
 ) -> Minimum:
-    """Lower the cost of each problem from start (C, n) until a step promises less than tolerance x (cost + floor).
+    """Lower the cost of each problem from start (C, n) until a step promises less than tolerance (cost + floor).
 
-    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is nothing but rounding.
+    evaluate: parameters (C, n) -> ReducedSystem; floor: a cost that is only rounding.
     """
     at = np.clip(start, bounds.lower, bounds.upper)
     system = evaluate(at)
     damping, growth = np.full(len(at), _FIRST_DAMPING), np.full(len(at), 2.0)
     for step_count in range(max_steps + 1):
-        last = _steps(at, system, bounds, np.zeros(len(at)))  # full: small ones must not pass for convergence
+        last = _steps(at, system, bounds, np.zeros(len(at)))  # undamped: a short damped step is no convergence
         promised_little = system.predicted_reduction(last) <= tolerance * (system.cost + floor)
         converged = promised_little | (damping >= _STUCK)
         if converged.all() or step_count == max_steps:
@@ -91,13 +91,22 @@ def minimise(
 
 
 def _free(at: Array, system: ReducedSystem, bounds: Bounds) -> Mask:
-    """(C, n) bool: parameters that are inside their bounds or pushed back inside, and that anything depends on."""
+    """(C, n) bool: parameters that the cost depends on and that no bound holds back."""
     held = ((at <= bounds.lower) & (system.g < 0)) | ((at >= bounds.upper) & (system.g > 0))
     return np.asarray(~held & (np.einsum("cii->ci", system.H) > 0))
 
 
 def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array) -> Array:
-    """The step (C, n) to the minimum of each damped linear model inside the bounds."""
+    """Return the step s (C, n) to the minimum of each damped linear model inside the bounds.
+
+    With the scale S = diag(H)^-1/2 and A = S H S + damping diag(damped), s = S t solves
+
+        min_t  t^T A t - 2 (S g)^T t    subject to    lower <= at + S t <= upper,
+
+    which is A t = S g where no bound is in the way. With A = V diag(v) V^T it is the bounded least-squares problem
+    min |v^1/2 V^T t - v^-1/2 V^T S g|, solved by BVLS (Stark & Parker 1995). Parameters that nothing depends on
+    (H_kk = 0) stay.
+    """
     from scipy.optimize import lsq_linear
 
     steps = np.zeros_like(system.g)
@@ -105,11 +114,11 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array) -> 
         k = np.flatnonzero(np.diag(H) > 0)
         if not len(k):
             continue
-        scale = 1 / np.sqrt(np.diag(H)[k])  # parameters of unlike size: unit diagonal
+        scale = 1 / np.sqrt(np.diag(H)[k])  # unit diagonal: parameters differ in size
         A = H[np.ix_(k, k)] * scale[:, None] * scale + np.diag(damping[c] * bounds.damped[k])
         values, vectors = np.linalg.eigh(A)
         sizes = np.sqrt(values.clip(min=_SINGULAR))
-        root, towards = sizes[:, None] * vectors.T, vectors.T @ (g[k] * scale) / sizes  # least ||root s - towards||
+        root, towards = sizes[:, None] * vectors.T, vectors.T @ (g[k] * scale) / sizes
         step = vectors @ (towards / sizes)
         lower, upper = (bounds.lower[k] - at[c, k]) / scale, (bounds.upper[k] - at[c, k]) / scale
         if ((step < lower) | (step > upper)).any():

@@ -1,4 +1,4 @@
-"""SUCRe's model of one colour channel in water (eq. 6), and its derivatives.
+"""SUCRe's model of one colour channel in water (eq. 6), its derivatives, and its nine parameters.
 
     I = J a + b,    a = exp(-beta z),    b = B (1 - exp(-gamma z))
 
@@ -10,9 +10,44 @@ of the same library for the parameters, broadcast as usual.
 from __future__ import annotations
 
 import sys
+from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["derivatives", "predict", "transmission", "veil"]
+import numpy as np
+
+from sucre_bench.arrays import Array
+
+__all__ = ["WaterParameters", "derivatives", "predict", "transmission", "veil"]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class WaterParameters:
+    """B, beta and gamma of the three channels: (3,) float64 each, in RGB order.
+
+    The solvers vary the three parameters of each channel as one row. `by_channel` and `of_channels` are the only
+    places where that layout is made and undone.
+    """
+
+    B: Array
+    beta: Array
+    gamma: Array
+
+    @staticmethod
+    def of_channels(rows: Array) -> WaterParameters:
+        """Return the parameters from rows (3 channels, 3): B, beta, gamma of each channel."""
+        return WaterParameters(*(np.array(rows[:, k], dtype=np.float64) for k in range(3)))
+
+    def by_channel(self) -> Array:
+        """Return (3 channels, 3) float64: a row a channel, columns B, beta, gamma."""
+        return np.stack([self.B, self.beta, self.gamma], axis=1).astype(np.float64)
+
+    def channel(self, c: int) -> tuple[float, float, float]:
+        """Return B, beta and gamma of one channel as plain numbers."""
+        return float(self.B[c]), float(self.beta[c]), float(self.gamma[c])
+
+    def columns(self) -> tuple[Array, Array, Array]:
+        """Return B, beta, gamma as (3, 1), to be broadcast over observations (3, N)."""
+        return self.B[:, None], self.beta[:, None], self.gamma[:, None]
 
 
 def transmission(z: Any, beta: Any) -> Any:
@@ -41,7 +76,7 @@ def derivatives(J: Any, z: Any, B: Any, beta: Any, gamma: Any) -> tuple[Any, Any
 
 
 def _library(array: Any) -> Any:
-    """The module with exp and expm1 for an array; PyTorch lacks the array-API's own answer."""
+    """Return the module with exp and expm1 for an array; PyTorch arrays do not name theirs."""
     if hasattr(array, "__array_namespace__"):
         return array.__array_namespace__()
     return sys.modules[type(array).__module__.partition(".")[0]]

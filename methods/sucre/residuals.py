@@ -1,17 +1,17 @@
-"""What a fit leaves unexplained: the figures of the paper's least-squares and fitting appendices, as a few numbers.
+"""Residual statistics of a fit: the figures of the paper's least-squares and fitting appendices, as a few numbers.
 
 Least squares is the best estimator where residuals r = I - J a - b are normal, of one spread, and free of patterns
-(SUCRe, supplementary material, Least squares). Two things are in the way of seeing that in the raw residuals:
+(SUCRe, supplementary material, Least squares). Raw residuals hide this for two reasons:
 
-- A pixel seen once is explained exactly, whatever the water. Such pixels would make a spike at 0, and are left out.
-- A pixel's colour bends to its own observations: with J = sum w a (I - b) / sum w a^2, and normal noise of standard
-  deviation sigma, r has sigma sqrt(1 - h), h = w a^2 / sum w a^2 being its leverage. With two to twenty observations a
-  pixel a mixture of spreads results, which has heavy tails without any outlier. So it is r / sqrt(1 - h) that is looked
-  at, of spread sigma for each (Huber 1981, sec. 7.2). Observations with h > 0.9, near ones beside far ones, decide
-  their colour alone; what is left of them is magnified rounding, and they are left out.
+- A pixel seen once is explained exactly by any water. Such pixels would make a spike at 0, and are left out.
+- A pixel's colour follows its own observations. With J = sum w a (I - b) / sum w a^2 and normal noise of standard
+  deviation sigma, r has sigma sqrt(1 - h), where h = w a^2 / sum w a^2 is its leverage. Two to twenty observations a
+  pixel give a mixture of spreads, which has heavy tails without any outlier. So the statistics are of r / sqrt(1 - h),
+  which has spread sigma everywhere (Huber 1981, sec. 7.2). Observations with h > 0.9, near ones beside far ones, decide
+  their colour alone. Their residual is magnified rounding, and they are left out.
 
-Intensities are those that were fitted. Of weighted observations (a lamp's) it is sqrt(w) r; with robust=true all
-observations count alike here, so that what was given little weight shows.
+Intensities are those that were fitted. For weighted observations (lamp=true) the residual is sqrt(w) r. With
+robust=true all observations count alike here, so that those with little weight show.
 """
 
 from __future__ import annotations
@@ -21,55 +21,57 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, evenly
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
-from sucre_bench.methods.sucre.model import transmission, veil
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Indices, Observations
 
 __all__ = ["residuals"]
 
-# How many observations are looked at, and what leverage is too much.
+# Number of observations used, and the largest leverage.
 _SAMPLE, _DECISIVE = 200_000, 0.9
 
 # The histogram: bins half a level of 8 bits wide, the middle one around 0, to a quarter of full scale either side.
 _BIN, _BINS = 1 / 510, 255
 
-# Where quantiles are taken, in standard deviations of a normal distribution, the x axis of a normal plot.
+# Places of the quantiles, in standard deviations of a normal distribution: the x axis of a normal plot.
 _Z = np.linspace(-4, 4, 161)
 
-# The density of residuals (to so many standard deviations) over fits, and how many make a bin's quantiles.
+# Density of residuals over fits: bins of each, reach in standard deviations, fewest residuals for a bin's quantiles.
 _FITS, _RESIDUALS, _REACH, _ENOUGH = 32, 41, 5.0, 30
 
-# Points followed over distance: how many, from the widest ranges of distance, and with how many observations each.
+# Points followed over distance: their number, the share of widest ranges, fewest and most observations of each.
 _TRACKS, _WIDEST, _FEWEST, _MOST = 30, 0.05, 4, 16
 
 
-def residuals(observations: Observations, J: Array, water: Array, seed: int = 0) -> dict[str, Any]:
-    """Return numbers that JSON holds, of some 200,000 observations of random pixels that are seen more than once.
+def residuals(observations: Observations, J: Array, water: WaterParameters, seed: int = 0) -> dict[str, Any]:
+    """Return statistics of some 200,000 observations of random pixels that are seen more than once, ready for JSON.
 
-    J: (3, P) colours in the order of the store's pixels; water: (3, 3), rows B, beta, gamma.
+    J: (3, P) colours in the order of `observations.pixels`.
 
-    observations: how many were looked at; single_share: of all observations, those that are alone at their pixel;
-    decisive_share: of those looked at, those left out for their leverage. Where any is left, for each channel: mean,
-    std, robust_std (from the median of |r|), skew, kurtosis (excess: 0 for a normal distribution); raw_std, without the
-    division by sqrt(1 - h); histogram: counts of bins from -bins width / 2 on, and how many lie beyond; normal: the
-    quantiles at probabilities Phi(z); against_fit: counts[fit][residual] over the ranges fit and residual, and in each
-    bin of fits the median and the quantiles 0.159 and 0.841, None where there are few. tracks: points seen over wide
-    ranges of distance, nearest first: pixel (x, y), J, distance, intensity[channel].
+    observations: how many were used; single_share: share of all observations that are alone at their pixel;
+    decisive_share: share of the used ones that were left out for their leverage.
+
+    If any is left, for each channel: mean, std, robust_std (from the median of |r|), skew, kurtosis (excess: 0 for a
+    normal distribution); raw_std, without the division by sqrt(1 - h); histogram: counts of bins from -bins width / 2
+    on, and the number beyond; normal: the quantiles at probabilities Phi(z); against_fit: counts[fit][residual] over
+    the ranges fit and residual, and for each bin of fits the median and the quantiles 0.159 and 0.841, None for bins
+    with few. tracks: points seen over wide ranges of distance, nearest first: pixel (x, y), J, distance,
+    intensity[channel].
     """
     n_repeated = observations.n_repeated
     n_alone = len(observations.pixels) - n_repeated
-    told: dict[str, Any] = {"observations": 0, "single_share": n_alone / len(observations)}
+    about: dict[str, Any] = {"observations": 0, "single_share": n_alone / len(observations)}
     if not n_repeated:
-        return told
+        return about
     wanted = min(n_repeated, max(1, round(_SAMPLE * n_repeated / (len(observations) - n_alone))))
     places = np.sort(np.random.default_rng(seed).choice(n_repeated, wanted, replace=False))
     few, colours = observations.take(places), J[:, places].astype(np.float64)
-    found = _found(few, colours, water.astype(np.float64))
-    told |= {"observations": found.n, "decisive_share": 1 - found.r.shape[1] / max(found.n, 1)}
+    found = _found(few, colours, water)
+    about |= {"observations": found.n, "decisive_share": 1 - found.r.shape[1] / max(found.n, 1)}
     if not found.r.size:
-        return told
-    return told | {
+        return about
+    return about | {
         **_moments(found.r),
         "raw_std": _short(found.raw.std(axis=1)),
         "histogram": _histogram(found.r),
@@ -81,7 +83,7 @@ def residuals(observations: Observations, J: Array, water: Array, seed: int = 0)
 
 @dataclass(frozen=True, slots=True, eq=False)
 class _Found:
-    """r: (3, M) residuals over sqrt(1 - h); raw: without; fit: (3, M) J a + b; n: observations looked at, M and the
+    """r: (3, M) residuals over sqrt(1 - h); raw: without; fit: (3, M) J a + b; n: observations used, M and the
     decisive ones.
     """
 
@@ -91,11 +93,11 @@ class _Found:
     n: int
 
 
-def _found(few: Observations, J: Array, water: Array) -> _Found:
+def _found(few: Observations, J: Array, water: WaterParameters) -> _Found:
     place = np.concatenate([np.arange(n) for n, _ in few.slots()])
     z = few.distance.astype(np.float64)
     w = np.ones(len(few)) if few.weight is None else few.weight.astype(np.float64)
-    B, beta, gamma = (row[:, None] for row in water)
+    B, beta, gamma = water.columns()
     a, I = transmission(z, beta), few.intensity(slice(None))  # noqa: E741, (3, N)
     fit = J[:, place] * a + veil(z, B, gamma)
     h = w * a**2
@@ -147,22 +149,19 @@ def _density(fit: Array, r: Array) -> dict[str, Any]:
 
 def _tracks(few: Observations, J: Array) -> list[dict[str, Any]]:
     """Points of all colours among those with the widest ranges of distance."""
-    nearest, farthest = np.full((2, len(few.pixels)), few.distance[: len(few.pixels)])
-    for n, part in few.slots():
-        np.minimum(nearest[:n], few.distance[part], out=nearest[:n])
-        np.maximum(farthest[:n], few.distance[part], out=farthest[:n])
+    nearest, farthest = few.distance_range()
     several = np.flatnonzero(few.counts >= min(_FEWEST, few.counts[0]))
     widest = several[np.argsort(-(farthest / nearest)[several], kind="stable")]
     widest = widest[: max(_TRACKS, round(_WIDEST * len(widest)))]
     by_colour = widest[np.argsort(J[:, widest].mean(axis=0), kind="stable")]
-    chosen = by_colour[np.unique(np.linspace(0, len(by_colour) - 1, _TRACKS).round().astype(int))]
+    chosen = by_colour[evenly(len(by_colour), _TRACKS)]
     return [_track(few, int(place), J[:, place]) for place in chosen]
 
 
 def _track(few: Observations, place: int, J: Array) -> dict[str, Any]:
     at: Indices = few.starts[: few.counts[place]] + place
     at = at[np.argsort(few.distance[at], kind="stable")]
-    at = at[np.unique(np.linspace(0, len(at) - 1, _MOST).round().astype(int))]
+    at = at[evenly(len(at), _MOST)]
     y, x = divmod(int(few.pixels[place]), few.shape[1])
     intensity = few.colour[:, at] * few.scale
     return {"pixel": [x, y], "J": _short(J), "distance": _short(few.distance[at]), "intensity": _short(intensity)}

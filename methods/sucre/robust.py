@@ -1,14 +1,14 @@
-"""Less weight for observations that do not fit: animals that move, pixels paired wrongly.
+"""Robust weights: observations that do not fit count less (animals that move, pixels paired wrongly).
 
 Such an observation is wrong in all three channels at once, so it has one weight. With y = (I - b) / noise and x = a, an
 observation's misfit in the current water is the squared studentised residual, summed over the channels,
 
     s^2 = sum_c (y - J x)^2 / (1 - h),    h = v x^2 / sum v x^2,    v = 1 / (1 + s^2 / c^2)^2
 
-(Geman & McClure 1987; leverages h as in Huber 1981, sec. 7.2), J and v being iterated in turn. The loss redescends: an
-animal's pull on the water ends. Where J starts decides then what is called wrong: at the weighted median, the L1
-minimum. Of two observations nothing can tell which is wrong; they start from the mean and, being studentised, have the
-same misfit, so that such a pixel counts less as a whole and its colour stays the mean.
+(Geman & McClure 1987; leverages h as in Huber 1981, sec. 7.2). J and v are iterated in turn. The loss redescends: an
+animal stops pulling on the water. So the start of J decides which observations count as wrong. It is the weighted
+median, the L1 minimum. Of two observations either may be wrong. They start from the mean and, being studentised, have
+the same misfit, so such a pixel counts less as a whole and its colour stays the mean.
 """
 
 from __future__ import annotations
@@ -22,8 +22,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import usable_cores
-from sucre_bench.methods.sucre.kernels.dense import Block, blocks, fill
-from sucre_bench.methods.sucre.model import transmission, veil
+from sucre_bench.methods.sucre.kernels.formulas import Block, blocks, fill
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 
 if TYPE_CHECKING:
@@ -35,12 +35,12 @@ __all__ = ["fit_robustly", "reweighted", "robust_noise"]
 # colours lose .1 dB to the weights; a third of it would lose .6 dB.
 _C2 = 30.0
 
-# Rounds of J and v for given water: from the median, where both are nearly right, they settle at once.
+# Rounds of J and v for given water: started at the median they settle at once.
 _ROUNDS = 4
 
 _ELEMENTS = 1 << 14  # places in a block: temporaries stay in the cache
 
-# Pixels that tell the noise, and the least noise: rounding to 8 bits alone has a standard deviation of 1e-3.
+# Pixels that the noise is estimated on, and the least noise: rounding to 8 bits has a standard deviation of 1e-3.
 _SAMPLE, _LEAST_NOISE = 10_000, 1e-3
 
 # The median of |x| is this part of the standard deviation of a normal x.
@@ -64,42 +64,40 @@ def fit_robustly(
     z = np.quantile(observations.distance, (0.05, 0.5, 0.95))
     for _ in range(max_rounds):
         before = found.water
-        weighted = reweighted(observations, before.T, robust_noise(observations, before.T))
+        weighted = reweighted(observations, before, robust_noise(observations, before))
         found = fit(weighted)
         if np.abs(_effect(found.water, z) - _effect(before, z)).max() <= tolerance:
             break
     return found, weighted
 
 
-def _effect(water: Array, z: Array) -> Array:
-    """What a water (3, 3), rows B, beta, gamma, does at distances z: a and b, (2, Z, 3)."""
-    B, beta, gamma = water
-    return np.stack([transmission(z[:, None], beta), veil(z[:, None], B, gamma)])
+def _effect(water: WaterParameters, z: Array) -> Array:
+    """Return a and b at distances z: (2, Z, 3)."""
+    return np.stack([transmission(z[:, None], water.beta), veil(z[:, None], water.B, water.gamma)])
 
 
-def robust_noise(observations: Observations, water: Array) -> Array:
+def robust_noise(observations: Observations, water: WaterParameters) -> Array:
     """Return the standard deviation (3,) of observations, in intensity; 12 % wrong ones raise it by 15 %.
 
-    water: (3, 3) float64, a row a channel, columns B, beta, gamma. It is taken from the median of the studentised
-    residuals of a sample of pixels, so it holds what the model does not explain, too.
+    It comes from the median of the studentised residuals of a sample of pixels, so it includes what the model does not
+    explain.
     """
     if not observations.n_repeated:
         return np.full(3, _LEAST_NOISE)
     step = -(-observations.n_repeated // _SAMPLE)
     sample = observations.take(np.arange(0, observations.n_repeated, step))
     noise = np.full(3, 0.02)
-    for _ in range(3):  # the weights that tell the residuals depend on it
+    for _ in range(3):  # the weights of the residuals depend on it
         parts = [_settled(sample, block, water, noise) for block in blocks(sample, _ELEMENTS)]
         t = np.concatenate([t[:, v > 0] for v, t in parts], axis=1)  # (3, N)
         noise = np.maximum(noise * np.median(np.abs(t), axis=1) / _MEDIAN_OF_NORMAL, _LEAST_NOISE)
     return noise
 
 
-def reweighted(observations: Observations, water: Array, noise: Array) -> Observations:
+def reweighted(observations: Observations, water: WaterParameters, noise: Array) -> Observations:
     """Return the observations with each weight lowered by how badly it fits the water; those seen once keep theirs.
 
-    water: (3, 3) float64, a row a channel, columns B, beta, gamma; noise: (3,) standard deviation of an observation of
-    weight 1, in intensity.
+    noise: (3,) standard deviation of an observation of weight 1, in intensity.
     """
     weight = np.empty(len(observations), dtype=np.float32)
 
@@ -120,11 +118,11 @@ def _in_threads(work: Callable[[Block], None], cut: Iterable[Block]) -> None:
             pass
 
 
-def _settled(observations: Observations, block: Block, water: Array, noise: Array) -> tuple[Array, Array]:
-    """Return a block's v (K, n), 0 in empty places, and its studentised residuals (3, K, n), in units of the noise."""
+def _settled(observations: Observations, block: Block, water: WaterParameters, noise: Array) -> tuple[Array, Array]:
+    """Return v (K, n) of a block, 0 in empty places, and its studentised residuals (3, K, n), in units of the noise."""
     z, I, w = fill(observations, block)  # noqa: E741
     s = np.sqrt(w)  # the noise is that of weight 1
-    B, beta, gamma = (column[:, None, None].astype(np.float32) for column in water.T)
+    B, beta, gamma = (column[:, None].astype(np.float32) for column in water.columns())
     x = s * transmission(z, beta)
     y = s * (I - veil(z, B, gamma)) / noise[:, None, None].astype(np.float32)
     there = s > 0
@@ -145,7 +143,7 @@ def _studentised(x: Array, y: Array, v: Array) -> Array:
     vx = v * x
     A = np.maximum((vx * x).sum(axis=1, keepdims=True), np.finfo(np.float32).tiny)
     r = y - (vx * y).sum(axis=1, keepdims=True) / A * x
-    # Of an observation that is alone, nothing is left, and rounding of it.
+    # An observation that is alone has no residual but rounding.
     return np.where(1 - vx * x / A > 1e-4, r / np.sqrt(np.maximum(1 - vx * x / A, 1e-4)), 0)
 
 

@@ -1,13 +1,13 @@
-"""The ways to find water and colours, with one kind of answer.
+"""The ways to find water and colours, with one kind of result, `Solution`.
 
-adam: the paper's, on all unknowns at once. adam_closed_form: Adam on the nine parameters of the water alone, each
-pixel's colour being the best one at every step; the gradient of the reduced cost is that of the full one there, since
-the colours are at their optimum. exact: see exact.py.
+adam: the paper's, on all unknowns at once. adam_closed_form: Adam on the nine parameters of the water alone, with each
+pixel's best colour at every step; the gradient of the reduced cost is that of the full one there, since the colours are
+at their optimum. exact: see exact.py. colours_for_water: the water is known, the colours follow in closed form.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
 
@@ -17,14 +17,15 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.cores import Device
 from sucre_bench.machine.progress import track
-from sucre_bench.methods.sucre.diagnostics import Trust, judge, of_given, with_noise
+from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, backend_for, opened
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["Solution", "colours_in", "solve_adam", "solve_adam_closed_form", "solve_exact", "start_of"]
+__all__ = ["Solution", "colours_for_water", "solve_adam", "solve_adam_closed_form", "solve_exact", "start_of"]
 
 # The paper's start: J = I and B = beta = gamma = 0.1.
-_INITIAL_WATER = np.full((3, 3), 0.1)
+_INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
 
 # Adam's own default (Kingma & Ba 2015), which the paper does not change.
 _EPS = 1e-8
@@ -34,22 +35,21 @@ _EPS = 1e-8
 class Solution:
     """A water and the colours in it.
 
-    J, deviation: (3, P) float32, in the order of the store's pixels, intensities without water and their standard
-    deviation; water: (3, 3) float64, rows B, beta, gamma, columns RGB; cost: (3,) sum of squared residuals;
-    trust: what is known about the water; about: solver, steps, and the like.
+    J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
+    deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like.
     """
 
     J: Array
     deviation: Array
-    water: Array
+    water: WaterParameters
     cost: Array
-    trust: Trust
+    uncertainty: WaterUncertainty
     about: dict[str, Any] = field(default_factory=dict)
 
 
 def start_of(observations: Observations, intensities: Array) -> Array:
     """Return the paper's start J = I (3, P): the target's intensities (H W, 3), or another view's where not finite."""
-    own = intensities[observations.pixels].T
+    own = intensities[observations.pixels].swapaxes(0, 1)
     return np.where(np.isfinite(own), own, observations.intensity(slice(0, len(observations.pixels))))
 
 
@@ -70,28 +70,28 @@ def solve_adam(
     fit = minimise(observations, own, _INITIAL_WATER, steps=steps, lr=lr, eps=eps, device=place)
     _check_finite(fit.cost, steps, lr)
     with opened(observations, backend, device) as kernel:
-        trust = _judged(kernel, observations, fit.water)
-        _, deviation = kernel.colours(fit.water.T, trust.noise, trust.covariance)
+        uncertainty = _uncertainty(kernel, observations, fit.water)
+        _, deviation = kernel.colours(fit.water, uncertainty.noise, uncertainty.covariance)
     about = {"solver": "adam", "steps": steps, "initial_cost": fit.initial_cost.tolist(), "device": place}
-    return Solution(fit.J, deviation, fit.water, fit.cost, trust, about)
+    return Solution(fit.J, deviation, fit.water, fit.cost, uncertainty, about)
 
 
 def solve_adam_closed_form(
     observations: Observations, steps: int, lr: float, backend: Backend, device: Device
 ) -> Solution:
-    """Take Adam's steps on the water, colours in closed form at each. SolveError when they diverge."""
+    """Take Adam's steps on the water, with the best colours at each. SolveError when they diverge."""
     import torch
 
-    water = torch.tensor(_INITIAL_WATER.T.copy())  # rows channels
-    adam = torch.optim.Adam([water], lr=lr, eps=_EPS)
+    rows = torch.tensor(_INITIAL_WATER.by_channel())
+    adam = torch.optim.Adam([rows], lr=lr, eps=_EPS)
     with opened(observations, backend, device) as kernel:
         for _ in track(range(steps), "SUCRe (Adam, closed form)"):
-            water.grad = torch.from_numpy(-2 * kernel.system(water.numpy()).g)
+            rows.grad = torch.from_numpy(-2 * kernel.system(WaterParameters.of_channels(rows.numpy())).g)
             adam.step()
-        found = water.numpy().T.copy()
-        _check_finite(found, steps, lr)
-        trust = _judged(kernel, observations, found)
-        return _in_water(kernel, found, trust, {"solver": "adam_closed_form", "steps": steps})
+        _check_finite(rows.numpy(), steps, lr)
+        water = WaterParameters.of_channels(rows.numpy())
+        uncertainty = _uncertainty(kernel, observations, water)
+        return _with_colours(kernel, water, uncertainty, {"solver": "adam_closed_form", "steps": steps})
 
 
 def solve_exact(
@@ -103,42 +103,48 @@ def solve_exact(
     device: Device = "auto",
     seed: int = 0,
 ) -> Solution:
-    """Find the minimum; with `robust`, of observations weighted by how they fit. Raises what `exact.fit` raises."""
+    """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises."""
     from sucre_bench.methods.sucre.exact import SAMPLE, fit, sampled
     from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 
     fitted = partial(fit, physical=physical, backend=backend, device=device, seed=seed)
-    if robust:  # water and weights find one another on a sample; then all observations are weighted once
+    if robust:  # water and weights are iterated on a sample; then all observations are weighted once
         few = sampled(observations, SAMPLE, physical, seed)
-        water = fit_robustly(few, fitted)[0].water.T
+        water = fit_robustly(few, fitted)[0].water
         observations = reweighted(observations, water, robust_noise(few, water))
         found = fitted(observations)
-        trust = with_noise(found.trust, robust_noise(few, found.water.T))
+        found = replace(found, uncertainty=rescaled_to_noise(found.uncertainty, robust_noise(few, found.water)))
     else:
         found = fitted(observations)
-        trust = found.trust
     about = {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
-        return _in_water(kernel, found.water, trust, about)
+        return _with_colours(kernel, found.water, found.uncertainty, about)
 
 
-def colours_in(
-    observations: Observations, water: Array, trust: Trust | None, backend: Backend, device: Device
+def colours_for_water(
+    observations: Observations,
+    water: WaterParameters,
+    uncertainty: WaterUncertainty | None,
+    backend: Backend,
+    device: Device,
 ) -> Solution:
-    """Return the colours in a water (3, 3: B, beta, gamma) that is known, from elsewhere or from a common fit."""
+    """Return the colours in a water that is known, from elsewhere (uncertainty None) or from a common fit."""
     with opened(observations, backend, device) as kernel:
-        known = trust or of_given(_judged(kernel, observations, water))
-        return _in_water(kernel, water, known, {"solver": "given"})
+        known = uncertainty or for_known_water(_uncertainty(kernel, observations, water))
+        return _with_colours(kernel, water, known, {"solver": "given"})
 
 
-def _in_water(kernel: Kernel, water: Array, trust: Trust, about: dict[str, Any]) -> Solution:
-    J, deviation = kernel.colours(water.T, trust.noise, trust.covariance)
-    return Solution(J, deviation, water, kernel.system(water.T).cost, trust, {**about, "device": kernel.device})
+def _with_colours(
+    kernel: Kernel, water: WaterParameters, uncertainty: WaterUncertainty, about: dict[str, Any]
+) -> Solution:
+    J, deviation = kernel.colours(water, uncertainty.noise, uncertainty.covariance)
+    cost = kernel.system(water).cost
+    return Solution(J, deviation, water, cost, uncertainty, {**about, "device": kernel.device})
 
 
-def _judged(kernel: Kernel, observations: Observations, water: Array) -> Trust:
-    """What the observations say of a water that need not be their best."""
-    return judge(kernel.system(water.T), water.T, np.ones((3, 3), dtype=bool), observations.n_excess)
+def _uncertainty(kernel: Kernel, observations: Observations, water: WaterParameters) -> WaterUncertainty:
+    """Return the uncertainty of a water that need not be the minimum."""
+    return uncertainty_of(water, kernel.system(water), np.ones((3, 3), dtype=bool), observations.n_excess)
 
 
 def _check_finite(values: Array, steps: int, lr: float) -> None:

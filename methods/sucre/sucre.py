@@ -1,24 +1,31 @@
-"""SUCRe, solved exactly, with everything about it open to choice."""
+"""SUCRe, solved exactly, with every choice open."""
 
 from __future__ import annotations
 
 import functools
 import time
 from dataclasses import dataclass, replace
-from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
+from sucre_bench import Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.machine.cores import Device
 from sucre_bench.machine.progress import say
-from sucre_bench.methods.sucre.given import check_source, water_by, water_of
-from sucre_bench.methods.sucre.kernels import Backend
-from sucre_bench.methods.sucre.paper import CITES
-from sucre_bench.methods.sucre.prior import posterior
+from sucre_bench.methods.sucre.known_water import check_source, water_by, water_of
+from sucre_bench.methods.sucre.options import (
+    ColourOptions,
+    ComputeOptions,
+    FitOptions,
+    PairingOptions,
+    WaterOptions,
+    Way,
+    check,
+    way_of,
+)
+from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
+from sucre_bench.methods.sucre.sucre_paper import CITES
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
@@ -38,105 +45,20 @@ __all__ = ["Sucre"]
     reads=("water", "water_from"),
 )
 @dataclass(frozen=True)
-class Sucre:
+class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOptions):
     """SUCRe at its exact minimum: one water for all observations, one colour a pixel, no step count.
 
-    The paper's model and least squares; colours are eliminated, and the water is found by Levenberg-Marquardt from
-    several starts. Attenuation and backscatter are held positive, the veiling light between 0 and 1.
+    The paper's model and least squares. Colours are eliminated, and Levenberg-Marquardt finds the water from several
+    starts. Attenuation and backscatter stay positive, the veiling light between 0 and 1.
     """
 
-    solver: Literal["exact", "adam", "adam_closed_form"] = "exact"
-    """exact: the minimum; adam: the paper's steps on all unknowns; adam_closed_form: the paper's steps on the water,
-    with the best colours at each."""
-
-    physical: bool = False
-    """Hold colours above zero, up to noise: a veil brighter than the darkest pixels costs (solver=exact)."""
-
-    prior: bool = False
-    """Draw colours that are mostly noise towards the image's mean colour, as far as their noise says."""
-
-    pairing: Literal["mutual", "depth"] = "mutual"
-    """mutual: the paper's, pixels that project onto one another; depth: points whose depths agree, colours
-    interpolated, more observations where views differ in scale."""
-
-    tolerance: float = 0.03
-    """By how much depths may differ with pairing=depth, relative."""
-
-    encoding: Literal["view", "linear"] = "view"
-    """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
-
-    water: Literal["own", "shared", "truth"] | str = "own"
-    """own: fitted to each image; shared: to many images of the scene at once; truth; a .json or .npz file with B,
-    beta and gamma; or a folder of them, one a view, as restored/ of an earlier run."""
-
-    water_from: str = ""
-    """A method that estimates the water of each image, in place of the fit: its name; it has its default options."""
-
-    colours: Literal["multi_view", "single_view"] = "multi_view"
-    """multi_view: each colour from all its observations; single_view: from the image's own intensity alone, in the same
-    water, which tells what either brings."""
-
-    shared_views: int = 40
-    """How many images water=shared is fitted to at most, spread evenly over the scene."""
-
-    robust: bool = False
-    """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
-
-    lamp: bool = False
-    """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
-
-    steps: int = 200
-    """Steps of Adam."""
-
-    lr: float = 0.05
-    """Adam's learning rate."""
-
-    backend: Backend = "auto"
-    """What computes: numba, torch, jax, or numpy in float64; auto: torch on a GPU, else numba."""
-
-    device: Device = "auto"
-    """Where to compute: auto takes a GPU when there is one."""
-
-    pairs: Path | None = None
-    """Folder that keeps observations on disk, for less memory and for the next run; None keeps them nowhere."""
-
-    seed: int = 0
-    """Seed of the sample of pixels that the fit starts on."""
-
-    residuals: bool = False
-    """Keep what the fit leaves unexplained, and some points over distance, for figures of it (in <view>.json)."""
-
     def __post_init__(self) -> None:
-        own = getattr(type(self), "__plugin__").name  # noqa: B009, a decorator sets it
-        for name in ("tolerance", "shared_views", "steps", "lr"):
-            if not getattr(self, name) > 0:
-                raise InputError(f"{own}.{name}: {getattr(self, name)} must be positive")
-        if self.tolerance >= 1:
-            raise InputError(f"{own}.tolerance: {self.tolerance} must be below 1, it is a share of the depth")
-        if self.seed < 0:
-            raise InputError(f"{own}.seed: {self.seed} must not be negative")
-        extras = [name for name in ("physical", "robust", "lamp") if getattr(self, name)]
-        if extras and self.solver != "exact":
-            fault = f"goes with solver=exact, not with solver={self.solver}"
-            raise InputError(f"{own}.{extras[0]}: {fault}; give method.{extras[0]}=false")
-        given = [f"{name}={getattr(self, name)}" for name in ("water", "water_from") if getattr(self, name)]
-        given = [each for each in given if each != "water=own"]
-        if len(given) > 1:
-            raise InputError(f"{own}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
-        if given and self.solver != "exact":
-            raise InputError(f"{own}.{given[0]}: leaves nothing to solver={self.solver}; leave one out")
-        if not self.water:
-            raise InputError(f"{own}.water: is empty; use own, shared, truth, a file or a folder")
+        check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
         if self.water_from:
             check_source(self.water_from)
-        fitted = [name for name in ("robust", "lamp") if getattr(self, name)]
-        if given and fitted:
-            raise InputError(f"{own}.{fitted[0]}: is found with the image's own water; leave out {given[0]}")
-        if self.lamp and self.colours == "single_view":
-            raise InputError(f"{own}.lamp: is found with colours of all views; leave out colours=single_view")
 
     def warm_up(self) -> None:
-        """Compile what the first view would have to wait for."""
+        """Compile everything that the first view needs."""
         from sucre_bench.methods.sucre.warm_up import compile_for
 
         compile_for(self.backend, self.device, self._pairing)
@@ -144,11 +66,11 @@ class Sucre:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
 
-        info: see `outcome.restoration`; seconds of each stage besides.
+        info: see `to_restoration.restoration`; seconds of each stage besides.
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.outcome import named, restoration, with_residuals
+        from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
         observations = self._observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
@@ -158,7 +80,7 @@ class Sucre:
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
-                observations, solution = self._alone(view, solution)
+                observations, solution = self._single_view(view, solution)
         if self.prior:
             J, deviation = posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
@@ -182,62 +104,58 @@ class Sucre:
         }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
-        """The solution, and the observations that it is of: a lamp leaves some out."""
-        if self.lamp:
-            observations, about = self._without_lamp(observations)
-            solution = self._exact(observations)
-            return observations, replace(solution, about=solution.about | about)
-        return observations, self._solve_plainly(scene, view, observations)
-
-    def _solve_plainly(self, scene: Scene, view: View, observations: Observations) -> Solution:
+        """Return the solution, and the observations that it explains: a lamp leaves some out."""
         from sucre_bench.methods.sucre import solvers
 
         where = (self.backend, self.device)
-        if self.solver == "adam":
-            own = solvers.start_of(observations, self._own(view))
-            return solvers.solve_adam(observations, own, self.steps, self.lr, "sum", *where)
-        if self.solver == "adam_closed_form":
-            return solvers.solve_adam_closed_form(observations, self.steps, self.lr, *where)
-        if self.water == "shared":
-            shared = _shared_fit(scene, self)
-            if isinstance(shared, SolveError):
-                raise shared
-            return solvers.colours_in(observations, shared.water, shared.trust, *where)
-        if self.water_from:
-            water = water_by(self.water_from, scene, view, self._fitted(view))
-            return solvers.colours_in(observations, water, None, *where)
-        if self.water != "own":
-            return solvers.colours_in(observations, water_of(self.water, scene, view, self._fitted(view)), None, *where)
-        return self._exact(observations)
+        match way_of(self):
+            case Way.EXACT:
+                return self._solve_exactly(observations)
+            case Way.ADAM:
+                own = solvers.start_of(observations, self._intensities(view))
+                solution = solvers.solve_adam(observations, own, self.steps, self.lr, "sum", *where)
+            case Way.CLOSED_FORM:
+                solution = solvers.solve_adam_closed_form(observations, self.steps, self.lr, *where)
+            case Way.SHARED:
+                shared = _shared_fit(scene, self)
+                if isinstance(shared, SolveError):
+                    raise shared
+                solution = solvers.colours_for_water(observations, shared.water, shared.uncertainty, *where)
+            case Way.KNOWN:
+                read = (self.water_from or self.water, scene, view, self._fitted(view))
+                water = water_by(*read) if self.water_from else water_of(*read)
+                solution = solvers.colours_for_water(observations, water, None, *where)
+        return observations, solution
 
-    def _alone(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
-        """The image's own intensities, and their colours in the water of a solution."""
-        from sucre_bench.methods.sucre.solvers import colours_in
+    def _solve_exactly(self, observations: Observations) -> tuple[Observations, Solution]:
+        from sucre_bench.methods.sucre.solvers import solve_exact
+
+        about: dict[str, Any] = {}
+        if self.lamp:
+            observations, about = self._without_lamp(observations)
+        solution = solve_exact(observations, physical=self.physical, robust=self.robust, **self._compute)
+        return observations, replace(solution, about=solution.about | about)
+
+    @property
+    def _compute(self) -> dict[str, Any]:
+        """Options that every fit has."""
+        return {"backend": self.backend, "device": self.device, "seed": self.seed}
+
+    def _single_view(self, view: View, solution: Solution) -> tuple[Observations, Solution]:
+        """Return the image's own observations, and their colours in the water of a solution."""
+        from sucre_bench.methods.sucre.solvers import colours_for_water
         from sucre_bench.multiview.observe import observe
 
         own = observe(view, [view], **self._pairing)
-        alone = colours_in(own, solution.water, solution.trust, self.backend, self.device)
+        alone = colours_for_water(own, solution.water, solution.uncertainty, self.backend, self.device)
         return own, replace(alone, about=solution.about)
 
-    def _exact(self, observations: Observations) -> Solution:
-        from sucre_bench.methods.sucre.solvers import solve_exact
-
-        return solve_exact(
-            observations,
-            physical=self.physical,
-            robust=self.robust,
-            backend=self.backend,
-            device=self.device,
-            seed=self.seed,
-        )
-
     def _without_lamp(self, observations: Observations) -> tuple[Observations, dict[str, Any]]:
-        """The observations as they would be in even light, where a lamp explains them better, and that lamp."""
+        """Return the observations in even light, where a lamp explains them better, and a record of the lamp."""
         from sucre_bench.methods.sucre.exact import fit
         from sucre_bench.methods.sucre.lamp import estimate, lit
 
-        without = fit(observations, backend=self.backend, device=self.device, seed=self.seed)
-        found = estimate(observations, without.water.T, seed=self.seed)
+        found = estimate(observations, fit(observations, **self._compute).water, seed=self.seed)
         about = {"noise": found.noise, "noise_without": found.noise_without}
         if not found.is_worth_it:
             say("no lamp: the observations are explained as well without one")
@@ -248,8 +166,8 @@ class Sucre:
             raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
         return observations, {"lamp": about | {"found": True} | lamp}
 
-    def _own(self, view: View) -> Array:
-        """The target's intensities (H W, 3), as the fit sees them."""
+    def _intensities(self, view: View) -> Array:
+        """Return the target's intensities (H W, 3) in the encoding that is fitted."""
         rgb = view.rgb.reshape(-1, 3)
         return srgb_decode(rgb) if self._decodes(view) else rgb
 
@@ -262,35 +180,25 @@ class Sucre:
 
 
 def _encoded(solution: Solution) -> Solution:
-    """The colours of a fit to linear light, encoded as the view is; below 0 and above 1 the curve goes on."""
+    """Encode the colours of a fit to linear light as the view is; the curve continues below 0 and above 1."""
     J = srgb_encode(solution.J)
     return replace(solution, J=J, deviation=np.abs(srgb_encode(solution.J + solution.deviation) - J))
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it
 def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
-    """The common water; or why there is none, which is kept too, since finding out takes as long."""
+    """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
+    from sucre_bench.methods.sucre.exact import fit
+    from sucre_bench.methods.sucre.shared_water import samples
+
     try:
-        return _fit_shared(scene, sucre)
+        targets = samples(
+            scene,
+            lambda view: sucre._observe(scene, view),
+            most=sucre.shared_views,
+            singles=sucre.physical,
+            seed=sucre.seed,
+        )
+        return fit(targets, physical=sucre.physical, **sucre._compute)
     except SolveError as fault:
         return fault
-
-
-def _fit_shared(scene: Scene, sucre: Sucre) -> WaterFit:
-    from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.shared import samples
-
-    targets = samples(
-        scene,
-        lambda view: sucre._observe(scene, view),
-        most=sucre.shared_views,
-        singles=sucre.physical,
-        seed=sucre.seed,
-    )
-    return fit(
-        targets,
-        physical=sucre.physical,
-        backend=sucre.backend,
-        device=sucre.device,
-        seed=sucre.seed,
-    )

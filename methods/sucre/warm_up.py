@@ -1,4 +1,4 @@
-"""Compiling before the first image, so that no image's time holds the compiler's."""
+"""Compile everything before the first image, so that no image's time includes the compiler's."""
 
 from __future__ import annotations
 
@@ -7,6 +7,7 @@ import numpy as np
 from sucre_bench.camera import Camera
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.kernels import Backend, opened
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Arrays, View
 
@@ -16,13 +17,13 @@ _PX = 8
 
 
 def compile_for(backend: Backend, device: Device, options: Options) -> None:
-    """Pair two small views and make every pass over their observations once; seconds the first time, else none."""
+    """Pair two small views and run every pass over their observations once: seconds the first time, then no time."""
     camera = Camera(np.array([[_PX, 0, _PX / 2], [0, _PX, _PX / 2], [0, 0, 1.0]]), _PX, _PX)
     grey = np.full((_PX, _PX, 3), 128 / 255)
     one, same = (View(name, Arrays(grey, np.ones((_PX, _PX))), camera, np.eye(4)) for name in ("one", "same"))
     observations = observe(one, [one, same], **options)
     with opened(observations, backend, device) as kernel:
-        water = np.full((3, 3), 0.1)
+        water = WaterParameters.of_channels(np.full((3, 3), 0.1))
         for margin in (None, np.full(3, 0.1)):
             kernel.system(water, margin)
         kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))

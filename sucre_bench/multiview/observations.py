@@ -79,6 +79,14 @@ class Observations:
                 return
             yield n, slice(begin + start, begin + start + n)
 
+    def distance_range(self) -> tuple[Array, Array]:
+        """Return the nearest and the farthest distance (P,) of each pixel's observations, float32 metres."""
+        nearest, farthest = np.full((2, len(self.pixels)), self.distance[: len(self.pixels)])
+        for n, part in self.slots():
+            np.minimum(nearest[:n], self.distance[part], out=nearest[:n])
+            np.maximum(farthest[:n], self.distance[part], out=farthest[:n])
+        return nearest, farthest
+
     def intensity(self, part: slice) -> Array:
         """Return the colours (3, n) of observations as float32 in [0, 1]."""
         return self.colour[:, part].astype(np.float32) * np.float32(self.scale)

@@ -22,7 +22,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.results.rows import unreplicated
 from sucre_bench.scene import Scene
 
-__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places"]
+__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places", "stems_of"]
 
 
 def file_name(text: str) -> str:
@@ -92,12 +92,19 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     """Return where a view, or what methods made of it, was kept, from what a row says of it; None when nothing was."""
     scene, replicate = unreplicated(scene)
-    name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
     first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
-    stems = (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
-    candidates = [Place(file_name(dataset), first / stem) for stem in stems]
+    candidates = [Place(file_name(dataset), first / stem) for stem in stems_of(scene, view)]
     found = (place for place in candidates if place.original(out).is_file())
     return next(found, None) or _restored(candidates, out / "restored" / file_name(dataset))
+
+
+def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
+    """Return the paths without suffix that a view's files may have inside the folder of a dataset or a method.
+
+    The scene is part of the path where a dataset has several; the image's suffix stays where two views differ by it.
+    """
+    name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
+    return (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
 
 
 def _restored(candidates: Sequence[Place], folder: Path) -> Place | None:

@@ -1,6 +1,6 @@
-"""The passes over all observations that the solvers are made of, by several array libraries.
+"""The two passes over all observations that the solvers need, in several array libraries.
 
-A backend is these two functions and nothing else; whatever solves, samples or judges is the same for all.
+A backend is a `Kernel`: these two functions and nothing else. Solving, sampling and judging are the same for all.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from typing import Literal, Protocol
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
 __all__ = ["Backend", "Kernel", "backend_for", "opened"]
@@ -20,26 +21,23 @@ Backend = Literal["auto", "numba", "torch", "jax", "numpy"]
 
 
 class Kernel(Protocol):
-    """Sums over the observations it was opened with.
-
-    Water is (3, 3) float64: a row a channel, RGB, columns B, beta, gamma.
-    """
+    """Sums over the observations it was opened with."""
 
     @property
     def device(self) -> str:
         """Where it computes: "cpu" or "cuda"."""
         ...
 
-    def system(self, water: Array, margin: Array | None = None) -> ReducedSystem:
-        """Return the reduced problem around a water, over the pixels that tell something about it.
+    def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
+        """Return the reduced problem around a water, over the pixels that inform it.
 
-        Those are the pixels seen more than once; with a margin (3,), in units of I, all, and colours are held above
-        zero up to it (see kernels/dense.py, `products`).
+        Without a margin these are the pixels seen more than once. With a margin (3,), an intensity for each channel,
+        they are all pixels, and colours are held above zero up to it (see kernels/formulas.py, `products`).
         """
         ...
 
-    def colours(self, water: Array, noise: Array, covariance: Array) -> tuple[Array, Array]:
-        """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of the store's pixels.
+    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        """Return J (3, P) float32 and its standard deviation (3, P) float32, in the order of `Observations.pixels`.
 
         noise: (3,) standard deviation of I; covariance: (3, 3, 3) of each channel's B, beta, gamma.
         """

@@ -1,16 +1,16 @@
-"""The passes as loops that numba compiles: the fastest on a CPU, and the least memory.
+"""The passes as loops that numba compiles: the fastest on a CPU, with the least memory.
 
-Read are the store's own arrays, whatever their type, in memory or on disk. A few hundred pixels are worked at a time,
-so that what a first sweep over their slots computes (both exponentials of each observation) is still in the cache
-when the second needs it. Slots are the outer loop and pixels the inner one, which makes every inner loop a walk
-along contiguous arrays that compiles to vector instructions. That includes the exponential, a polynomial here: a call
-of the C library's for each number is several times slower than all the rest.
+The loops read the arrays of `Observations`, whatever their type, in memory or on disk. They work a few hundred pixels
+at a time. A first sweep over the slots computes both exponentials of each observation, which are still in the cache
+when the second sweep needs them. Slots are the outer loop and pixels the inner one, so every inner loop walks along
+contiguous arrays and compiles to vector instructions. The exponential is a polynomial for the same reason: calling the
+C library's for each number takes several times as long as all the rest.
 
-float32 inside a slot of a block, float64 across. Shares of the pixels are worked by threads and added up in their
-order, so that equal runs give equal results; numba's own parallel loops are avoided because its default threads abort
+float32 inside a slot of a block, float64 across. Threads work shares of the pixels, and the shares are added up in
+their order, so that equal runs give equal results. numba's own parallel loops are avoided: its default threads abort
 the process when two callers use them at once.
 
-This module imports numba and is itself imported by the one function that opens it.
+This module imports numba; only the function that opens a kernel imports this module.
 """
 
 from __future__ import annotations
@@ -26,8 +26,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import usable_cores
-from sucre_bench.methods.sucre.kernels.dense import DARKEST, WALL, Block, blocks
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.kernels.formulas import DARKEST, WALL, Block, blocks
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
 __all__ = ["compiled"]
@@ -37,8 +38,8 @@ __all__ = ["compiled"]
 _FAST = {"reassoc", "contract", "nsz", "arcp"}
 _loop = numba.njit(nogil=True, cache=True, error_model="numpy", fastmath=_FAST)
 
-# Always part of the loop that calls it: of a function that stands by itself there may be several machine codes, which
-# round differently, and what was loaded first decides which of them runs.
+# Always inlined. A standalone function can be compiled several times with different rounding, and the load order would
+# decide which one runs.
 _inline = numba.njit(forceinline=True, error_model="numpy", fastmath=_FAST)
 
 _PLACES = 1 << 13  # observations in a block: its six arrays take 200 kB, a part of a core's L2 cache
@@ -72,7 +73,7 @@ def _power_minus_1(x: Any) -> Any:
 
 @_inline
 def _first_sweep(z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: Any, sums: Any) -> None:  # noqa: E741
-    """Compute what a slot's observations have of one water, and add it to their pixels' sums.
+    """Compute the terms of a slot's observations in one water, and add them to their pixels' sums.
 
     z, I, s: (n,) distance, stored colour, root of the weight; rates: -beta log2(e), -gamma log2(e);
     kept: (4, n') x = s a, d = s D_B, g = s D_gamma / B, y = s I - B d; sums: (5, n'') of x times x, y, d, z x, g.
@@ -187,7 +188,7 @@ def _hold(kept: Any, slots: int, n: int, starts: Any, start: int, sums: Any, mar
 
 @_loop
 def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) -> Any:
-    """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see dense.products."""
+    """The products (3, 4, 4) of a share's pixels (start, stop, slots), `size` at a time; see formulas.products."""
     distance, _, _, starts, _ = store
     start, stop, slots = share
     kept, sums = np.empty((slots, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
@@ -210,7 +211,7 @@ def _share_products(store: Any, share: Any, size: int, water: Any, margin: Any) 
 def _share_colours(
     store: Any, share: Any, size: int, water: Any, noise: Any, covariance: Any, J: Any, deviation: Any
 ) -> None:
-    """Write J and its deviation (3, P) of a share's pixels; see dense.colours."""
+    """Write J and its deviation (3, P) of a share's pixels; see formulas.colours."""
     start, stop, _ = share
     kept, sums = np.empty((1, 4, size), dtype=np.float32), np.empty((5, size), dtype=np.float32)
     roots = np.ones(size, dtype=np.float32)
@@ -236,8 +237,8 @@ class _CompiledKernel:
     workers: ThreadPoolExecutor
     device: str = "cpu"
 
-    def system(self, water: Array, margin: Array | None = None) -> ReducedSystem:
-        rows, held = _float32(water), _float32(() if margin is None else margin)
+    def system(self, water: WaterParameters, margin: Array | None = None) -> ReducedSystem:
+        rows, held = _float32(water.by_channel()), _float32(() if margin is None else margin)
         stop = None if margin is not None else self.observations.n_repeated
 
         def work(share: Block) -> Array:
@@ -246,12 +247,12 @@ class _CompiledKernel:
         total: Array = sum(self.workers.map(work, self._shares(stop)), np.zeros((3, 4, 4)))
         total += np.triu(total, 1).swapaxes(1, 2)
         scale = np.ones((3, 4))
-        scale[:, 2] = water[:, 0]  # the loops leave B out of D_gamma
+        scale[:, 2] = water.B  # the loops leave B out of D_gamma
         return ReducedSystem.from_products(total * scale[:, :, None] * scale[:, None, :])
 
-    def colours(self, water: Array, noise: Array, covariance: Array) -> tuple[Array, Array]:
+    def colours(self, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
         J, deviation = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
-        parameters = _float32(water), _float32(noise), _float32(covariance)
+        parameters = _float32(water.by_channel()), _float32(noise), _float32(covariance)
 
         def work(share: Block) -> None:
             _share_colours(self.store, *_extent(share), *parameters, J, deviation)
@@ -268,7 +269,7 @@ def _float32(values: Any) -> Array:
 
 
 def _extent(share: Block) -> tuple[tuple[int, int, int], int]:
-    """What the loops take of a share, and how many of its pixels to work at a time."""
+    """Return a share as the loops take it, and how many of its pixels to work at a time."""
     return (share.start, share.start + share.n, share.slots), min(max(64, _PLACES // share.slots), 1024)
 
 

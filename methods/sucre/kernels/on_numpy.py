@@ -1,51 +1,43 @@
-"""The passes in NumPy and float64: slow, and what the other backends are held to."""
+"""The passes in NumPy and float64: slow, and the reference for the other backends."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import AbstractContextManager
 from dataclasses import dataclass
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.methods.sucre.kernels.dense import blocks, colours, fill, products
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.kernels.blockwise import BlockKernel, open_blockwise
+from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, products
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
 __all__ = ["on_numpy"]
 
-_ELEMENTS = 1 << 14  # places in a block: temporaries stay in the cache
+_PLACES = 1 << 14  # in a block: temporaries stay in the cache
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _NumpyKernel:
+class _NumPy:
     observations: Observations
     device: str = "cpu"
 
-    def system(self, water: Array, margin: Array | None = None) -> ReducedSystem:
-        seen = self.observations
-        stop = None if margin is not None else seen.n_repeated
-        total = np.zeros((3, 4, 4))
-        for block in blocks(seen, _ELEMENTS, stop=stop):
-            z, I, w = fill(seen, block, np.float64)  # noqa: E741
-            s = np.sqrt(w)
-            for c in range(3):
-                total[c] += products(z, I[c], s, water[c], None if margin is None else margin[c], np.stack)
-        return ReducedSystem.from_products(total)
+    def products(self, block: Block, water: WaterParameters, margin: Array | None) -> Array:
+        z, I, s = self._block(block)  # noqa: E741
+        held = [None] * 3 if margin is None else margin
+        return np.stack([products(z, I[c], s, water.channel(c), held[c], np.stack) for c in range(3)])
 
-    def colours(self, water: Array, noise: Array, covariance: Array) -> tuple[Array, Array]:
-        J, deviation = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
-        for block in blocks(self.observations, _ELEMENTS):
-            z, I, w = fill(self.observations, block, np.float64)  # noqa: E741
-            s = np.sqrt(w)
-            here = slice(block.start, block.start + block.n)
-            for c in range(3):
-                J[c, here], deviation[c, here] = colours(z, I[c], s, water[c], noise[c], covariance[c])
-        return J, deviation
+    def colours(self, block: Block, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
+        z, I, s = self._block(block)  # noqa: E741
+        of = [colours(z, I[c], s, water.channel(c), noise[c], covariance[c]) for c in range(3)]
+        return np.stack([J for J, _ in of]), np.stack([deviation for _, deviation in of])
+
+    def _block(self, block: Block) -> tuple[Array, Array, Array]:
+        z, I, w = fill(self.observations, block, np.float64)  # noqa: E741
+        return z, I, np.sqrt(w)
 
 
-@contextmanager
-def on_numpy(observations: Observations) -> Iterator[_NumpyKernel]:
+def on_numpy(observations: Observations) -> AbstractContextManager[BlockKernel]:
     """Open the observations for NumPy."""
-    yield _NumpyKernel(observations)
+    return open_blockwise(observations, _NumPy(observations), _PLACES)

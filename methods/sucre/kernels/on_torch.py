@@ -1,70 +1,58 @@
 """The passes in PyTorch: on the CPU several blocks at a time, on a GPU block after block.
 
-float32 inside a block, float64 across. Blocks are filled when they are worked, from memory or from disk, so that a
-GPU holds one block at a time and its memory limits nothing but the size of a block.
+float32 inside a block, float64 across. A block is filled when its turn comes, from memory or from disk. So a GPU holds
+one block at a time, and its memory limits only the size of a block.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
-from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.machine.cores import usable_cores
-from sucre_bench.methods.sucre.kernels.dense import Block, blocks, colours, fill, products
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.kernels.blockwise import BlockKernel, open_blockwise
+from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, products
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
 __all__ = ["on_torch"]
 
+T = TypeVar("T")
+
 # Places in a block. CPU: temporaries of 0.25 MB stay in the cache. GPU: launches dominate until a block fills it.
-_ELEMENTS = {"cpu": 1 << 16, "cuda": 1 << 24}
+_PLACES = {"cpu": 1 << 16, "cuda": 1 << 24}
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _TorchKernel:
+class _Torch:
     observations: Observations
     device: str
-    workers: ThreadPoolExecutor
 
-    def system(self, water: Array, margin: Array | None = None) -> ReducedSystem:
+    def products(self, block: Block, water: WaterParameters, margin: Array | None) -> Array:
         import torch
 
-        def work(block: Block) -> Array:
-            z, I, s = self._on_device(block)  # noqa: E741
+        def work(part: Block) -> Array:
+            z, I, s = self._on_device(part)  # noqa: E741
             held = [None] * 3 if margin is None else margin.tolist()
-            parts = [products(z, I[c], s, water[c].tolist(), held[c], torch.stack) for c in range(3)]
+            parts = [products(z, I[c], s, water.channel(c), held[c], torch.stack) for c in range(3)]
             return torch.stack(parts).double().cpu().numpy()
 
-        stop = None if margin is not None else self.observations.n_repeated
-        return ReducedSystem.from_products(sum(self._each(work, stop), np.zeros((3, 4, 4))))
+        return np.sum(_in_pieces(work, block), axis=0)
 
-    def colours(self, water: Array, noise: Array, covariance: Array) -> tuple[Array, Array]:
+    def colours(self, block: Block, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
         import torch
 
-        J, deviation = np.empty((2, 3, len(self.observations.pixels)), dtype=np.float32)
+        def work(part: Block) -> Array:
+            z, I, s = self._on_device(part)  # noqa: E741
+            of = [colours(z, I[c], s, water.channel(c), float(noise[c]), covariance[c].tolist()) for c in range(3)]
+            return torch.stack([torch.stack(pair) for pair in of], dim=1).cpu().numpy()  # (2, 3, n)
 
-        def work(block: Block) -> None:
-            z, I, s = self._on_device(block)  # noqa: E741
-            here = slice(block.start, block.start + block.n)
-            of = [colours(z, I[c], s, water[c].tolist(), float(noise[c]), covariance[c].tolist()) for c in range(3)]
-            J[:, here] = torch.stack([one[0] for one in of]).cpu().numpy()
-            deviation[:, here] = torch.stack([one[1] for one in of]).cpu().numpy()
-
-        list(self._each(work, None))
+        J, deviation = np.concatenate(_in_pieces(work, block), axis=2)
         return J, deviation
-
-    def _each(self, work: Callable[[Block], Any], stop: int | None) -> Iterator[Any]:
-        """Work every block; results come in the order of the blocks, whatever thread made them."""
-        cut = blocks(self.observations, _ELEMENTS[self.device], stop=stop)
-        for results in self.workers.map(partial(_in_pieces, work), cut):
-            yield from results
 
     def _on_device(self, block: Block) -> tuple[Any, Any, Any]:
         import torch
@@ -73,8 +61,8 @@ class _TorchKernel:
         return z, I, w.sqrt_()
 
 
-def _in_pieces(work: Callable[[Block], Any], block: Block) -> list[Any]:
-    """Work a block, in halves where a GPU has not the memory for it."""
+def _in_pieces(work: Callable[[Block], T], block: Block) -> list[T]:
+    """Work a block, in halves where a GPU lacks the memory for it."""
     import torch
 
     try:
@@ -89,18 +77,18 @@ def _in_pieces(work: Callable[[Block], Any], block: Block) -> list[Any]:
 
 
 @contextmanager
-def on_torch(observations: Observations, device: str) -> Iterator[_TorchKernel]:
+def on_torch(observations: Observations, device: str) -> Iterator[BlockKernel]:
     """Open the observations for PyTorch on "cpu" or "cuda".
 
-    On the CPU one thread an operation and several blocks at a time: an operation on a block takes some 20 us, less
-    than it costs to gather threads for it, and a thread that others have displaced would hold up every one.
+    On the CPU every operation has one thread and several blocks run at a time. An operation on a block takes some
+    20 us, less than gathering threads for it costs, and a thread that is displaced would hold up all the others.
     """
     import torch
 
     threads = torch.get_num_threads()
     torch.set_num_threads(1)
     try:
-        with ThreadPoolExecutor(usable_cores() if device == "cpu" else 1) as workers:
-            yield _TorchKernel(observations, device, workers)
+        with open_blockwise(observations, _Torch(observations, device), _PLACES[device]) as kernel:
+            yield kernel
     finally:
         torch.set_num_threads(threads)

@@ -14,7 +14,16 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.scene import Restoration, Water
 
-__all__ = ["brightest", "highest", "nearest_depth", "recovered", "reduced", "restoration", "transmissions"]
+__all__ = [
+    "brightest",
+    "highest",
+    "nearest_depth",
+    "recovered",
+    "reduced",
+    "restoration",
+    "stretched_plane",
+    "transmissions",
+]
 
 
 def highest(plane: Array, share: float) -> Mask:
@@ -28,6 +37,12 @@ def brightest(image: Array, among: Mask) -> Array:
     """Return (3,) float64: the colour of the brightest of some pixels (H, W), by R + G + B; of equals, the first."""
     colours = image[among].astype(np.float64)  # (P, 3): one index counts pixels, another channels
     return np.asarray(colours[colours.sum(axis=1).argmax()])
+
+
+def stretched_plane(plane: Array) -> Array:
+    """Return the plane (H, W) brought to [0, 1] by its minimum and maximum; 0 where it is the same everywhere."""
+    low, high = plane.min(), plane.max()
+    return np.asarray((plane - low) / max(high - low, np.float32(1e-6)))
 
 
 def nearest_depth(image: Array, veiling_light: Array) -> float:

@@ -22,9 +22,9 @@ CITES = (
 class SucrePaper:
     """SUCRe with the paper's own settings: mutual pairing, then 200 steps of Adam from B = beta = gamma = 0.1.
 
-    The sum of squares over all observations of all pixels with depth is lowered without bounds and the last iterate
-    is kept, converged or not. A pixel that no other view shows has its own observation alone: it says nothing about
-    the water, and yet takes part, as in the paper.
+    Adam lowers the sum of squares over all observations of all pixels with depth, without bounds. The last iterate is
+    kept, converged or not. A pixel that no other view shows has one observation. It says nothing about the water and
+    takes part all the same, as in the paper.
     """
 
     steps: int = 200
@@ -34,14 +34,15 @@ class SucrePaper:
     """Adam's learning rate, for intensities as for B, beta and gamma."""
 
     objective: Literal["sum", "mean"] = "sum"
-    """The sum of squares of the paper's eq. 7, or that sum divided by 3 N as in the authors' program: the minimum is
-    the same, but Adam's eps then holds the colours back, noticeably from some 1e6 observations on."""
+    """sum: the sum of squares of the paper's eq. 7; mean: that sum divided by 3 N, as in the authors' program. The
+    minimum is the same, but with the mean Adam's eps slows the colours down, noticeably from some 1e6 observations
+    on."""
 
     device: Device = "auto"
     """Where to compute: auto takes a CUDA GPU when PyTorch sees one."""
 
     residuals: bool = False
-    """Keep what the fit leaves unexplained, and some points over distance, for figures of it (in <view>.json)."""
+    """Write residual statistics of the fit, and some points over distance, to <view>.json, for figures."""
 
     def __post_init__(self) -> None:
         if self.steps < 1 or not self.lr > 0:
@@ -53,8 +54,8 @@ class SucrePaper:
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
-        from sucre_bench.methods.sucre.outcome import named, restoration, with_residuals
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
+        from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
         from sucre_bench.multiview.cache import paired
 
         observations = paired(scene, view)

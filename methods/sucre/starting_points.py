@@ -1,8 +1,8 @@
-"""Where to start from: the best of a grid of attenuations and backscatters, each with its best veiling light.
+"""Starting points of the fit: the best of a grid of attenuations and backscatters, each with its best veiling light.
 
-B enters linearly, and neither its own column D'_B nor the colours' elimination depends on it. So for given rates the
-system at B = 0 holds the whole parabola: cost(B) = cost - 2 g_B B + H_BB B^2, and one pass gives its minimum. The grid
-is laid in units of the observed distances, since scenes may have any scale.
+B enters linearly, and neither its column D'_B nor the elimination of colours depends on it. So for given rates the
+system at B = 0 holds the whole parabola cost(B) = cost - 2 g_B B + H_BB B^2, and one pass gives its minimum. The grid
+is in units of the observed distances, since scenes may have any scale.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.levenberg import Bounds
-from sucre_bench.methods.sucre.reduced import ReducedSystem
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
 __all__ = ["bounds_for", "promising"]
 
 # Attenuation and backscatter over the typical distance: a twentieth of the light lost, to nearly all.
 _GRID = (0.05, 0.2, 0.7, 2.0, 6.0)
 
-# Up to which optical depth over the typical distance anything can be told: exp(-30) of the light is no light.
+# Largest optical depth over the typical distance: exp(-30) of the light is none.
 _MOST = 30.0
 
 
@@ -34,7 +34,10 @@ def bounds_for(distance_m: float) -> Bounds:
 def promising(
     evaluate: Callable[[Array], ReducedSystem], distance_m: float, bounds: Bounds, *, keep: int
 ) -> list[Array]:
-    """Return the `keep` best waters (3 channels, 3) of the grid, each channel's own, best first."""
+    """Return the `keep` best waters of the grid, best first, for each channel by itself.
+
+    evaluate: B, beta, gamma of each channel (3, 3) -> the system there. Returns arrays (3 channels, 3).
+    """
     waters, costs = [], []
     for beta, gamma in itertools.product(_GRID, _GRID):
         water = np.tile([0.0, beta / distance_m, gamma / distance_m], (3, 1))

@@ -1,4 +1,4 @@
-"""Water that is known already: from a file, an earlier run, another method, or the truth of a made scene."""
+"""A known water: from a file, an earlier run, another method, or the truth of a made scene."""
 
 from __future__ import annotations
 
@@ -7,26 +7,26 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.calling import restored
 from sucre_bench.plugins.options import create
-from sucre_bench.results.layout import file_name
+from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
 __all__ = ["check_source", "water_by", "water_of"]
 
-# What is still taken for water; Adam, which knows no bounds, may end a little below zero.
+# Largest values that are accepted. Adam has no bounds and may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
 
 
-def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Array:
-    """Return B, beta, gamma (rows) of RGB (columns), (3, 3) float64.
+def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> WaterParameters:
+    """Return the water of a source.
 
     source: "truth"; a .json or .npz file that holds B, beta and gamma, three numbers each; or a folder with such a
-    file for each view, as a run leaves them in restored/<dataset>/<method>; encoding: of the intensities that the
-    water is to explain. Raises InputError, naming the file.
+    file for each view, as a run writes them to restored/<dataset>/<method>; encoding: of the intensities that the
+    water has to explain. Raises InputError, naming the file.
     """
     if source == "truth":
         if scene.water is None:
@@ -49,7 +49,7 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Array
 
 
 def check_source(name: str) -> None:
-    """Raise InputError where no method of this name can be asked for the water of any view."""
+    """Raise InputError when no installed method of this name works without options."""
     plugin = plugins.find("method", name)
     if missing := plugins.missing_packages(plugin):
         raise InputError(f"water_from={name}: is not installed; {missing}")
@@ -59,11 +59,11 @@ def check_source(name: str) -> None:
         raise InputError(f"water_from={name}: takes options ({fault}); run it first, and give water=FOLDER") from fault
 
 
-def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> Array:
-    """Return B, beta, gamma (rows) of RGB (columns), (3, 3) float64, as another method estimates them on this view.
+def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> WaterParameters:
+    """Return the water that another method estimates on this view.
 
-    Raises InputError where the method lacks something, estimates no such water, or that of another encoding; and what
-    the method itself raises.
+    Raises InputError when the scene lacks what the method needs, when it estimates no water, or a water of another
+    encoding; and what the method itself raises.
     """
     plugin = plugins.find("method", name)
     if absent := plugins.missing_needs(plugin, scene.has):
@@ -81,8 +81,8 @@ def _unknown(water: Water) -> list[str]:
     return [name for name, values in parameters.items() if np.isnan(values).all()]
 
 
-def _checked(place: str, water: Water, view: View, encoding: Encoding) -> Array:
-    """The parameters of a water that can be one, and explains intensities of this encoding. InputError otherwise."""
+def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterParameters:
+    """Return the parameters. InputError when they are no water or belong to intensities of another encoding."""
     values = np.array([water.veiling_light, water.attenuation, water.backscatter], dtype=np.float64)
     if values.shape != (3, 3) or not np.isfinite(values).all():
         raise InputError(f"{place}: B, beta and gamma must be three finite numbers each, red, green and blue")
@@ -95,16 +95,14 @@ def _checked(place: str, water: Water, view: View, encoding: Encoding) -> Array:
         if view.encoding == "linear":
             remedy = "give one of linear intensities"
         raise InputError(f"{place}: is of {own} intensities, and {encoding} ones are to be explained; {remedy}")
-    return values
+    return WaterParameters(*values)
 
 
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:
-    """The file of a view in a folder that a run made: restored/<dataset>/<method>[/<scene>]/<view's name>.json."""
-    name = PurePosixPath(view.name)
-    for within in (PurePosixPath(file_name(scene.name)), PurePosixPath()):
-        for stem in (name.with_suffix(""), name):
-            for suffix in (".json", ".npz"):
-                found = folder / within / f"{stem}{suffix}"
-                if found.is_file() and found.resolve().is_relative_to(folder.resolve()):
-                    return found
-    return folder / f"{name.with_suffix('')}.json"
+    """Return the file of a view in a folder that a run made, restored/<dataset>/<method>."""
+    for stem in reversed(stems_of(scene.name, view.name)):
+        for suffix in (".json", ".npz"):
+            file = folder / f"{stem}{suffix}"
+            if file.is_file() and file.resolve().is_relative_to(folder.resolve()):
+                return file
+    return folder / f"{PurePosixPath(view.name).with_suffix('')}.json"

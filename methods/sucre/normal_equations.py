@@ -1,13 +1,13 @@
-"""What a pass over the observations leaves of the least-squares problem once every pixel's colour is eliminated.
+"""The least-squares problem in the water alone, after every pixel's colour is eliminated.
 
-Minimised is SUCRe's eq. 7, sum r^2 with r = I - J a - b, for each channel over B, beta, gamma and one J a pixel. Given
-the water, J_p = sum a (I - b) / sum a^2 over the observations of pixel p; putting that back leaves a problem in three
-unknowns a channel (variable projection, Golub & Pereyra 1973). With D = dI/d(B, beta, gamma) and its part that no
-change of J_p can imitate, D' = D - a (sum a D) / (sum a^2), the Gauss-Newton system of the reduced problem is
+SUCRe's eq. 7 minimises sum r^2 with r = I - J a - b, for each channel over B, beta, gamma and one J a pixel. Given the
+water, J_p = sum a (I - b) / sum a^2 over the observations of pixel p. Putting that back leaves a problem in three
+unknowns a channel (variable projection, Golub & Pereyra 1973). With D = dI/d(B, beta, gamma) and the part of D that no
+change of J_p can imitate, D' = D - a (sum a D) / (sum a^2), its Gauss-Newton system is
 
-    H = sum D'^T D',    g = sum D'^T r,    cost = sum r^2.
+    H step = g,    H = sum D'^T D',    g = sum D'^T r,    cost = sum r^2.
 
-The sums are over all pixels, so systems of several images in one water add up.
+The sums are over all pixels, so the systems of several images in one water add up.
 """
 
 from __future__ import annotations
@@ -23,7 +23,7 @@ __all__ = ["ReducedSystem"]
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSystem:
-    """The reduced problem around one water, for C channels; its n = 3 parameters are B, beta, gamma, in this order.
+    """The reduced problem around one water, for C channels with n = 3 parameters each: B, beta, gamma.
 
     H: (C, n, n) float64; g: (C, n) float64, minus half the gradient of the cost; cost: (C,) float64.
     """
@@ -41,5 +41,5 @@ class ReducedSystem:
         return ReducedSystem(products[:, :3, :3], products[:, :3, 3], products[:, 3, 3])
 
     def predicted_reduction(self, step: Array) -> Array:
-        """Return by how much (C,) a step (C, n) lowers the cost if the model were linear."""
+        """Return by how much (C,) a step (C, n) lowers the cost of the linear model."""
         return 2 * (self.g * step).sum(axis=1) - np.einsum("ci,cij,cj->c", step, self.H, step)

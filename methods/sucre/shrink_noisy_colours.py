@@ -1,12 +1,12 @@
-"""Colours that are mostly noise, drawn towards what the image's colours are like (empirical Bayes).
+"""Shrink noisy colours towards the mean colour of the image (empirical Bayes).
 
-Far away little light is left: dividing by a small transmission makes J a large multiple of the noise. With colours of a
-channel taken as normal, mean mu and variance S^2, the posterior mean of a colour with variance v is (Efron & Morris
+Little light arrives from far away, and dividing by a small transmission magnifies the noise. If the colours of a
+channel are normal with mean mu and variance S^2, the posterior mean of a colour with variance v is (Efron & Morris
 1973)
 
     (J / v + mu / S^2) / (1 / v + 1 / S^2),    with variance 1 / (1 / v + 1 / S^2).
 
-mu and S^2 come from the image itself, each pixel counted by how far it can be trusted, S^2 / (S^2 + v).
+mu and S^2 come from the image itself. Each pixel counts with its reliability S^2 / (S^2 + v).
 """
 
 from __future__ import annotations
@@ -19,16 +19,16 @@ __all__ = ["posterior"]
 
 _ROUNDS = 30
 
-# Least variance of an image's colours, .01 squared: below it everything would be drawn to one.
+# Least variance of an image's colours, .01 squared: with less, all colours would become one.
 _LEAST = 1e-4
 
-# The variance of a colour of which nothing is known.
+# The variance of a colour without any information.
 _ENDLESS = 1e12
 
 
 def posterior(J: Array, deviation: Array) -> tuple[Array, Array]:
     """Return the posterior mean and standard deviation (3, P) float32 of colours J with standard deviations, (3, P)."""
-    if not np.isfinite(deviation).any():  # nothing tells the noise
+    if not np.isfinite(deviation).any():  # the noise is unknown
         return J, deviation
     v = np.where(np.isfinite(deviation), np.square(deviation, dtype=np.float64), _ENDLESS)
     mean, variance = np.median(J, axis=1, keepdims=True).astype(np.float64), np.full((3, 1), 0.05)

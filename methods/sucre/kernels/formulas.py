@@ -1,7 +1,7 @@
-"""The sums over observations, block by block, written once for every array library.
+"""The formulas of both passes on one block of observations, written once for every array library.
 
-A block is some neighbouring pixels of the store and their observations as rectangles (K, n): K slots, n pixels. The
-pixels are sorted by how many observations they have, so that few places stay empty; those have weight 0.
+A block is a run of pixels and their observations as rectangles (K, n): K slots, n pixels. The pixels are sorted by
+how many observations they have, so few places stay empty; empty places have weight 0.
 
 Cancellation. D' is formed before it is squared: H = sum D^T D - C^T C / A in float32 would lose all digits where
 distances are alike (relative error 9 at 3 to 3.3 m, against 1e-3). For beta it simplifies to
@@ -33,7 +33,7 @@ DARKEST = -60.0
 
 @dataclass(frozen=True, slots=True)
 class Block:
-    """Pixels start to start + n of a store, with up to `slots` observations each."""
+    """Pixels start to start + n of the observations, with up to `slots` observations each."""
 
     start: int
     n: int
@@ -62,8 +62,8 @@ def fill(
 ) -> tuple[Array, Array, Array]:
     """Return distance (K, n), intensity (3, K, n) and weight (K, n) of a block's observations, 0 in empty places.
 
-    width: of the rectangles, n by default. Pixels beyond n have one observation at distance 0 of intensity 0, which
-    any water explains with J = 0: they add nothing, and nothing of theirs divides by 0.
+    width: of the rectangles, n by default. Pixels beyond n have one observation of intensity 0 at distance 0. Any water
+    explains it with J = 0, so it adds nothing, and nothing is divided by 0.
     """
     width = block.n if width is None else width
     z = np.zeros((block.slots, width), dtype=dtype)

@@ -1,4 +1,4 @@
-"""From a solution to a restoration: the image, its confidence, and what is worth knowing about the fit."""
+"""Turn a solution into a restoration: the image, its confidence, and the record of the fit."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
-# From this share of an image's colours on it is worth a word.
+# The share of an image's colours from which on a fault is reported.
 _MANY = 0.1
 
 __all__ = ["named", "restoration", "with_residuals"]
@@ -25,7 +25,7 @@ __all__ = ["named", "restoration", "with_residuals"]
 
 @contextmanager
 def named(view: View) -> Iterator[None]:
-    """Let a SolveError raised inside say which view it is about."""
+    """Add the view's name to a SolveError raised inside."""
     try:
         yield
     except SolveError as fault:
@@ -33,9 +33,9 @@ def named(view: View) -> Iterator[None]:
 
 
 def with_residuals(observations: Observations, solution: Solution, seed: int = 0) -> Solution:
-    """Return the solution with what it leaves of its observations, see residuals.py, in what is told about it."""
-    left = residuals(observations, solution.J, solution.water, seed)
-    return replace(solution, about=solution.about | {"residuals": left})
+    """Add residual statistics (residuals.py) to `solution.about`."""
+    statistics = residuals(observations, solution.J, solution.water, seed)
+    return replace(solution, about=solution.about | {"residuals": statistics})
 
 
 def restoration(
@@ -47,23 +47,23 @@ def restoration(
 ) -> Restoration:
     """Return the image (H, W, 3), NaN where the target has no depth.
 
-    stage_seconds: of "pair", whenever that was done and by whichever method, and of "solve"; together they are what the
-    restoration took. encoding: of the intensities that were fitted, where that is not the view's.
+    stage_seconds: of "pair", also when an earlier run did the pairing, and of "solve"; `seconds` is their sum.
+    encoding: of the fitted intensities, where it is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
-    channel; negative_share of J in each channel, which is not physical; condition and standard_error of the water,
-    noise of each channel, limits in words; steps, n_observations, n_repeated pixels, n_views, unreadable, device.
+    channel; negative_share of J in each channel (negative colours are not physical); condition and standard_error of
+    the water, noise of each channel, limits in words; steps, n_observations, n_repeated pixels, n_views, unreadable,
+    device.
     """
-    trust, (B, beta, gamma) = solution.trust, solution.water
+    water, uncertainty = solution.water, solution.uncertainty
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
-    limits = [*trust.limits, *_doubts(negative, unknown)]
+    limits = [*uncertainty.limits, *_doubts(negative, unknown)]
     for limit in limits:
         say(f"{view.name}: {limit}")
-    errors = zip(("B", "beta", "gamma"), trust.standard_error.T, strict=True)
     return Restoration(
         observations.image(solution.J),
-        water=Water(B, beta, gamma, encoding),
+        water=Water(water.B, water.beta, water.gamma, encoding),
         confidence=observations.image(np.sqrt((solution.deviation**2).mean(axis=0))),
         info={
             "cost": solution.cost.tolist(),
@@ -72,9 +72,11 @@ def restoration(
             "n_repeated": observations.n_repeated,
             "n_views": len(observations.views),
             "unreadable": observations.unreadable,
-            "noise": _numbers(trust.noise),
-            "condition": _numbers(trust.condition),
-            "standard_error": {name: _numbers(values) for name, values in errors},
+            "noise": _numbers(uncertainty.noise),
+            "condition": _numbers(uncertainty.condition),
+            "standard_error": {
+                name: _numbers(getattr(uncertainty.standard_error, name)) for name in ("B", "beta", "gamma")
+            },
             "limits": limits,
             **solution.about,
             "stage_seconds": dict(stage_seconds),
@@ -84,16 +86,19 @@ def restoration(
 
 
 def _doubts(negative: Array, unknown: Array) -> list[str]:
-    """What is wrong with colours, from the shares (3,) of those below zero and of those known no better than to 1."""
-    said = []
+    """Describe faults of the colours.
+
+    negative: (3,) share below zero; unknown: (3,) share with a standard deviation above 1.
+    """
+    doubts = []
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
         if below > _MANY:
-            said.append(f"{colour}: {below:.0%} of the colours are negative; physical=true keeps them above zero")
+            doubts.append(f"{colour}: {below:.0%} of the colours are negative; physical=true keeps them above zero")
         if lost > _MANY:
-            said.append(f"{colour}: {lost:.0%} of the colours are lost in noise; prior=true draws them to the mean")
-    return said
+            doubts.append(f"{colour}: {lost:.0%} of the colours are lost in noise; prior=true draws them to the mean")
+    return doubts
 
 
 def _numbers(values: Array) -> list[float | None]:
-    """Numbers as lists, None for what is not known or not finite."""
+    """Numbers as a list, None where not finite."""
     return [float(value) if np.isfinite(value) else None for value in values]

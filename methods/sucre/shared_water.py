@@ -1,15 +1,14 @@
-"""One water for a whole dive: fitted to many target images at once.
+"""Samples of many target images, for one water of a whole dive.
 
-A single image often sees too few distances to tell its water; the water of a dive is one. Every target gives a sample
-of its pixels, and the fit sums over all samples, so that memory holds samples and never a dive.
+A single image often sees too few distances to determine its water, and a dive has one water. Every target gives a
+sample of its pixels and the fit sums over all samples, so memory holds samples and never a whole dive.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
+from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError, SolveError
 from sucre_bench.machine.progress import say, track
 from sucre_bench.methods.sucre.exact import SAMPLE, sampled
@@ -29,14 +28,13 @@ def samples(
     """
     kept: list[Observations] = []
     last = "no view shares a pixel with another"
-    chosen = np.unique(np.linspace(0, len(scene) - 1, min(most, len(scene))).round().astype(int))
-    for k in track(chosen.tolist(), "shared water"):
+    for k in track(evenly(len(scene), most), "shared water"):
         view = scene.views[k]
         try:
             observations = observe(view)
         except (InputError, SolveError) as fault:
             last = str(fault)
-            say(f"shared water does without {view.name}: {fault}")
+            say(f"shared water skips {view.name}: {fault}")
             continue
         if observations.n_repeated:
             kept.append(sampled(observations, SAMPLE, singles, seed + k))

@@ -1,0 +1,164 @@
+"""The options of `sucre`, in groups, and which of them go together.
+
+Options are fields of the groups below, so that a user types `method.physical=true` whatever group it is in. Where the
+water comes from decides what else may be chosen:
+
+| way | chosen by | physical | robust | lamp |
+|---|---|---|---|---|
+| EXACT | water=own, solver=exact | yes | yes | yes, with colours=multi_view |
+| ADAM | water=own, solver=adam | no | no | no |
+| CLOSED_FORM | water=own, solver=adam_closed_form | no | no | no |
+| SHARED | water=shared | yes | no | no |
+| KNOWN | water=truth, a file or a folder; water_from=METHOD | no effect | no | no |
+"""
+
+from __future__ import annotations
+
+import enum
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, Literal
+
+from sucre_bench import InputError
+from sucre_bench.machine.cores import Device
+from sucre_bench.methods.sucre.kernels import Backend
+
+__all__ = ["ColourOptions", "ComputeOptions", "FitOptions", "PairingOptions", "WaterOptions", "Way", "check", "way_of"]
+
+
+class Way(enum.Enum):
+    """How the water is found. The value holds the options that go with it and no other way."""
+
+    EXACT = frozenset({"physical", "robust", "lamp"}), "own"
+    ADAM = frozenset[str](), "adam"
+    CLOSED_FORM = frozenset[str](), "adam_closed_form"
+    SHARED = frozenset({"physical"}), "shared"
+    KNOWN = frozenset({"physical"}), "known"
+
+    @property
+    def options(self) -> frozenset[str]:
+        return self.value[0]
+
+
+@dataclass(frozen=True)
+class FitOptions:
+    """How the water is fitted to observations."""
+
+    solver: Literal["exact", "adam", "adam_closed_form"] = "exact"
+    """exact: the minimum; adam: the paper's steps on all unknowns; adam_closed_form: the paper's steps on the water,
+    with the best colours at each."""
+
+    physical: bool = False
+    """Hold colours above zero, up to noise: a veil brighter than the darkest pixels costs (solver=exact)."""
+
+    robust: bool = False
+    """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
+
+    lamp: bool = False
+    """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
+
+    steps: int = 200
+    """Steps of Adam."""
+
+    lr: float = 0.05
+    """Adam's learning rate."""
+
+    seed: int = 0
+    """Seed of the sample of pixels that the fit starts on."""
+
+
+@dataclass(frozen=True)
+class PairingOptions:
+    """Which pixels of other views show a pixel of the target, and in what encoding."""
+
+    pairing: Literal["mutual", "depth"] = "mutual"
+    """mutual: the paper's, pixels that project onto one another; depth: points whose depths agree, colours
+    interpolated, more observations where views differ in scale."""
+
+    tolerance: float = 0.03
+    """Largest difference of depths with pairing=depth, as a share of the depth."""
+
+    encoding: Literal["view", "linear"] = "view"
+    """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
+
+    pairs: Path | None = None
+    """Folder that keeps observations on disk, for less memory and for the next run; None: keep none."""
+
+
+@dataclass(frozen=True)
+class WaterOptions:
+    """Where the water comes from."""
+
+    water: Literal["own", "shared", "truth"] | str = "own"
+    """own: fitted to each image; shared: to many images of the scene at once; truth; a .json or .npz file with B,
+    beta and gamma; or a folder of them, one a view, as restored/ of an earlier run."""
+
+    water_from: str = ""
+    """A method that estimates the water of each image, instead of the fit: its name; it has its default options."""
+
+    shared_views: int = 40
+    """How many images water=shared is fitted to at most, spread evenly over the scene."""
+
+
+@dataclass(frozen=True)
+class ColourOptions:
+    """How colours follow from the water."""
+
+    colours: Literal["multi_view", "single_view"] = "multi_view"
+    """multi_view: each colour from all its observations; single_view: from the image's own intensity alone, in the same
+    water, which separates the effect of either."""
+
+    prior: bool = False
+    """Shrink colours that are mostly noise towards the image's mean colour, in proportion to their noise."""
+
+
+@dataclass(frozen=True)
+class ComputeOptions:
+    """Where to compute, and what to record."""
+
+    backend: Backend = "auto"
+    """Array library: numba, torch, jax, or numpy in float64; auto: torch on a GPU, else numba."""
+
+    device: Device = "auto"
+    """Where to compute: auto takes a GPU when there is one."""
+
+    residuals: bool = False
+    """Write residual statistics of the fit, and some points over distance, to <view>.json, for figures."""
+
+
+def way_of(options: Any) -> Way:
+    """Return how the water is found with these options of `sucre`."""
+    if options.water == "shared":
+        return Way.SHARED
+    if options.water_from or options.water != "own":
+        return Way.KNOWN
+    return {"exact": Way.EXACT, "adam": Way.ADAM, "adam_closed_form": Way.CLOSED_FORM}[options.solver]
+
+
+def check(options: Any, method: str) -> None:
+    """Raise InputError for values out of range, and for options that do not go together; method: its name."""
+    for name in ("tolerance", "shared_views", "steps", "lr"):
+        if not getattr(options, name) > 0:
+            raise InputError(f"{method}.{name}: {getattr(options, name)} must be positive")
+    if options.tolerance >= 1:
+        raise InputError(f"{method}.tolerance: {options.tolerance} must be below 1, it is a share of the depth")
+    if options.seed < 0:
+        raise InputError(f"{method}.seed: {options.seed} must not be negative")
+    if not options.water:
+        raise InputError(f"{method}.water: is empty; use own, shared, truth, a file or a folder")
+    given = [
+        f"{name}={value}" for name in ("water", "water_from") if (value := getattr(options, name)) not in ("", "own")
+    ]
+    if len(given) > 1:
+        raise InputError(f"{method}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
+    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name)]
+    if extras and options.solver != "exact":
+        fault = f"goes with solver=exact, not with solver={options.solver}"
+        raise InputError(f"{method}.{extras[0]}: {fault}; give method.{extras[0]}=false")
+    if given and options.solver != "exact":
+        raise InputError(f"{method}.{given[0]}: leaves nothing to solver={options.solver}; leave one out")
+    for name in extras:
+        if name not in way_of(options).options:
+            raise InputError(f"{method}.{name}: is found with the image's own water; leave out {given[0]}")
+    if options.lamp and options.colours == "single_view":
+        raise InputError(f"{method}.lamp: is found with colours of all views; leave out colours=single_view")
