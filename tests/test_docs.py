@@ -127,18 +127,6 @@ def test_every_dataset_and_method_has_its_place():
         assert not [name for name in built_in(kind) if name not in text]
 
 
-def test_the_error_messages_that_are_explained_are_those_that_are_said():
-    """Headings of the questions quote messages; what varies is an ellipsis."""
-    folders = ("sucre_bench", "methods", "datasets", "metrics")
-    source = "\n".join(f.read_text(encoding="utf-8") for name in folders for f in (ROOT / name).rglob("*.py"))
-    source = re.sub(r'"\s*\n\s*f?"', "", source)  # a text over several lines
-    text = (ROOT / "docs" / "faq.md").read_text(encoding="utf-8")
-    quoted = [m for line in text.splitlines() if line.startswith("### ") for m in re.findall(r"`([^`]+)`", line)]
-    parts = [part.strip() for message in quoted for part in message.split("…") if len(part.strip()) > 2]
-    assert len(parts) > 10
-    assert not [part for part in parts if part not in source]
-
-
 def test_the_first_five_minutes_run_as_they_stand(bench: Callable[..., Any], tmp_path: Path):
     small = ["dataset.width=160", "dataset.height=120", "dataset.views=4", f"dataset.root={tmp_path / 'demo'}"]
     lines = [line for code in blocks(ROOT / "docs" / "index.md", "sh") for line in code.splitlines()]
