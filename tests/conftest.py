@@ -10,10 +10,9 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from support.places import TOYS
 
 from sucre_bench import plugins
-
-TOYS = Path(__file__).parent / "toy_plugins.py"
 
 # A shell without job control starts what it puts behind (`.ci/run &`) deaf to Ctrl-C, and all its children are born
 # so; the programs that tests interrupt must hear it.

@@ -27,8 +27,8 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
     sucre-bench new method fade_less --depth
     sucre-bench new metric redness --package ~/my-metrics
 
-    In a checkout of sucre_bench the files go into methods/, datasets/ or metrics/, and tests/; elsewhere into the
-    current folder. Nothing is overwritten.
+    In a checkout of sucre_bench the files go into methods/, datasets/ or metrics/, and into the folder of
+    the same name in tests/; elsewhere into the current folder. Nothing is overwritten.
     """
     from sucre_bench.programs.contract.new import write_new
     from sucre_bench.programs.contract.text import shown_path

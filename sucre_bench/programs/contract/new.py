@@ -35,7 +35,7 @@ class Written:
 def checkout_of(folder: Path) -> Path | None:
     """Return the checkout of this repository that a folder is in, if it is in one."""
     for place in (folder, *folder.parents):
-        if (place / "sucre_bench" / "plugins.py").is_file() and all((place / f"{k}s").is_dir() for k in plugins.KINDS):
+        if (place / "sucre_bench" / "plugins").is_dir() and all((place / f"{k}s").is_dir() for k in plugins.KINDS):
             return place
     return None
 
@@ -58,7 +58,7 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
     about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
     if package:
         return _package(package, about)
-    folder, tests = (checkout / f"{kind}s", checkout / "tests") if checkout else (here, here)
+    folder, tests = (checkout / f"{kind}s", checkout / "tests" / f"{kind}s") if checkout else (here, here)
     file, test = folder / f"{name}.py", tests / f"test_{name}.py"
     _write({file: _filled(f"{kind}.py.j2", about), test: _filled(f"test_{kind}.py.j2", about)})
     return Written((file, test), _next(kind, name, None if checkout else f"{name}.py", test))

@@ -1,0 +1,167 @@
+"""Bad input, as the command line meets it: one line with the file and the remedy, and nothing finished is lost.
+
+What each fault of a file says is tested with its reader; here a whole run must survive it.
+"""
+
+from __future__ import annotations
+
+import html
+import json
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.colmap_folder import CAMERA, FORWARD, HEIGHT, WIDTH, picture, write_dive, write_image, write_model
+
+from sucre_bench import results
+
+NAMES = ("a.png", "b.png", "c.png")
+METHODS = "method=gray_world,stitching"
+
+
+@pytest.fixture
+def dive(tmp_path: Path) -> Path:
+    return write_dive(tmp_path / "dive", NAMES)
+
+
+def run(bench, dive: Path, *overrides: str):
+    base = ["run", "-m", "dataset=colmap", f"dataset.root={dive}", METHODS, "metrics=[uciqe]", "tracking.uri=off"]
+    return bench(*base, "out=results", *overrides)
+
+
+def cut(path: Path) -> None:
+    path.write_bytes(path.read_bytes()[: path.stat().st_size // 2])
+
+
+def depth(values: np.ndarray):
+    def write(image: Path, depth: Path) -> None:
+        write_image(depth, values)
+
+    return write
+
+
+def metres(value: float):
+    def write(image: Path, depth: Path) -> None:
+        depth.unlink()
+        np.save(depth.with_suffix(".npy"), np.full((HEIGHT, WIDTH), value, np.float32))
+
+    return write
+
+
+FAULTS = {  # by what is said after the path, {} the view: what is done to the view's image or depth map
+    "images/{}.png: no such file": lambda image, depth: image.unlink(),
+    "images/{}.png: cannot be read, cut short; copy it again": lambda image, depth: cut(image),
+    "images/{}.png: cannot be read": lambda image, depth: image.write_text("no picture"),
+    "images/{}.png: is 70x20": lambda image, depth: write_image(image, picture(1, 70, 20)),
+    "depths/depth_{}.png: cannot be read, cut short": lambda image, depth: cut(depth),
+    "depth_{}.png: no pixel has a depth": depth(np.zeros((HEIGHT, WIDTH), np.uint16)),
+    "depth_{}.png: is uint8": depth(np.full((HEIGHT, WIDTH), 9, np.uint8)),
+    "depth_{}.png: is 120x30, a size that cannot match its image's 40x30": depth(
+        np.full((HEIGHT, 3 * WIDTH), 900, np.uint16)
+    ),
+    "depth_{}.npy: no pixel has a depth": metres(np.nan),
+    "depth_{}.npy: depth -1 m is negative": metres(-1.0),
+    "depth_{}.npy: depth up to 2500 m, it looks like millimetres; divide by 1000": metres(2500.0),
+}
+
+
+def test_a_fault_of_one_view_is_said_and_the_other_views_go_on(bench, tmp_path: Path):
+    bad = [f"bad{number:02}" for number in range(len(FAULTS))]
+    dive = write_dive(tmp_path / "dive", ("a.png", *(f"{name}.png" for name in bad), "c.png"))
+    for name, spoil in zip(bad, FAULTS.values(), strict=True):
+        spoil(dive / "images" / f"{name}.png", dive / "depths" / f"depth_{name}.png")
+    done = run(bench, dive)
+    rows = results.read(tmp_path / "results")
+    whole = rows[rows["metric"] == "seconds"].set_index(["method", "view"])
+    page = html.unescape((tmp_path / "results" / "report" / "index.html").read_text())
+    for method in ("gray_world", "stitching"):
+        assert whole.loc[(method, "a.png"), "status"] == whole.loc[(method, "c.png"), "status"] == "ok"
+        for name, fault in zip(bad, FAULTS, strict=True):
+            said = fault.format(name)
+            assert whole.loc[(method, f"{name}.png"), "status"] == "failed"
+            assert said in done.stdout
+            assert said in page
+    assert done.returncode == 1
+    assert f"4 ok, {2 * len(FAULTS)} failed, 0 skipped" in done.stdout
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+def distorted(dive: Path) -> None:
+    (dive / "sparse" / "cameras.txt").write_text(CAMERA.replace("PINHOLE", "OPENCV") + " 0 0 0 0\n")
+
+
+@pytest.mark.parametrize(
+    ("spoil", "said"),
+    [
+        (lambda d: d.rename(d.parent / "elsewhere"), "no such folder; give the one that holds images/"),
+        (lambda d: write_model(d / "sparse", []), "no image is registered"),
+        (lambda d: (d / "sparse" / "images.txt").unlink(), "holds no COLMAP model"),
+        (distorted, "is OPENCV, only pinhole cameras can be used; undistort: colmap image_undistorter"),
+        (lambda d: [p.unlink() for p in (d / "images").iterdir()], "none of the model's 3 images is there"),
+        (lambda d: (d / "charts.json").write_text("{"), "charts.json"),
+        (
+            lambda d: (d / "charts.json").write_text(json.dumps({"images": {"a.png": {"one": [[1, 2]]}}})),
+            "charts.json",
+        ),
+    ],
+)
+def test_a_fault_of_the_whole_dataset_is_one_line_before_any_work(bench, dive: Path, tmp_path: Path, spoil, said: str):
+    spoil(dive)
+    done = run(bench, dive)
+    assert done.returncode == 2
+    assert done.stdout == ""
+    assert len(done.stderr.splitlines()) == 1
+    assert said in done.stderr
+    assert not (tmp_path / "results").exists()
+
+
+def test_two_images_of_one_name_in_different_folders_are_two_views(bench, tmp_path: Path):
+    dive = write_dive(tmp_path / "dive", ("left/a.png", "right/a.png"))
+    done = run(bench, dive)
+    assert done.returncode == 0
+    pictures = [
+        cv2.imread(str(tmp_path / "results" / "restored" / "colmap" / "gray_world" / side / "a.png"))
+        for side in ("left", "right")
+    ]
+    assert not np.array_equal(*pictures)
+
+
+def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_path: Path):
+    dive = tmp_path / "dive"
+    write_model(dive / "sparse", [(name, FORWARD, 1) for name in NAMES])
+    for number, name in enumerate(NAMES):
+        write_image(dive / "images" / name, picture(number))
+    done = run(bench, dive)
+    assert done.returncode == 0
+    assert "skipped  colmap / stitching / 3 views: needs depth, the scene has poses" in done.stdout
+    assert "3 ok, 0 failed, 3 skipped" in done.stdout
+
+
+def test_a_view_without_depth_is_skipped_by_what_needs_it(bench, dive: Path):
+    (dive / "depths" / "depth_b.png").unlink()
+    done = run(bench, dive)
+    assert "skipped  colmap / stitching / b.png: b.png has no depth map" in done.stdout
+    assert "5 ok, 0 failed, 1 skipped" in done.stdout
+
+
+def test_other_data_do_not_take_over_an_output_folder(bench, dive: Path, tmp_path: Path):
+    run(bench, dive)
+    other = write_dive(tmp_path / "other", NAMES)
+    done = run(bench, other)
+    assert done.returncode == 2
+    assert "its 'colmap' is scene dive, not other; give another out=... or dataset.label=..." in done.stderr
+    assert set(results.read(tmp_path / "results")["scene"]) == {"dive"}
+
+
+def test_two_dives_in_one_sweep_are_told_apart_by_their_folders(bench, dive: Path, tmp_path: Path):
+    other = write_dive(tmp_path / "other", NAMES)
+    done = run(bench, f"{dive},{other}")
+    assert done.returncode == 0, done.stderr
+    assert {p.name for p in (tmp_path / "results" / "restored").iterdir()} == {"colmap,root=dive", "colmap,root=other"}
+
+
+def test_a_folder_with_an_unusual_name_works_quoted_and_the_remedy_says_so(bench, tmp_path: Path):
+    dive = write_dive(tmp_path / "dive ünï=1,[x]", NAMES)
+    assert f"write \"dataset.root='{dive}'\"" in run(bench, dive).stderr
+    assert run(bench, f"'{dive}'").returncode == 0

@@ -1,0 +1,114 @@
+"""The aqualoc dataset against miniatures of its layout, its lens against OpenCV's fisheye projection."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.miniatures.aqualoc import spot, write_site
+from support.spots import (
+    BOTH,
+    POINT,
+    camera_and_pose,
+    centre,
+    check_message,
+    cut,
+    pose_of,
+    write_spot,
+)
+
+from sucre_bench.camera import project
+from sucre_bench.datasets.aqualoc import Aqualoc
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Aqualoc(root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+@pytest.mark.parametrize("scale", [1.0, 0.5])
+def test_a_known_point_is_seen_where_it_is_in_undistorted_frames(tmp_path: Path, scale: float) -> None:
+    scene = load(write_site(tmp_path), image_scale=scale)
+    assert (scene.name, scene.has) == ("harbor_07", {"poses"})
+    assert [view.name for view in scene] == ["frame000005.png", "frame000012.png", "frame000020.png"]
+    for view, one in zip(scene.views[:2], BOTH, strict=True):
+        camera, pose = camera_and_pose(view)
+        np.testing.assert_allclose(centre(view.rgb), project(camera, pose[:3, :3] @ POINT + pose[:3, 3])[0], atol=0.1)
+        np.testing.assert_allclose(np.linalg.inv(pose)[:3, 3], one[0], atol=1e-12)
+        assert np.abs(centre(view.rgb) / scale - spot(pose_of(*one))).max() > 0.5, "it lies elsewhere in the frame"
+    assert scene.views[2].camera is not None
+    assert scene.views[2].cam_from_world is None
+
+
+def test_sequences_of_both_sites_are_scenes_of_their_own(tmp_path: Path) -> None:
+    write_site(tmp_path / "Harbor_sites_sequences")
+    write_site(tmp_path / "Archaeological_site_sequences", "archaeo", "images_sequence_7", "07")
+    scenes = list(Aqualoc(tmp_path).scenes())
+    assert [scene.name for scene in scenes] == ["archaeo_07", "harbor_07"]
+    write_site(tmp_path / "again")
+    with pytest.raises(InputError, match="sequence harbor_07 is also"):
+        list(Aqualoc(tmp_path).scenes())
+
+
+def test_two_files_of_a_frame_are_a_fault_of_that_view(tmp_path: Path) -> None:
+    frames = write_site(tmp_path) / "raw_data" / "harbor_images_sequence_07"
+    write_spot(frames / "frame5.jpg", np.ones(2))
+    scene = load(tmp_path)
+    assert [view.name for view in scene] == ["frame000005.png", "frame000012.png", "frame000020.png"]
+    with pytest.raises(InputError, match=r"frame000005\.png: frame 5 is also frame5\.jpg; keep one of them"):
+        _ = scene.views[0].rgb
+    assert scene.views[1].rgb.max() > 0.5
+
+
+def test_without_a_trajectory_there_are_no_poses(tmp_path: Path) -> None:
+    write_site(tmp_path)
+    truth = tmp_path / "harbor_groundtruth_files"
+    (truth / "new_harbor_colmap_traj_sequence_07.txt").unlink()
+    (old,) = truth.iterdir()
+    _, pose = camera_and_pose(load(tmp_path).views[0])
+    np.testing.assert_allclose(-pose[:3, 3], [9, 9, 9])
+    old.unlink()
+    scene = load(tmp_path)
+    assert scene.has == frozenset()
+    assert all(view.camera is not None and view.cam_from_world is None for view in scene)
+
+
+@pytest.mark.parametrize(
+    ("line", "words"),
+    [
+        ("12 1 2 3 0 0 0", "line 2 is no pose"),
+        ("12 1 2 3 0 0 1 1", "line 2 is no pose"),
+        ("12 1 2 nan 0 0 0 1", "line 2 is no pose"),
+        ("12 1 2 three 0 0 0 1", "line 2 is no pose"),
+        ("", "holds no pose"),
+        ("99 1 2 3 0 0 0 1", "its frames, 99 to 99, are none of"),
+    ],
+)
+def test_a_wrong_trajectory_is_named_by_line(tmp_path: Path, line: str, words: str) -> None:
+    path = write_site(tmp_path) / "harbor_groundtruth_files" / "new_harbor_colmap_traj_sequence_07.txt"
+    path.write_text(f"# a comment\n{line}\n")
+    with pytest.raises(InputError) as fault:
+        load(tmp_path)
+    check_message(str(fault.value), str(path), words)
+
+
+def test_what_is_missing_or_damaged_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no folder of frames"):
+        load(tmp_path)
+    calibration = write_site(tmp_path) / "harbor_calibration_files" / "harbor_camera_calib.yaml"
+    cut(tmp_path / "raw_data" / "harbor_images_sequence_07" / "frame000005.png")
+    scene = load(tmp_path)
+    with pytest.raises(InputError, match=r"frame000005\.png: cannot be read, cut short"):
+        _ = scene.views[0].rgb
+    assert scene.views[1].rgb.max() > 0.5
+    calibration.write_text("cam0: {intrinsics: [1, 2]}")
+    with pytest.raises(InputError, match=r"harbor_camera_calib\.yaml: is no camera"):
+        load(tmp_path)
+    calibration.unlink()
+    with pytest.raises(InputError, match=r"copy harbor_calibration_files/harbor_camera_calib\.yaml there"):
+        load(tmp_path)
+    with pytest.raises(InputError, match=r"aqualoc\.image_scale"):
+        Aqualoc(tmp_path, image_scale=-1)

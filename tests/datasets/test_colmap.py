@@ -1,0 +1,432 @@
+"""The colmap dataset against miniatures of its layout, with geometry worked out by hand and poses read by pycolmap."""
+
+from __future__ import annotations
+
+import json
+import shutil
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+import tifffile
+from support.colmap_folder import (
+    CAMERA,
+    FORWARD,
+    HEIGHT,
+    WIDTH,
+    depth_mm,
+    picture,
+    to_binary,
+    write_dive,
+    write_image,
+    write_model,
+)
+from support.places import DATA
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
+from sucre_bench.datasets.colmap import Colmap
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene, View
+
+# At (5, 0, 10), looking along the world's -x, y down: x is the world's z. A turn of +90 degrees about y, written with
+# a quaternion that is not of unit length.
+SIDEWAYS = (1.0, 0.0, 1.0, 0.0, -10.0, 0.0, 5.0)
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Colmap(root=root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+def pixel_of(view: View, world: list[float]) -> Array:
+    assert view.camera is not None
+    assert view.cam_from_world is not None
+    return project(view.camera, (view.cam_from_world @ [*world, 1.0])[:3])[0]
+
+
+# -- the model ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("binary", [False, True], ids=["text", "binary"])
+@pytest.mark.parametrize("sparse", ["sparse", "sparse/0"])
+def test_a_known_point_falls_on_the_pixels_worked_out_by_hand(tmp_path: Path, sparse: str, binary: bool) -> None:
+    write_dive(tmp_path)
+    shutil.rmtree(tmp_path / "sparse")
+    write_model(tmp_path / sparse, [("b.png", SIDEWAYS, 1), ("a.png", FORWARD, 1)])
+    if binary:
+        to_binary(tmp_path / sparse)
+    a, b = load(tmp_path)
+    assert (a.name, b.name) == ("a.png", "b.png"), "in order of name"
+    assert pixel_of(a, [1, 2, 10]) == pytest.approx([50 * 1 / 10 + 20.5, 60 * 2 / 10 + 14.5])
+    assert pixel_of(b, [1, 2, 10]) == pytest.approx([20.5, 60 * 2 / 4 + 14.5])  # 4 m ahead, in the middle, 2 m lower
+    assert pixel_of(b, [1, 0, 11]) == pytest.approx([50 * 1 / 4 + 20.5, 14.5])
+
+
+@pytest.mark.parametrize("binary", [False, True], ids=["text", "binary"])
+def test_poses_and_cameras_are_those_that_pycolmap_reads(tmp_path: Path, binary: bool) -> None:
+    import pycolmap
+
+    rng = np.random.default_rng(0)
+    quaternions = rng.normal(size=(9, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1, keepdims=True)
+    poses = np.hstack([quaternions, rng.normal(size=(9, 3))])
+    names = [f"run{i % 3}/é_{i}.png" for i in range(9)]
+    cameras = [CAMERA, f"7 SIMPLE_PINHOLE {WIDTH} {HEIGHT} 33.25 19 16", f"3 PINHOLE {WIDTH} {HEIGHT} 51 52 18 13"]
+    write_dive(tmp_path, names)
+    write_model(
+        tmp_path / "sparse",
+        [
+            (name, tuple(pose.tolist()), (1, 7, 3)[i % 3])
+            for i, (name, pose) in enumerate(zip(names, poses, strict=True))
+        ],
+        cameras,
+    )
+    if binary:
+        to_binary(tmp_path / "sparse")
+    expected = {
+        image.name: (image.cam_from_world().matrix(), image.camera.calibration_matrix())
+        for image in pycolmap.Reconstruction(tmp_path / "sparse").images.values()
+    }
+    scene = load(tmp_path)
+    assert [view.name for view in scene] == sorted(names)
+    for view in scene:
+        assert view.camera is not None
+        assert view.cam_from_world is not None
+        pose, K = expected[view.name]
+        np.testing.assert_allclose(view.cam_from_world, [*pose, [0, 0, 0, 1]], atol=1e-12)
+        np.testing.assert_allclose(view.camera.K, K)
+        assert (view.camera.width, view.camera.height) == (WIDTH, HEIGHT)
+
+
+def test_names_in_a_text_model_may_hold_spaces(tmp_path: Path) -> None:
+    names = ["first dive/a 1.png", "first dive/a 2.png"]
+    scene = load(write_dive(tmp_path, names))
+    assert [view.name for view in scene] == names
+    assert scene.views[1].has_depth
+
+
+def test_images_on_disk_of_another_size_than_the_camera_scale_it(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    whole = load(tmp_path)["a.png"]
+    write_image(tmp_path / "images" / "a.png", picture(0, WIDTH // 2, HEIGHT // 2))
+    half = load(tmp_path)["a.png"]
+    assert half.rgb.shape == (HEIGHT // 2, WIDTH // 2, 3)
+    assert half.depth.shape == (HEIGHT // 2, WIDTH // 2)
+    assert pixel_of(half, [1, 2, 10]) == pytest.approx(pixel_of(whole, [1, 2, 10]) / 2)
+
+
+def test_scenes_decodes_no_pixels(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_dive(tmp_path)
+    for name in ("imread", "imdecode"):
+        monkeypatch.setattr(cv2, name, lambda *_: pytest.fail("decoded"))
+    assert len(load(tmp_path)) == 2
+
+
+# -- images ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".jpg", ".PNG"])
+def test_images_are_rgb_in_0_to_1(tmp_path: Path, suffix: str) -> None:
+    write_dive(tmp_path, [f"a{suffix}"])
+    flat = np.full((HEIGHT, WIDTH, 3), (250, 20, 80), np.uint8)
+    write_image(tmp_path / "images" / f"a{suffix}", flat)
+    (view,) = load(tmp_path)
+    assert view.rgb.dtype == np.float32
+    np.testing.assert_allclose(view.rgb, flat / 255, atol=1e-6 if suffix != ".jpg" else 3 / 255)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_16_bit_images_keep_their_16_bits(tmp_path: Path, suffix: str) -> None:
+    write_dive(tmp_path, [f"a{suffix}"])
+    values = np.random.default_rng(0).integers(0, 65536, (HEIGHT, WIDTH, 3)).astype(np.uint16)
+    write_image(tmp_path / "images" / f"a{suffix}", values)
+    np.testing.assert_allclose(load(tmp_path)[f"a{suffix}"].rgb, values / 65535, atol=1e-7)
+
+
+def test_gray_is_repeated_and_transparency_dropped(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    values = picture(0)
+    write_image(tmp_path / "images" / "a.png", values[..., 0])
+    alpha = np.full((HEIGHT, WIDTH, 1), 7, np.uint8)
+    cv2.imwrite(str(tmp_path / "images" / "b.png"), np.concatenate([values[..., ::-1], alpha], axis=-1))
+    scene = load(tmp_path)
+    np.testing.assert_allclose(scene["a.png"].rgb, np.repeat(values[..., :1], 3, axis=-1) / 255, atol=1e-6)
+    np.testing.assert_allclose(scene["b.png"].rgb, values / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["a.jpg", "a.png"])
+def test_an_orientation_in_exif_is_ignored_as_colmap_does(tmp_path: Path, name: str) -> None:
+    from PIL import Image
+
+    write_dive(tmp_path, [name])
+    exif = Image.Exif()
+    exif[0x0112] = 6  # turn by 90 degrees to show
+    values = np.zeros((HEIGHT, WIDTH, 3), np.uint8)
+    values[:, WIDTH // 2 :] = 255
+    Image.fromarray(values).save(tmp_path / "images" / name, exif=exif)
+    rgb = load(tmp_path)[name].rgb
+    assert rgb.shape == (HEIGHT, WIDTH, 3)
+    assert rgb[:, : WIDTH // 2 - 8].max() < 0.05
+    assert rgb[:, WIDTH // 2 + 8 :].min() > 0.95
+
+
+def test_references_and_the_encoding_are_handed_on(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    write_image(tmp_path / "reference" / "b.png", picture(9))
+    scene = load(tmp_path, encoding="linear")
+    assert scene.has == {"poses", "depth", "reference"}
+    assert scene["a.png"].reference is None
+    assert scene["b.png"].encoding == "linear"
+    np.testing.assert_allclose(scene["b.png"].reference, picture(9) / 255, atol=1e-6)
+
+
+# -- depth -------------------------------------------------------------------------------------------------
+
+
+def save_depth(path: Path, metres: Array, millimetres: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    if path.suffix == ".png":
+        write_image(path, millimetres)
+    elif path.suffix == ".npy":
+        np.save(path, metres)
+    else:
+        tifffile.imwrite(path, metres)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif", ".tiff", ".npy"])
+def test_depth_formats_agree(tmp_path: Path, suffix: str) -> None:
+    write_dive(tmp_path)
+    (tmp_path / "depths" / "depth_a.png").unlink()
+    metres = (depth_mm() / 1000).astype(np.float32)
+    save_depth(tmp_path / "depths" / f"depth_a{suffix}", metres, depth_mm())
+    depth = load(tmp_path)["a.png"].depth
+    assert depth.dtype == np.float32
+    np.testing.assert_allclose(depth, metres, rtol=1e-7)
+
+
+@pytest.mark.parametrize("kind", ["half precision", "double precision", "lzw"])
+def test_float_tiffs_of_other_programs_are_read(tmp_path: Path, kind: str) -> None:
+    write_dive(tmp_path)
+    (tmp_path / "depths" / "depth_a.png").unlink()
+    path, metres = tmp_path / "depths" / "depth_a.tif", depth_mm() / 1000
+    if kind == "lzw":
+        cv2.imwrite(str(path), metres.astype(np.float32), [cv2.IMWRITE_TIFF_COMPRESSION, 5])
+    else:
+        tifffile.imwrite(path, metres.astype(np.float16 if kind == "half precision" else np.float64))
+    tolerance = 2**-11 if kind == "half precision" else 1e-6
+    np.testing.assert_allclose(load(tmp_path)["a.png"].depth, metres, rtol=tolerance)
+
+
+def test_depth_beyond_16_bits_of_millimetres_is_kept(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    (tmp_path / "depths" / "depth_a.png").unlink()
+    np.save(tmp_path / "depths" / "depth_a.npy", np.full((HEIGHT, WIDTH), 80.25))
+    assert load(tmp_path)["a.png"].depth.min() == 80.25
+
+
+def test_what_is_not_finite_in_a_depth_map_becomes_0(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    (tmp_path / "depths" / "depth_a.png").unlink()
+    metres = np.full((HEIGHT, WIDTH), 3.0)
+    metres[0, :4] = np.nan, np.inf, -np.inf, 0
+    np.save(tmp_path / "depths" / "depth_a.npy", metres)
+    view = load(tmp_path)["a.png"]
+    assert view.depth[0, :5].tolist() == [0, 0, 0, 0, 3]
+    assert view.valid.sum() == metres.size - 4
+
+
+def test_a_depth_map_of_half_the_size_gives_each_value_to_four_pixels(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    half = np.random.default_rng(0).integers(1, 9000, (HEIGHT // 2, WIDTH // 2)).astype(np.uint16)
+    write_image(tmp_path / "depths" / "depth_a.png", half)
+    np.testing.assert_array_equal(load(tmp_path)["a.png"].depth, np.float32(np.kron(half, np.ones((2, 2))) / 1000))
+
+
+def test_a_depth_map_three_times_as_large_is_read_at_the_middle_of_each_pixel(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    large = np.random.default_rng(0).integers(1, 9000, (3 * HEIGHT, 3 * WIDTH)).astype(np.uint16)
+    write_image(tmp_path / "depths" / "depth_a.png", large)
+    np.testing.assert_array_equal(load(tmp_path)["a.png"].depth, np.float32(large[1::3, 1::3] / 1000))
+
+
+# Depth files, what each image then has: the file's number, None for no map, or "ambiguous".
+BOTH = ["a.png", "sub/a.png"]
+PORT_STARBOARD = ["port/a.png", "starboard/a.png"]
+NAMING: list[tuple[list[str], list[str], list[int | str | None]]] = [
+    (["port/depth_a.png", "starboard/depth_a.png"], PORT_STARBOARD, [0, 1]),
+    (["port/a.png", "starboard/depth_a.npy"], PORT_STARBOARD, [0, 1]),
+    (["depth_a.png"], PORT_STARBOARD, ["ambiguous", "ambiguous"]),
+    (["port/depth_a.png", "depth_a.png"], PORT_STARBOARD, [0, "ambiguous"]),
+    (["depth_a.png", "depth_b.png"], ["port/a.png", "starboard/b.png"], [0, 1]),
+    (["depth_a.png"], BOTH, [0, None]),
+    (["depth_a.png"], ["a.png", "depth_a.png"], [0, None]),
+    (["depth_a.png", "a.png"], ["a.png", "b.png"], [0, None]),
+    (["a.png"], ["a.png", "b.png"], [0, None]),
+    (["depth_a.png", "depth_a.tif"], ["a.png", "b.png"], ["ambiguous", None]),
+    (["depth_a.png"], ["a.jpg", "a.png"], ["ambiguous", "ambiguous"]),
+    (["depth_a.b.0.png"], ["a.b.0.png", "a.b.1.png"], [0, None]),
+]
+
+
+@pytest.mark.parametrize(("files", "names", "expected"), NAMING, ids=lambda x: " ".join(map(str, x)))
+def test_each_image_gets_its_own_depth_map_or_none(
+    tmp_path: Path, files: list[str], names: list[str], expected: list[int | str | None]
+) -> None:
+    write_dive(tmp_path, names)
+    shutil.rmtree(tmp_path / "depths")
+    for number, file in enumerate(files):
+        metres = np.full((HEIGHT, WIDTH), number + 1.0, np.float32)
+        save_depth(tmp_path / "depths" / file, metres, (1000 * metres).astype(np.uint16))
+    scene = load(tmp_path)
+    assert "depth" in scene.has
+    for name, wanted in zip(names, expected, strict=True):
+        if wanted == "ambiguous":
+            with pytest.raises(InputError, match=r"depths/.*(may belong to|is there as well)"):
+                _ = scene[name].depth
+        elif wanted is None:
+            assert not scene[name].has_depth
+        else:
+            assert scene[name].depth.mean() == int(wanted) + 1
+
+
+def test_two_images_of_one_basename_keep_their_own_pixels(tmp_path: Path) -> None:
+    scene = load(write_dive(tmp_path, PORT_STARBOARD))
+    for seed, name in enumerate(PORT_STARBOARD):
+        np.testing.assert_allclose(scene[name].rgb, picture(seed) / 255, atol=1e-6)
+
+
+def test_a_folder_without_depth_maps_has_only_poses(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    shutil.rmtree(tmp_path / "depths")
+    scene = load(tmp_path)
+    assert scene.has == {"poses"}
+    assert not scene["a.png"].has_depth
+
+
+# -- charts, scale, identity -------------------------------------------------------------------------------
+
+SQUARE = [[4.0, 2.0], [20.0, 3.0], [21.0, 12.0], [5.0, 11.0]]
+
+
+def test_charts_have_their_own_kind_or_that_of_the_file(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    charts = {"near": SQUARE, "far": {"kind": "dgk", "corners": SQUARE}}
+    content = {"kind": "colorchecker24", "note": "by hand", "images": {"b.png": charts, "a.png": {}}}
+    (tmp_path / "charts.json").write_text(json.dumps(content))
+    scene = load(tmp_path)
+    assert scene.has == {"poses", "depth", "charts"}
+    assert list(scene["a.png"].charts) == []
+    assert [(chart.name, chart.kind) for chart in scene["b.png"].charts] == [("near", "colorchecker24"), ("far", "dgk")]
+    np.testing.assert_array_equal(scene["b.png"].charts[1].corners, SQUARE)
+
+
+def test_image_scale_shrinks_pixels_depth_camera_and_charts_alike(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    write_image(tmp_path / "reference" / "a.png", picture(0))
+    (tmp_path / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": SQUARE}}}))
+    whole, half = load(tmp_path)["a.png"], load(tmp_path, image_scale=0.5)["a.png"]
+    assert half.camera is not None
+    assert (half.camera.width, half.camera.height) == (WIDTH // 2, HEIGHT // 2)
+    blocks = whole.rgb.reshape(HEIGHT // 2, 2, WIDTH // 2, 2, 3).mean(axis=(1, 3))
+    np.testing.assert_allclose(half.rgb, blocks, atol=1e-6)
+    np.testing.assert_array_equal(half.reference, half.rgb)
+    assert pixel_of(half, [1, 2, 10]) == pytest.approx(pixel_of(whole, [1, 2, 10]) / 2)
+    np.testing.assert_allclose(half.charts[0].corners, np.array(SQUARE) / 2)
+    assert half.depth.shape == (HEIGHT // 2, WIDTH // 2)
+    assert np.isin(half.depth, whole.depth).all(), "nearest: no depth that was not measured"
+    assert np.abs(half.depth[:, 1:] - whole.depth[::2, 2::2]).max() < 0.0015, "within a pixel of its place"
+
+
+def test_an_uneven_image_scale_keeps_the_fields_of_view(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    camera = load(tmp_path, image_scale=0.33)["a.png"].camera
+    assert camera is not None
+    assert (camera.width, camera.height) == (13, 10)
+    assert camera.K[0, 0] / camera.width == pytest.approx(50 / WIDTH)
+    assert camera.K[1, 1] / camera.height == pytest.approx(60 / HEIGHT)
+
+
+def test_data_id_is_the_same_for_a_copy_and_for_either_form_of_the_model(tmp_path: Path) -> None:
+    one = load(write_dive(tmp_path / "one"))
+    shutil.copytree(tmp_path / "one", tmp_path / "two words")
+    to_binary(tmp_path / "two words" / "sparse")
+    two = load(tmp_path / "two words")
+    assert (one.name, two.name) == ("one", "two words")
+    assert one.data_id == two.data_id
+    assert len(one.data_id) == 12
+
+
+def change_pixel(root: Path) -> None:
+    values = picture(0)
+    values[HEIGHT // 2, WIDTH // 2] += 1
+    write_image(root / "images" / "a.png", values)
+
+
+def change_depth(root: Path) -> None:
+    values = depth_mm()
+    values[HEIGHT // 2, WIDTH // 2] += 1
+    write_image(root / "depths" / "depth_b.png", values)
+
+
+def change_pose(root: Path) -> None:
+    write_model(root / "sparse", [("a.png", FORWARD, 1), ("b.png", SIDEWAYS, 1)])
+
+
+def add_charts(root: Path) -> None:
+    (root / "charts.json").write_text(json.dumps({"images": {"a.png": {"chart": SQUARE}}}))
+
+
+def remove_depth(root: Path) -> None:
+    (root / "depths" / "depth_b.png").unlink()
+
+
+@pytest.mark.parametrize("change", [change_pixel, change_depth, change_pose, add_charts, remove_depth])
+def test_data_id_changes_with_the_data(tmp_path: Path, change: object) -> None:
+    before = load(write_dive(tmp_path)).data_id
+    change(tmp_path)  # type: ignore[operator]
+    assert load(tmp_path).data_id != before
+
+
+def test_data_id_sees_one_pixel_in_the_middle_of_a_large_image(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    write_model(tmp_path / "sparse", [("a.png", FORWARD, 1)], ["1 PINHOLE 400 300 500 500 200 150"])
+    ids = set()
+    for value in (10, 11):
+        values = np.full((300, 400, 3), 10, np.uint8)
+        values[150, 200] = value
+        cv2.imwrite(str(tmp_path / "images" / "a.png"), values, [cv2.IMWRITE_PNG_COMPRESSION, 0])  # of one size
+        ids.add(load(tmp_path).data_id)
+    assert len(ids) == 2
+
+
+def test_data_id_changes_with_options_that_change_the_pixels(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    ids = {load(tmp_path).data_id, load(tmp_path, image_scale=0.5).data_id, load(tmp_path, encoding="linear").data_id}
+    assert len(ids) == 3
+
+
+# -- real data ---------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("folder", "views", "size", "has", "charts"),
+    [
+        ("seathru_d5_charts", 4, (1877, 1238), {"depth", "poses", "charts"}, 2),
+        ("subvo_pool", 12, (1376, 733), {"depth", "poses"}, 0),
+    ],
+)
+def test_real_reconstructions_load(folder: str, views: int, size: tuple[int, int], has: set[str], charts: int) -> None:
+    if not (DATA / folder).is_dir():
+        pytest.skip(f"{folder} is not on this machine")
+    scene = load(DATA / folder)
+    assert (scene.name, len(scene), scene.has) == (folder, views, has)
+    assert sum(bool(view.charts) for view in scene) == charts
+    view = scene.views[-1]
+    assert view.camera is not None
+    assert (view.camera.width, view.camera.height) == size
+    assert view.rgb.shape == (size[1], size[0], 3)
+    assert view.depth.shape == view.distance.shape == (size[1], size[0])
+    assert 0.2 < view.valid.mean() < 1
+    assert (view.distance[view.valid] >= view.depth[view.valid]).all()

@@ -1,0 +1,353 @@
+"""What the colmap dataset says of bad input: one line with the file, what is wrong and what to do."""
+
+from __future__ import annotations
+
+import io
+import json
+import shutil
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import tifffile
+from support.colmap_folder import (
+    CAMERA,
+    FORWARD,
+    HEIGHT,
+    WIDTH,
+    depth_mm,
+    picture,
+    to_binary,
+    write_dive,
+    write_image,
+    write_model,
+)
+
+from sucre_bench.datasets.colmap import Colmap
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene
+
+Change = Callable[[Path], Any]
+
+
+def load(root: Path, **options: Any) -> Scene:
+    (scene,) = Colmap(root=root, **options).scenes()
+    return scene
+
+
+def check(message: str, *parts: str) -> None:
+    """One line, "place: fault; remedy", that holds these parts."""
+    assert "\n" not in message
+    assert ": " in message.split("; ")[0]
+    assert "; " in message
+    for part in parts:
+        assert part in message, message
+
+
+# -- faults of the whole dataset: scenes() raises -----------------------------------------------------------
+
+
+def text(name: str, content: str) -> Change:
+    return lambda root: (root / name).write_text(content)
+
+
+def cameras(*lines: str) -> Change:
+    return lambda root: write_model(root / "sparse", [("a.png", FORWARD, 1)], lines)
+
+
+def images(*rows: tuple[str, tuple[float, ...], int]) -> Change:
+    return lambda root: write_model(root / "sparse", rows)
+
+
+def charts(content: object) -> Change:
+    return lambda root: (root / "charts.json").write_text(json.dumps(content))
+
+
+def chart(entry: object) -> Change:
+    return charts({"images": {"a.png": {"left": entry}}})
+
+
+def corners(*xy: tuple[float, float]) -> Change:
+    return chart([list(corner) for corner in xy])
+
+
+def misname_depths(root: Path) -> None:
+    for path in (root / "depths").iterdir():
+        path.rename(path.with_name("z" + path.name))
+
+
+IN = [(4.0, 2.0), (20.0, 3.0), (21.0, 12.0), (5.0, 11.0)]
+
+DATASET: dict[str, tuple[Change, list[str]]] = {
+    "no root": (shutil.rmtree, ["no such folder", "dataset.root="]),
+    "no images": (lambda root: shutil.rmtree(root / "images"), ["images: none of the model's 2 images", "a.png"]),
+    "no sparse": (lambda root: shutil.rmtree(root / "sparse"), ["sparse: no such folder", "cameras.bin"]),
+    "empty sparse": (lambda root: (root / "sparse/images.txt").unlink(), ["sparse: holds no COLMAP model"]),
+    "no registered image": (images(), ["images.txt: no image is registered", "mapper"]),
+    "distorted": (
+        cameras(f"1 OPENCV {WIDTH} {HEIGHT} 50 50 20 15 0 0 0 0"),
+        ["cameras.txt: camera 1 is OPENCV", "colmap image_undistorter --image_path ", "--output_type COLMAP"],
+    ),
+    "too few parameters": (cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 50 20 15"), ["cameras.txt", "model_converter"]),
+    "words for numbers": (cameras(f"1 PINHOLE {WIDTH} x 50 50 20 15"), ["cameras.txt", "'x'", "model_converter"]),
+    "no focal length": (cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 0 50 20 15"), ["camera 1", "which no camera has"]),
+    "nan": (cameras(f"1 PINHOLE {WIDTH} {HEIGHT} 50 50 nan 15"), ["camera 1", "which no camera has"]),
+    "camera not there": (cameras(CAMERA.replace("1 ", "2 ", 1)), ["images.txt: image 'a.png' has camera 1"]),
+    "null quaternion": (images(("a.png", (0.0,) * 7, 1)), ["image 'a.png'", "no usable pose"]),
+    "name twice": (images(("a.png", FORWARD, 1), ("a.png", FORWARD, 1)), ["image 'a.png' is there twice"]),
+    "name above the root": (images(("../../etc/x.png", FORWARD, 1)), ["'../../etc/x.png' is outside", "relative"]),
+    "name through the root": (images(("a/../../x.png", FORWARD, 1)), ["'a/../../x.png' is outside"]),
+    "absolute name": (images(("/etc/x.png", FORWARD, 1)), ["'/etc/x.png' is outside"]),
+    "no points lines": (
+        text("sparse/images.txt", f"1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png\n{CAMERA}\n"),
+        ["images.txt", "after image 'a.png' stands no line of points"],
+    ),
+    "short image line": (text("sparse/images.txt", "1 1 0 0 0 a.png\n\n"), ["images.txt", "1 1 0 0 0 a.png"]),
+    "not text": (lambda root: (root / "sparse/images.txt").write_bytes(b"\xff\xfe1"), ["images.txt", "not a COLMAP"]),
+    "depths misnamed": (misname_depths, ["depths: no depth map is named after an image", "depth_a.png"]),
+    "empty reference": (lambda root: (root / "reference").mkdir(), ["reference: no file is named", "a.png"]),
+    "charts: not JSON": (text("charts.json", '{"images": '), ["charts.json: is not JSON", "line 1"]),
+    "charts: a list": (charts([]), ["charts.json: no charts by image", "write"]),
+    "charts: no images": (charts({"a.png": {}}), ["charts.json: no charts by image", "write"]),
+    "charts: image unknown": (charts({"images": {"aa.png": {"left": IN}}}), ["charts.json: 'aa.png'", "like 'a.png'"]),
+    "charts: kind unknown": (chart({"kind": "dkg", "corners": IN}), ["charts.json: a.png, left", "'dkg'", "'dgk'"]),
+    "charts: kind no word": (chart({"kind": ["dgk"], "corners": IN}), ["charts.json: a.png, left", "unknown"]),
+    "charts: three corners": (corners(*IN[:3]), ["charts.json: a.png, left: not four corners"]),
+    "charts: words": (chart("somewhere"), ["charts.json: a.png, left: not four corners"]),
+    "charts: uneven": (chart([[1, 2], [3], [4, 5], [6, 7]]), ["charts.json: a.png, left: not four corners"]),
+    "charts: no corners": (chart({"kind": "dgk"}), ["charts.json: a.png, left: not four corners"]),
+    "charts: nan": (corners((np.nan, 1), *IN[1:]), ["charts.json: a.png, left: not four corners"]),
+    "charts: outside": (corners(IN[0], (41.0, 3.0), *IN[2:]), ["charts.json: a.png, left: a corner", "40x30"]),
+    "charts: below": (corners(*IN[:2], (21.0, 31.0), IN[3]), ["charts.json: a.png, left: a corner", "40x30"]),
+    "charts: crossed": (corners(IN[0], IN[1], IN[3], IN[2]), ["charts.json: a.png, left: corners are out of order"]),
+    "charts: mirrored": (corners(*IN[::-1]), ["charts.json: a.png, left: corners are out of order"]),
+}
+
+
+@pytest.mark.parametrize(("change", "parts"), DATASET.values(), ids=list(DATASET))
+def test_a_fault_of_the_dataset_is_one_line_with_file_and_remedy(
+    tmp_path: Path, change: Change, parts: list[str]
+) -> None:
+    root = write_dive(tmp_path / "dive")
+    change(root)
+    with pytest.raises(InputError) as fault:
+        load(root)
+    check(str(fault.value), str(root), *parts)
+
+
+@pytest.mark.parametrize("option", ["depths", "reference", "charts"])
+def test_a_folder_that_was_asked_for_must_be_there(tmp_path: Path, option: str) -> None:
+    write_dive(tmp_path)
+    with pytest.raises(InputError) as fault:
+        load(tmp_path, **{option: "misspelt"})
+    check(str(fault.value), str(tmp_path / "misspelt"), f"dataset.{option}=misspelt")
+
+
+@pytest.mark.parametrize("scale", [0.0, -1.0, 1.5, float("nan")])
+def test_an_image_scale_outside_of_0_to_1_is_refused(tmp_path: Path, scale: float) -> None:
+    with pytest.raises(InputError) as fault:
+        Colmap(root=tmp_path, image_scale=scale)
+    check(str(fault.value), "image_scale", "0.5")
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_a_binary_model_cut_anywhere_is_refused(tmp_path: Path, name: str) -> None:
+    write_dive(tmp_path, ["a.png", "b.png", "c.png"])
+    to_binary(tmp_path / "sparse")
+    path = tmp_path / "sparse" / name
+    whole = path.read_bytes()
+    for length in range(len(whole)):
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError) as fault:
+            load(tmp_path)
+        check(str(fault.value), str(path), "breaks off", "model_converter")
+    path.write_bytes(whole)
+    assert len(load(tmp_path)) == 3
+
+
+@pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])
+def test_random_bytes_are_not_a_model(tmp_path: Path, name: str) -> None:
+    write_dive(tmp_path)
+    to_binary(tmp_path / "sparse")
+    for seed in range(20):
+        (tmp_path / "sparse" / name).write_bytes(np.random.default_rng(seed).bytes(3000))
+        with pytest.raises(InputError) as fault:
+            load(tmp_path)
+        check(str(fault.value), name, "model_converter")
+
+
+def test_a_distorted_camera_of_a_binary_model_is_named(tmp_path: Path) -> None:
+    write_dive(tmp_path)
+    write_model(
+        tmp_path / "sparse",
+        [("a.png", FORWARD, 1), ("b.png", FORWARD, 4)],
+        [CAMERA, f"4 SIMPLE_RADIAL {WIDTH} {HEIGHT} 50 20 15 0.1"],
+    )
+    to_binary(tmp_path / "sparse")
+    with pytest.raises(InputError) as fault:
+        load(tmp_path)
+    check(str(fault.value), "cameras.bin: camera 4 is SIMPLE_RADIAL", f"--input_path {tmp_path / 'sparse'}")
+
+
+# -- faults of one view: its pixels raise, the other view goes on --------------------------------------------
+
+
+def cut(name: str) -> Change:
+    def halve(root: Path) -> None:
+        content = (root / name).read_bytes()
+        (root / name).write_bytes(content[: len(content) // 2])
+
+    return halve
+
+
+def replaced(name: str, write: Callable[[Path], Any]) -> Change:
+    """Take away the depth map of a.png and write another file."""
+
+    def change(root: Path) -> None:
+        (root / "depths/depth_a.png").unlink()
+        write(root / name)
+
+    return change
+
+
+def image(values: np.ndarray) -> Change:
+    return lambda root: write_image(root / "images/a.png", values)
+
+
+def depth_png(values: np.ndarray) -> Change:
+    return replaced("depths/depth_a.png", lambda path: write_image(path, values))
+
+
+def depth_npy(values: np.ndarray) -> Change:
+    return replaced("depths/depth_a.npy", lambda path: np.save(path, values))
+
+
+def forged_npy(shape: tuple[int, int]) -> bytes:
+    """A file of four numbers that says to hold an array of a shape."""
+    file = io.BytesIO()
+    np.lib.format.write_array_header_1_0(file, {"descr": "<f4", "fortran_order": False, "shape": shape})
+    return file.getvalue() + bytes(16)
+
+
+def depth_tif(values: np.ndarray) -> Change:
+    return replaced("depths/depth_a.tif", lambda path: tifffile.imwrite(path, values))
+
+
+def jpeg(name: str) -> Change:
+    """Put a JPEG where a PNG is named: the content counts, not the suffix."""
+
+    def change(root: Path) -> None:
+        write_image(root / "x.jpg", picture(0))
+        (root / "x.jpg").replace(root / name)
+        cut(name)(root)
+
+    return change
+
+
+METRES = np.full((HEIGHT, WIDTH), 2.5)
+
+VIEW: dict[str, tuple[str, Change, list[str]]] = {
+    "image missing": ("rgb", lambda root: (root / "images/a.png").unlink(), ["images/a.png", "1 of the model's 2"]),
+    "image empty": ("rgb", text("images/a.png", ""), ["images/a.png", "copy"]),
+    "image not one": ("rgb", text("images/a.png", "hello"), ["images/a.png", "not an image", "copy"]),
+    "PNG cut": ("rgb", cut("images/a.png"), ["images/a.png", "cut short", "copy"]),
+    "JPEG cut": ("rgb", jpeg("images/a.png"), ["images/a.png", "truncated", "copy"]),
+    "image of another shape": ("rgb", image(picture(0, WIDTH, 20)), ["images/a.png", "40x20", "40x30"]),
+    "image turned": ("rgb", image(picture(0, HEIGHT, WIDTH)), ["images/a.png", "30x40", "40x30"]),
+    "reference of another shape": (
+        "reference",
+        lambda root: write_image(root / "reference/a.png", picture(0, WIDTH, 20)),
+        ["reference/a.png", "40x20", "40x30"],
+    ),
+    "reference too small": (
+        "reference",
+        lambda root: write_image(root / "reference/a.png", picture(0, WIDTH // 2, HEIGHT // 2)),
+        ["reference/a.png", "20x15", "40x30"],
+    ),
+    "depth PNG cut": ("depth", cut("depths/depth_a.png"), ["depths/depth_a.png", "cut short", "copy"]),
+    "depth 8-bit": ("depth", depth_png(np.ones((HEIGHT, WIDTH), np.uint8)), ["uint8", "16-bit millimetres"]),
+    "depth in colour": ("depth", depth_png(np.dstack([depth_mm()] * 3)), ["30x40x3", "one channel"]),
+    "depth all 0": ("depth", depth_png(0 * depth_mm()), ["depth_a.png: no pixel has a depth"]),
+    "depth all NaN": ("depth", depth_npy(np.nan * METRES), ["depth_a.npy: no pixel has a depth"]),
+    "depth empty": ("depth", depth_npy(np.empty((0, 0))), ["depth_a.npy: no pixel has a depth"]),
+    "depth negative": ("depth", depth_npy(-METRES), ["depth_a.npy: depth -2.5 m is negative", "write 0"]),
+    "depth in mm": ("depth", depth_npy(1000 * METRES), ["depth_a.npy: depth up to 2500 m", "divide by 1000"]),
+    "depth of integers": ("depth", depth_npy(depth_mm()), ["depth_a.npy: is uint16", "float metres"]),
+    "depth of integers, tif": ("depth", depth_tif(depth_mm()), ["depth_a.tif: is uint16", "float metres"]),
+    "depth of another shape": ("depth", depth_npy(METRES[:20]), ["depth_a.npy", "40x20", "a size that cannot match"]),
+    "depth in layers": ("depth", depth_tif(np.dstack([METRES] * 2)), ["depth_a.tif", "one channel"]),
+    "depth pickled": (
+        "depth",
+        replaced("depths/depth_a.npy", lambda path: np.save(path, np.array([{}]), allow_pickle=True)),
+        ["depth_a.npy: cannot be read", "numpy.save"],
+    ),
+    "depth archived": (
+        "depth",
+        replaced(
+            "depths/depth_a.npy",
+            lambda path: (np.savez(path.with_suffix(".npz"), METRES), path.with_suffix(".npz").rename(path)),
+        ),
+        ["depth_a.npy: cannot be read", "numpy.save"],
+    ),
+    "depth npy of a forged shape": (
+        "depth",
+        replaced("depths/depth_a.npy", lambda path: path.write_bytes(forged_npy((1 << 20, 1 << 30)))),
+        ["depth_a.npy: cannot be read", "numpy.save"],
+    ),
+    "depth npy cut": (
+        "depth",
+        replaced("depths/depth_a.npy", lambda path: (np.save(path, METRES), cut(path.name)(path.parent))),
+        ["depth_a.npy: cannot be read", "numpy.save"],
+    ),
+    "depth tif cut": (
+        "depth",
+        replaced("depths/depth_a.tif", lambda path: (tifffile.imwrite(path, METRES), cut(path.name)(path.parent))),
+        ["depth_a.tif: cannot be read", "copy"],
+    ),
+    "depth tif no image": (
+        "depth",
+        replaced("depths/depth_a.tif", lambda path: path.write_text("hello")),
+        ["depth_a.tif: cannot be read", "copy"],
+    ),
+}
+
+
+@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
+def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
+    tmp_path: Path, plane: str, change: Change, parts: list[str]
+) -> None:
+    root = write_dive(tmp_path / "dive")
+    write_image(root / "reference/b.png", picture(1))
+    change(root)
+    scene = load(root)
+    with pytest.raises(InputError) as fault:
+        getattr(scene["a.png"], plane)
+    check(str(fault.value), str(root), *parts)
+    assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
+
+
+def test_an_image_of_floats_is_refused(tmp_path: Path) -> None:
+    """Its range is anybody's guess."""
+    root = write_dive(tmp_path, ["a.tif"])
+    tifffile.imwrite(root / "images/a.tif", picture(0).astype(np.float32), photometric="rgb")
+    with pytest.raises(InputError) as fault:
+        _ = load(root)["a.tif"].rgb
+    check(str(fault.value), "images/a.tif: is float32", "8 or 16 bits")
+
+
+def test_a_cut_file_is_refused_wherever_it_is_cut(tmp_path: Path) -> None:
+    """Decoders that fill up the rest with gray would hand a wrong image on."""
+    root = write_dive(tmp_path, ["a.png", "a.jpg"])
+    shutil.rmtree(root / "depths")
+    for name in ("a.png", "a.jpg"):
+        path = root / "images" / name
+        whole = path.read_bytes()
+        for length in np.linspace(0, len(whole) - 20, 25).astype(int):
+            path.write_bytes(whole[:length])
+            with pytest.raises(InputError) as fault:
+                _ = load(root)[name].rgb
+            check(str(fault.value), name, "copy")
+        path.write_bytes(whole)
+        assert load(root)[name].rgb.shape == (HEIGHT, WIDTH, 3)

@@ -1,0 +1,86 @@
+"""The eiffel_tower dataset against miniatures of its layout."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import pytest
+from support.miniatures.eiffel_tower import NAMES, write_year
+from support.registered_dive import check_dive, write_photographs
+from support.spots import check_message, cut
+
+from sucre_bench.datasets.eiffel_tower import EiffelTower
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = EiffelTower(root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+def test_a_known_point_is_seen_where_it_is_in_undistorted_views(tmp_path: Path) -> None:
+    write_year(tmp_path)
+    check_dive(lambda **options: load(tmp_path, **options), tmp_path / "2015" / "depths")
+
+
+def test_each_visit_is_a_scene_and_one_can_be_chosen(tmp_path: Path) -> None:
+    write_year(tmp_path, "2018", ("a.jpg", "b.jpg"))
+    write_year(tmp_path)
+    scenes = list(EiffelTower(tmp_path).scenes())
+    assert [(scene.name, [view.name for view in scene]) for scene in scenes] == [
+        ("2015", list(NAMES)),
+        ("2018", ["a.jpg", "b.jpg"]),
+    ]
+    assert load(tmp_path, year="2018").data_id == scenes[1].data_id == load(tmp_path / "2018").data_id
+    with pytest.raises(InputError, match="is one visit, not 2015"):
+        load(tmp_path / "2018", year="2015")
+
+
+@pytest.mark.parametrize(
+    ("names", "places"),
+    [
+        (("2015_a.png", "2016_a.png"), ("2015/images/2015_a.png", "2016/images/2016_a.png")),
+        (("2015/a.png", "2016/a.png"), ("2015/images/a.png", "2016/images/a.png")),
+        (("2015/images/a.png", "2016/images/a.png"), ("2015/images/a.png", "2016/images/a.png")),
+        (("2015_a.png", "2016_a.png"), ("global/images/2015_a.png", "global/images/2016_a.png")),
+    ],
+)
+def test_images_of_the_global_model_are_found_in_their_years(
+    tmp_path: Path, names: tuple[str, str], places: tuple[str, str]
+) -> None:
+    write_photographs([tmp_path / place for place in places], tmp_path / "global" / "sfm", names)
+    check_dive(lambda **options: load(tmp_path, year="global", **options), tmp_path / "global" / "depths")
+    scene = load(tmp_path, year="global")
+    assert (scene.name, tuple(view.name for view in scene)) == ("global", names)
+
+
+def test_a_missing_or_damaged_photograph_harms_its_view_only(tmp_path: Path) -> None:
+    images = write_year(tmp_path) / "2015" / "images"
+    cut(images / NAMES[0])
+    with pytest.raises(InputError, match="cut short"):
+        _ = load(tmp_path)[NAMES[0]].rgb
+    (images / NAMES[0]).unlink()
+    scene = load(tmp_path)
+    assert scene[NAMES[1]].rgb.max() > 0.5
+    with pytest.raises(InputError) as fault:
+        _ = scene[NAMES[0]].rgb
+    check_message(str(fault.value), str(images / NAMES[0]), "1 of the model's 2 images are missing")
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    for change, options, words in [
+        (lambda: None, {}, "holds no folder 2015"),
+        (lambda: write_year(tmp_path), {"year": "2016"}, "2016/sfm: no such folder"),
+        (lambda: None, {"depths": "maps"}, "2015/maps: no such folder"),
+        (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, f"2015/images/{NAMES[0]}: no such file, nor any"),
+    ]:
+        change()
+        with pytest.raises(InputError) as fault:
+            load(tmp_path, **options)
+        check_message(str(fault.value), words)
+    with pytest.raises(InputError, match=r"eiffel_tower\.image_scale"):
+        EiffelTower(tmp_path, image_scale=0)
+    with pytest.raises(InputError, match=r"dataset\.root=DIR"):
+        load(tmp_path / "nowhere")

@@ -1,0 +1,169 @@
+"""The nerfstudio dataset against scenes written here, with lenses and axes worked out by their published formulas."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from support.miniatures.nerfstudio import INTRINSICS, LENSES, frame_of, photographed, write_scene
+from support.spots import (
+    HEIGHT,
+    WIDTH,
+    Change,
+    check_both,
+    check_scene_fault,
+    check_view_fault,
+    cut,
+    disk_depth,
+    write_spot,
+)
+
+from sucre_bench.datasets.nerfstudio import Nerfstudio
+from sucre_bench.scene import Scene
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Nerfstudio(root=root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+def edit(change: Any, name: str = "transforms.json") -> Change:
+    """Change what the JSON holds, in place."""
+
+    def apply(root: Path) -> None:
+        content = json.loads((root / name).read_text())
+        change(content)
+        (root / name).write_text(json.dumps(content))
+
+    return apply
+
+
+@pytest.mark.parametrize("lens", LENSES)
+def test_a_known_point_is_seen_where_it_is_in_both_views(tmp_path: Path, lens: str) -> None:
+    scene = load(write_scene(tmp_path, lens))
+    assert [view.name for view in scene] == ["images/0.png", "images/1.png"]
+    assert scene.has == {"poses", "depth"}
+    check_both(*scene)
+    check_both(*load(tmp_path, image_scale=0.5))
+
+
+def test_scales_that_were_applied_are_taken_back(tmp_path: Path) -> None:
+    check_both(*load(write_scene(tmp_path, applied_scale=0.25, depth_unit_scale_factor=0.0005)))
+
+
+@pytest.mark.parametrize("suffix", [".npy", ".tif"])
+def test_float_depth_maps_are_multiplied_too(tmp_path: Path, suffix: str) -> None:
+    import tifffile
+
+    write_scene(tmp_path)
+    for number in range(2):
+        (x, y, z), _ = frame_of(number)
+        metres = disk_depth(photographed(x / z, y / z, LENSES["pinhole"]), z)
+        path = tmp_path / f"depths/{number}{suffix}"
+        np.save(path, metres) if suffix == ".npy" else tifffile.imwrite(path, metres)
+    edit(lambda c: [f.update(depth_file_path=f["depth_file_path"][:-4] + suffix) for f in c["frames"]])(tmp_path)
+    check_both(*load(tmp_path, depth_scale=1.0))
+    assert load(tmp_path).views[0].depth.max() == pytest.approx(9.0 / 1000), "0.001, where nothing else is said"
+
+
+def test_intrinsics_may_stand_with_each_frame(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    own = {**INTRINSICS, "w": WIDTH, "h": HEIGHT}
+
+    def change(content: dict[str, Any]) -> None:
+        content["frames"] = [{**frame, **own} for frame in content["frames"]]
+        content.update(dict.fromkeys(own, 1.0))
+
+    edit(change)(tmp_path)
+    check_both(*load(tmp_path))
+
+
+def test_blender_scenes_have_a_field_of_view_and_names_without_suffix(tmp_path: Path) -> None:
+    """transforms_train.json and _test.json are taken together; the principal point is in the middle."""
+    angle = 0.9
+    focal = WIDTH / 2 / np.tan(angle / 2)
+    for number, split in enumerate(("train", "test")):
+        (x, y, z), matrix = frame_of(number)
+        at = np.array([focal * x / z + WIDTH / 2, focal * y / z + HEIGHT / 2])
+        write_spot(tmp_path / split / "r_0.png", at)
+        np.save(tmp_path / split / "d.npy", disk_depth(at, z))
+        frames = [{"file_path": f"./{split}/r_0", "depth_file_path": f"{split}/d.npy", "transform_matrix": matrix}]
+        content = {"camera_angle_x": angle, "frames": frames}
+        (tmp_path / f"transforms_{split}.json").write_text(json.dumps(content))
+    scene = load(tmp_path, depth_scale=1.0)
+    assert [view.name for view in scene] == ["test/r_0.png", "train/r_0.png"]
+    check_both(*scene)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_masked_pixels_have_no_depth(tmp_path: Path, suffix: str) -> None:
+    write_scene(tmp_path)
+    before = load(tmp_path).data_id
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:, :48] = 0  # whole blocks of a JPEG
+    cv2.imwrite(str(tmp_path / f"mask{suffix}"), np.dstack([mask] * 3))
+    edit(lambda content: content["frames"][0].update(mask_path=f"mask{suffix}"))(tmp_path)
+    scene = load(tmp_path)
+    assert (scene.views[0].depth > 0).tolist() == (mask > 0).tolist()
+    assert (scene.views[1].depth > 0).all()
+    cv2.imwrite(str(tmp_path / f"mask{suffix}"), 255 - mask)
+    assert len({scene.data_id, before, load(tmp_path).data_id}) == 3
+
+
+def test_data_id_changes_with_the_unit_of_depth(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    assert load(tmp_path).data_id == load(tmp_path, depth_scale=0.001).data_id != load(tmp_path, depth_scale=1).data_id
+
+
+def frame(**values: Any) -> Change:
+    return edit(lambda content: content["frames"][0].update(values))
+
+
+FLIPPED = np.diag([1.0, 1.0, -1.0, 1.0]).tolist()
+SCENE: dict[str, tuple[Change, list[str]]] = {
+    "no file": (lambda root: (root / "transforms.json").unlink(), ["transforms.json: no such file"]),
+    "cut": (lambda root: cut(root / "transforms.json"), ["transforms.json: breaks off"]),
+    "no frames": (edit(lambda content: content.update(frames=[])), ["transforms.json: has no frames"]),
+    "a list": (lambda root: (root / "transforms.json").write_text("[1]"), ["has no frames"]),
+    "a path above": (frame(file_path="../secret.png"), ["file_path ../secret.png", "outside", "dataset.root"]),
+    "a path from the top": (frame(file_path="/etc/passwd"), ["file_path /etc/passwd", "outside"]),
+    "another drive": (frame(depth_file_path="C:\\depth.png"), ["depth_file_path C:\\depth.png", "outside"]),
+    "a mask above": (frame(mask_path="a/../../m.png"), ["mask_path a/../../m.png", "outside"]),
+    "no path": (frame(file_path=None), ["no usable file_path"]),
+    "an image twice": (frame(file_path="images/1.png"), ["images/1.png is there twice"]),
+    "a mirrored pose": (frame(transform_matrix=FLIPPED), ["images/0.png", "transform_matrix"]),
+    "a scaled pose": (frame(transform_matrix=(2 * np.eye(4)).tolist()), ["transform_matrix"]),
+    "nothing applied": (edit(lambda c: c.update(applied_scale=0)), ["transforms.json: applied_scale is 0"]),
+    "no unit": (edit(lambda c: c.update(depth_unit_scale_factor=-1)), ["depth_unit_scale_factor is -1"]),
+    "no pose": (frame(transform_matrix="identity"), ["transform_matrix"]),
+    "text for a number": (frame(fl_x="150"), ["fl_x is '150', not a number"]),
+    "no focal length": (edit(lambda content: [content.pop(key) for key in ("fl_x", "fl_y")]), ["camera_angle_x"]),
+    "an unknown lens": (edit(lambda content: content.update(camera_model="EQUIRECTANGULAR")), ["EQUIRECTANGULAR"]),
+    "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["not even images/0.png"]),
+}
+
+
+@pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
+def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
+    change(write_scene(tmp_path))
+    check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
+
+
+VIEW: dict[str, tuple[str, Change, list[str]]] = {
+    "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.png: no such file"]),
+    "image cut": ("rgb", lambda root: cut(root / "images/0.png"), ["images/0.png", "cut short"]),
+    "image of another shape": ("rgb", lambda root: write_spot(root / "images/0.png", np.ones(2), (60, 60)), ["60x60"]),
+    "depth missing": ("depth", lambda root: (root / "depths/0.png").unlink(), ["depths/0.png: no such file"]),
+    "depth cut": ("depth", lambda root: cut(root / "depths/0.png"), ["depths/0.png", "cut short"]),
+    "depth of a kind": ("depth", lambda root: frame(depth_file_path="images/0.jpg")(root), ["images/0.jpg"]),
+}
+
+
+@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
+def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
+    change(write_scene(tmp_path))
+    check_view_fault(*load(tmp_path), plane, tmp_path, parts)

@@ -1,0 +1,151 @@
+"""The openmvs dataset against depth maps packed here byte by byte, as OpenMVS's documentation has them."""
+
+from __future__ import annotations
+
+import struct
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.miniatures.openmvs import METRES, K, dmap, write_scene
+from support.spots import (
+    BOTH,
+    HEIGHT,
+    WIDTH,
+    Change,
+    check_both,
+    check_scene_fault,
+    check_view_fault,
+    cut,
+    pose_of,
+    write_spot,
+)
+
+from sucre_bench.datasets.openmvs import Openmvs
+from sucre_bench.errors import InputError
+from sucre_bench.loading.openmvs_dmap import read_dmap_depth
+from sucre_bench.scene import Scene
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Openmvs(root=root, **{"metres_per_unit": METRES, **options}).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+@pytest.mark.parametrize("magic", [b"DR", b"D2"], ids=["floats", "halves"])
+@pytest.mark.parametrize("step", [1, 2])
+def test_a_known_point_is_seen_where_it_is_in_both_views(tmp_path: Path, magic: bytes, step: int) -> None:
+    scene = load(write_scene(tmp_path, magic, step))
+    assert [view.name for view in scene] == ["images/0.png", "images/1.png"]
+    assert scene.has == {"poses", "depth"}
+    check_both(*scene)
+
+
+@pytest.mark.parametrize("name", ["D:\\dive\\undistorted\\images\\{}.JPG", "/mnt/x/images/{}.jpg", "{}.tif"])
+def test_images_are_found_by_whatever_path_they_had_elsewhere(tmp_path: Path, name: str) -> None:
+    assert [view.name for view in load(write_scene(tmp_path, name=name))] == ["images/0.png", "images/1.png"]
+
+
+def test_image_scale_shrinks_all_alike(tmp_path: Path) -> None:
+    scene = load(write_scene(tmp_path), image_scale=0.5)
+    assert scene.views[0].depth.shape == (HEIGHT // 2, WIDTH // 2)
+    check_both(*scene)
+
+
+def test_data_id_changes_with_the_scale_and_with_a_depth(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    ids = {load(tmp_path).data_id, load(tmp_path).data_id, load(tmp_path, metres_per_unit=1.0).data_id}
+    path = tmp_path / "depth0000.dmap"
+    path.write_bytes(path.read_bytes()[:-4] + b"\1\1\1\1")
+    assert len(ids | {load(tmp_path).data_id}) == 3
+
+
+def other_bytes(offset: int, layout: str, *values: object) -> Change:
+    def change(root: Path) -> None:
+        content = bytearray((root / "depth0000.dmap").read_bytes())
+        struct.pack_into("<" + layout, content, offset, *values)
+        (root / "depth0000.dmap").write_bytes(content)
+
+    return change
+
+
+# The name is 12 bytes from 30 on, the ids are from 42, K is from 58, R from 130 to 202.
+SCENE: dict[str, tuple[Change, list[str]]] = {
+    "no depth map": (lambda root: [path.unlink() for path in root.glob("*.dmap")], ["*.dmap: no depth map"]),
+    "cut in the header": (lambda root: cut(root / "depth0000.dmap", 0.0001), ["depth0000.dmap: breaks off"]),
+    "another format": (other_bytes(0, "2s", b"DX"), ["depth0000.dmap", "not a .dmap"]),
+    "no depth in it": (other_bytes(2, "B", 2), ["depth0000.dmap", "flags 2"]),
+    "a huge depth map": (other_bytes(4, "4I", *[2**31] * 4), ["depth0000.dmap", "not a .dmap"]),
+    "many views": (other_bytes(42, "I", 2**32 - 1), ["depth0000.dmap", "4294967295 views"]),
+    "a name that is no text": (other_bytes(30, "2B", 255, 254), ["depth0000.dmap", "not a .dmap"]),
+    "no focal length": (other_bytes(58, "d", 0.0), ["depth0000.dmap", "K is no camera's"]),
+    "no rotation": (other_bytes(130, "d", 7.0), ["depth0000.dmap", "no pose"]),
+    "a NaN": (other_bytes(58, "d", float("nan")), ["depth0000.dmap", "K is no camera's"]),
+    "two of one image": (
+        lambda root: (root / "x.dmap").write_bytes((root / "depth0000.dmap").read_bytes()),
+        ["x.dmap: is of images/0.png", "depth0000.dmap"],
+    ),
+    "no images": (lambda root: [path.unlink() for path in root.glob("images/*")], ["not even images/0.jpg"]),
+}
+
+
+@pytest.mark.parametrize(("change", "parts"), SCENE.values(), ids=list(SCENE))
+def test_a_fault_of_the_scene_is_one_line_about_the_file(tmp_path: Path, change: Change, parts: list[str]) -> None:
+    change(write_scene(tmp_path))
+    check_scene_fault(lambda: load(tmp_path), tmp_path, parts)
+
+
+VIEW: dict[str, tuple[str, Change, list[str]]] = {
+    "depths cut": ("depth", lambda root: cut(root / "depth0000.dmap", 0.1), ["depth0000.dmap: cut short", "copy"]),
+    "image missing": ("rgb", lambda root: (root / "images/0.png").unlink(), ["images/0.jpg", "depth0000.dmap"]),
+    "image of another shape": ("rgb", lambda root: write_spot(root / "images/0.png", np.ones(2), (60, 60)), ["60x60"]),
+}
+
+
+@pytest.mark.parametrize(("plane", "change", "parts"), VIEW.values(), ids=list(VIEW))
+def test_a_fault_of_one_view_leaves_the_other(tmp_path: Path, plane: str, change: Change, parts: list[str]) -> None:
+    change(write_scene(tmp_path))
+    check_view_fault(*load(tmp_path), plane, tmp_path, parts)
+
+
+def test_the_folder_tells_which_of_two_images_is_meant(tmp_path: Path) -> None:
+    write_spot(write_scene(tmp_path) / "more/0.png", -np.ones(2) * 99)
+    assert load(tmp_path).views[0].name == "images/0.png"
+
+
+@pytest.mark.parametrize("name", ["{}/out/0.png", "../out/0.png", "images/../../out/0.png", "C:/out/0.png", "..", ""])
+def test_nothing_outside_of_root_is_named_or_opened(tmp_path: Path, name: str) -> None:
+    """A view's name becomes the path of its results."""
+    root = write_scene(tmp_path / "root")
+    write_spot(tmp_path / "out/0.png", np.ones(2), (60, 60))
+    (root / "images/0.png").unlink()
+    depth = np.ones((HEIGHT, WIDTH), np.float32)
+    (root / "depth0000.dmap").write_bytes(dmap(name.format(tmp_path), K, pose_of(*BOTH[0]), depth))
+    before = load(root)
+    write_spot(tmp_path / "out/0.png", np.ones(2), (WIDTH, HEIGHT))
+    assert load(root).data_id == before.data_id
+    (bad,) = (view for view in before if view.name != "images/1.png")
+    assert bad.name
+    assert not {"..", "", "/", "C:"} & set(Path(bad.name).parts)
+    check_view_fault(bad, before["images/1.png"], "rgb", root, ["depth0000.dmap"])
+
+
+def test_a_depth_map_cut_anywhere_is_refused(tmp_path: Path) -> None:
+    path = write_scene(tmp_path) / "depth0000.dmap"
+    whole = path.read_bytes()
+    needed = len(whole) - 16 * WIDTH * HEIGHT
+    for length in [*range(250), needed // 2, needed - 1]:
+        path.write_bytes(whole[:length])
+        with pytest.raises(InputError, match=r"depth0000\.dmap"):
+            read_dmap_depth(path)
+    path.write_bytes(whole[:needed])
+    assert read_dmap_depth(path).shape == (HEIGHT, WIDTH)
+
+
+@pytest.mark.parametrize(
+    "options",
+    [{"metres_per_unit": 0.0}, {"metres_per_unit": float("inf")}, {"dmaps": "../*.dmap"}, {"image_scale": 2.0}],
+)
+def test_options_that_make_no_sense_are_refused(tmp_path: Path, options: dict[str, object]) -> None:
+    with pytest.raises(InputError, match=f"openmvs.{next(iter(options))}"):
+        load(tmp_path, **options)

@@ -1,0 +1,82 @@
+"""The seathru_nerf dataset against miniatures of its layout."""
+
+from __future__ import annotations
+
+import shutil
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.colmap_folder import picture, write_image, write_model
+from support.miniatures.seathru_nerf import NAMES, write_reef
+from support.registered_dive import CAMERA, check_dive, model_pose
+from support.spots import HEIGHT, WIDTH, check_message
+
+from sucre_bench.datasets.seathru_nerf import SeathruNerf
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = SeathruNerf(root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+def test_a_known_point_is_seen_where_it_is_in_undistorted_views(tmp_path: Path) -> None:
+    write_reef(tmp_path / "Panama", units=4.0)
+    check_dive(lambda **options: load(tmp_path, metres_per_unit=4.0, **options), tmp_path / "Panama" / "depths")
+    scene = load(tmp_path)
+    assert (scene.name, {view.encoding for view in scene}) == ("Panama", {"linear"})
+    assert scene.data_id != load(tmp_path, encoding="gamma").data_id
+
+
+def test_layouts_of_each_reef_and_of_copies_are_found(tmp_path: Path) -> None:
+    write_reef(tmp_path / "IUI3-RedSea", "Images_wb")
+    write_reef(tmp_path / "Panama", sparse="colmap/sparse/0")
+    write_reef(tmp_path / "Undistorted", "images", "sparse")
+    for path in (tmp_path / "Panama" / "images_wb").iterdir():
+        path.rename(path.with_suffix(".PNG"))  # the model says .png
+    scenes = list(SeathruNerf(tmp_path).scenes())
+    assert [scene.name for scene in scenes] == ["IUI3-RedSea", "Panama", "Undistorted"]
+    assert [view.name for view in scenes[1]] == list(NAMES)
+    np.testing.assert_array_equal(scenes[1].views[0].rgb, scenes[0].views[0].rgb)
+
+
+def test_every_eighth_image_from_the_first_is_the_test(tmp_path: Path) -> None:
+    names = [f"{i:02d}.png" for i in range(18)]
+    for name in names:
+        write_image(tmp_path / "images_wb" / name, picture(0, WIDTH, HEIGHT))
+    write_model(tmp_path / "sparse", [(name, model_pose(np.eye(4)), 1) for name in reversed(names)], [CAMERA])
+    assert [view.name for view in load(tmp_path, split="test")] == ["00.png", "08.png", "16.png"]
+    train = [view.name for view in load(tmp_path, split="train")]
+    assert len(train) == 15
+    assert not {"00.png", "08.png", "16.png"} & set(train)
+
+
+def test_what_is_missing_is_named(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as fault:
+        load(tmp_path)
+    check_message(str(fault.value), "holds no folder images_wb or images")
+    place = write_reef(tmp_path / "Panama")
+    (place / "images_wb" / NAMES[0]).unlink()
+    with pytest.raises(InputError, match=r"MTN_1\.png: no such file \(1 of the model's 2 images"):
+        _ = load(tmp_path)[NAMES[0]].rgb
+    write_image(place / "images_wb" / NAMES[1], picture(0, 50, 90))
+    with pytest.raises(InputError, match="is 50x90, its camera 160x120"):
+        _ = load(tmp_path)[NAMES[1]].rgb
+    with pytest.raises(InputError, match="Panama/maps: no such folder"):
+        load(tmp_path, depths="maps")
+    content = (place / "sparse" / "0" / "images.bin").read_bytes()
+    (place / "sparse" / "0" / "images.bin").write_bytes(content[:-20])
+    with pytest.raises(InputError, match=r"images\.bin"):
+        load(tmp_path)
+    shutil.rmtree(place / "sparse")
+    with pytest.raises(InputError, match="Panama/sparse: no such folder"):
+        load(tmp_path)
+
+
+def test_options_out_of_range_are_refused(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=r"seathru_nerf\.image_scale"):
+        SeathruNerf(tmp_path, image_scale=1.5)
+    with pytest.raises(InputError, match=r"seathru_nerf\.metres_per_unit"):
+        SeathruNerf(tmp_path, metres_per_unit=0)

@@ -1,0 +1,149 @@
+"""The datasets of single images - photos, uieb, lsui, u45 - against miniatures of their layouts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.colmap_folder import HEIGHT, WIDTH, picture, write_image
+from support.miniatures.single_images import write_images
+from support.spots import check_message, cut
+
+from sucre_bench.datasets.lsui import Lsui
+from sucre_bench.datasets.photos import Photos
+from sucre_bench.datasets.u45 import U45
+from sucre_bench.datasets.uieb import Uieb
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene
+
+
+def only(plugin: Photos | Uieb | Lsui | U45) -> Scene:
+    (scene,) = plugin.scenes()
+    return scene
+
+
+def same(plane: np.ndarray | None, seed: int) -> None:
+    assert plane is not None
+    np.testing.assert_array_equal(np.rint(plane * 255), picture(seed))
+
+
+def test_photos_are_views_without_depth_or_camera(tmp_path: Path) -> None:
+    root = write_images(tmp_path / "dive", "b.png", "a.tif", ".hidden.png", "sub/c.png")
+    (root / "notes.txt").write_text("no image")
+    scene = only(Photos(root, encoding="linear"))
+    assert (scene.name, scene.has, [view.name for view in scene]) == ("dive", frozenset(), ["a.tif", "b.png"])
+    view = scene["b.png"]
+    same(view.rgb, 0)
+    assert (view.has_depth, view.camera, view.cam_from_world, view.reference) == (False, None, None, None)
+    assert view.encoding == "linear"
+    assert view.valid.all()
+    half = only(Photos(root, image_scale=0.5))
+    assert half.views[0].rgb.shape == (HEIGHT // 2, WIDTH // 2, 3)
+    assert half.data_id != scene.data_id
+    assert [view.name for view in only(Photos(root, subfolders=True))] == ["a.tif", "b.png", "sub/c.png"]
+
+
+def test_photos_have_references_of_the_same_path(tmp_path: Path) -> None:
+    write_images(tmp_path, "1.png", "2.jpg", "sub/1.png")
+    write_images(tmp_path / "reference", "1.png", "2.png", "sub/1.png", seed=10)
+    scene = only(Photos(tmp_path, subfolders=True))
+    assert ([view.name for view in scene], scene.has) == (["1.png", "2.jpg", "sub/1.png"], {"reference"})
+    for view, seed in zip(scene, (10, 11, 12), strict=True):
+        same(view.reference, seed)
+    (tmp_path / "reference").rename(tmp_path.with_name("truth"))
+    same(only(Photos(tmp_path, reference="../truth"))["2.jpg"].reference, 11)
+    assert only(Photos(tmp_path)).has == frozenset()
+
+
+def test_a_wrong_reference_harms_its_view_only(tmp_path: Path) -> None:
+    write_images(tmp_path, "1.png", "2.png", "3.png", "4.png")
+    truth = write_images(tmp_path / "reference", "1.png", "2.tif", "2.jpg")
+    write_image(truth / "4.png", picture(0, WIDTH, HEIGHT // 2))
+    scene = only(Photos(tmp_path))
+    same(scene["1.png"].reference, 0)
+    for name, words in [
+        ("2.png", "is there as well"),
+        ("3.png", "no such file"),
+        ("4.png", "is 40x15, expected 40x30"),
+    ]:
+        with pytest.raises(InputError) as fault:
+            _ = scene[name].reference
+        check_message(str(fault.value), str(truth), words)
+        assert scene[name].rgb.shape == (HEIGHT, WIDTH, 3)
+
+
+def test_uieb_pairs_by_name_also_where_archives_unpacked_twice(tmp_path: Path) -> None:
+    write_images(tmp_path / "UIEB" / "raw-890" / "raw-890", "1_img_.png", "2_img_.png")
+    write_images(tmp_path / "UIEB" / "reference-890", "1_img_.png", "2_img_.png", seed=5)
+    write_images(tmp_path / "UIEB" / "challenging-60", "9.png")
+    scene = only(Uieb(tmp_path))
+    assert (scene.name, scene.has) == ("paired", {"reference"})
+    assert [view.name for view in scene] == ["1_img_.png", "2_img_.png"]
+    same(scene["2_img_.png"].rgb, 1)
+    same(scene["2_img_.png"].reference, 6)
+    hard = only(Uieb(tmp_path / "UIEB", subset="challenging"))
+    assert (hard.name, hard.has, [view.name for view in hard]) == ("challenging", frozenset(), ["9.png"])
+
+
+def test_lsui_has_a_scene_for_each_part(tmp_path: Path) -> None:
+    for part, seed in (("test", 0), ("train", 20)):
+        write_images(tmp_path / part / "input", "1.png", seed=seed)
+        write_images(tmp_path / part / "GT", "1.png", seed=seed + 7)
+    scenes = list(Lsui(tmp_path).scenes())
+    assert [scene.name for scene in scenes] == ["test", "train"]
+    same(scenes[1]["1.png"].rgb, 20)
+    same(scenes[1]["1.png"].reference, 27)
+    assert only(Lsui(tmp_path / "test")).data_id == scenes[0].data_id
+
+
+def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
+    write_images(tmp_path / "upload" / "U45" / "U45", "1.png", "2.png")
+    write_images(tmp_path / "upload" / "FGAN", "1.png")
+    scene = only(U45(tmp_path))
+    assert (scene.name, scene.has, [view.name for view in scene]) == ("U45", frozenset(), ["1.png", "2.png"])
+    assert only(U45(tmp_path / "upload" / "U45" / "U45")).data_id == scene.data_id
+
+
+@pytest.mark.parametrize(
+    ("make", "there", "words"),
+    [
+        (Photos, [], "holds no image"),
+        (lambda root: Photos(root, reference="truth"), ["a.png"], "truth: no such folder"),
+        (Photos, ["a.png", "reference/b.png"], "no file is named like an image; name them like a.png"),
+        (Uieb, [], "holds no folder raw-890"),
+        (Uieb, ["raw-890/1.png"], "reference-890: no such folder"),
+        (Uieb, ["raw-890/1.png", "reference-890/2.png"], "no file is named like an image"),
+        (lambda root: Uieb(root, subset="challenging"), ["raw-890/1.png"], "holds no folder challenging-60"),
+        (Lsui, ["GT/1.png"], "holds no folder input"),
+        (Lsui, ["input/1.png"], "GT: no such folder"),
+        (U45, ["other/1.png"], "nor a folder U45"),
+    ],
+)
+def test_what_is_missing_is_named(
+    tmp_path: Path, make: Callable[[Path], Photos | Uieb | Lsui | U45], there: list[str], words: str
+) -> None:
+    write_images(tmp_path, *there)
+    with pytest.raises(InputError) as fault:
+        only(make(tmp_path))
+    check_message(str(fault.value), str(tmp_path), words)
+    with pytest.raises(InputError, match=r"\.root=DIR"):
+        only(make(tmp_path / "nowhere"))
+
+
+def test_a_damaged_image_harms_its_view_only(tmp_path: Path) -> None:
+    write_images(tmp_path, "a.png", "b.png", "c.jpg")
+    cut(tmp_path / "a.png")
+    (tmp_path / "c.jpg").write_bytes(b"")
+    scene = only(Photos(tmp_path))
+    same(scene["b.png"].rgb, 1)
+    for name in ("a.png", "c.jpg"):
+        with pytest.raises(InputError, match=f"{name}: cannot be read"):
+            _ = scene[name].rgb
+
+
+@pytest.mark.parametrize("plugin", [Photos, Uieb, Lsui, U45])
+def test_image_scale_is_checked(plugin: Callable[..., object], tmp_path: Path) -> None:
+    with pytest.raises(InputError, match=rf"{plugin.__name__.lower()}\.image_scale"):  # type: ignore[attr-defined]
+        plugin(tmp_path, image_scale=2.0)

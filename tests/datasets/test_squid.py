@@ -1,0 +1,185 @@
+"""The squid dataset against miniatures of its layout, with a pair of cameras worked out by hand."""
+
+from __future__ import annotations
+
+import base64
+import json
+import sys
+from pathlib import Path
+from types import ModuleType, SimpleNamespace
+
+import numpy as np
+import pytest
+import scipy.io
+from support.colmap_folder import HEIGHT, WIDTH
+from support.miniatures.squid import (
+    LEFT,
+    LEFT_PIXEL,
+    RIGHT,
+    RIGHT_PIXEL,
+    ROTATION,
+    STEREO,
+    TRANSLATION,
+    WORLD,
+    picture16,
+    write_site,
+)
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
+from sucre_bench.datasets.squid import Squid
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene
+
+# The same as an object of MATLAB's class stereoParameters, as mat-io 1.0.2 writes it.
+OBJECT = base64.b64decode(
+    "TUFUTEFCIDUuMCBNQVQtZmlsZSBQbGF0Zm9ybS4gQ3JlYXRlZCBvbjogMjAyNi0xMS0yMSAwNzo0MTo0OCBVVEMgYnkgbWF0aW8gd2l0aCBzY2lw"
+    "eSAgICAgICAgICAgICAgICAgICAgICAgICAgICAgICDeAAAAAAAAAAABSU0PAAAAVgAAAHic42NgYJgBxGxAzAHEggwQwAjEPEBcXJJalJofkFiU"
+    "mFsMEWdh8HX2DwbJC6DKpwKZxXxAMQ8k83ih5rFC+WxQsxmh4iC+BIR5lwlJDoRBfADt5g8/DwAAAMYBAAB4nOVVwU7CQBCdlgqYSIM3Tv6CkRjj"
+    "SZpgjBwQEROPZCXVNIFC2h7QExf/xyM3+QU/wIQjicb4Ce6yO2U7FEz0onGSyezMvHnTmW7BBgAnD5DllhvYBCkbyje4FvPSCjGVD0atLnwbJBDr"
+    "zZR6VBm35jlDYerVRgt5xrkFz7bCG7G15ljhF7ieeF33KmCDgRu026p+qNUv+km/QJ5D4Evm6rlnRhJvqpil8o9cp0odHp9wnSoVuCrruQE7ZwG3"
+    "kRuEe1Dzo8DzQ69TZ/wwhFqP3bot796FDsEuFZfhoh+xyOv7jRuZK8NlwPywS4IhR7t9jSlVLOLn02EJMYkv9pLR9qPjjJR4hnBYGk7E9TuRVWdh"
+    "c+qc0/ixB/LS94T5jJanM38ltmaHsLgnWRXHe6L3ECLu0WnMUnMSpKP9pB/nd0kc5aMi+jtr+uP+9P7FuP5I8R47tnou5CkQHtw58gi/JI8v+jvF"
+    "88/2cpacd3RA5sf839kLzvrdvYx3Hl6b4/cKPuFbU0Sen+jcJB/7WE/nSdsL7V9Cksn1RB7wnt7N9zOD1b+r9PsT+ENY/38ACR7r19U7sPo+0HkF"
+    "bguW5b/t7ROm8XMA"
+)
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Squid(root=root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+def seen(scene: Scene) -> list[tuple[Array, float]]:
+    """Where each view has the world point, and its planar depth there, off by what half a pixel of a ray may be."""
+    found = []
+    for view in scene:
+        assert view.camera is not None
+        assert view.cam_from_world is not None
+        pixel, depth = project(view.camera, (view.cam_from_world @ [*WORLD, 1.0])[:3])
+        assert view.depth[int(pixel[1]), int(pixel[0])] == pytest.approx(depth, rel=0.01)
+        found.append((pixel, float(depth)))
+    return found
+
+
+def check_pair(scene: Scene) -> None:
+    (left, left_z), (right, right_z) = seen(scene)
+    assert left == pytest.approx(LEFT_PIXEL)
+    assert right == pytest.approx(RIGHT_PIXEL)
+    assert (left_z, right_z) == pytest.approx((2.0, 2.474))
+
+
+def test_a_world_point_falls_on_its_mark_at_its_planar_depth_in_both_views(tmp_path: Path) -> None:
+    write_site(tmp_path / "Katzaa")
+    scene = load(tmp_path)
+    check_pair(scene)
+    assert (scene.name, sorted(scene.has)) == ("Katzaa_image_set_01", ["depth", "poses"])
+    left, right = scene
+    assert [left.name, right.name] == ["LFT_4007resizedUndistort.tif", "RGT_4011resizedUndistort.tif"]
+    assert left.encoding == "linear"
+    np.testing.assert_array_equal(np.rint(right.rgb * 65535), picture16(1))
+    ray = np.linalg.norm([(39.5 - 20) / 50, (29.5 - 15) / 50, 1])
+    assert left.depth[29, 39] == pytest.approx(9 / ray), "a distance is no depth"
+    np.testing.assert_allclose(left.distance[2:, 35:], 9, rtol=1e-6)
+    assert not left.depth[:2].any(), "NaN, and what lies beyond farthest_m"
+    assert load(tmp_path, farthest_m=8.0).views[0].valid.sum() == 1
+
+
+def test_half_size_is_the_same_scene(tmp_path: Path) -> None:
+    scene = load(write_site(tmp_path), image_scale=0.5)
+    view = scene.views[0]
+    assert view.camera is not None
+    assert view.camera.K.tolist() == [[25, 0, 10], [0, 25, 7.5], [0, 0, 1]]
+    assert view.rgb.shape == (15, 20, 3)
+    assert view.depth.shape == (15, 20)
+    with pytest.raises(InputError, match=r"squid\.image_scale"):
+        Squid(tmp_path, image_scale=0)
+
+
+def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> None:
+    write_site(tmp_path / "Satil", ("image_set_01", "image_set_02"))
+    write_site(tmp_path / "Katzaa")
+    corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
+    charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
+    (tmp_path / "Satil/image_set_02/charts.json").write_text(json.dumps(charts))
+    scenes = list(Squid(tmp_path, image_scale=0.5).scenes())
+    assert [scene.name for scene in scenes] == ["Katzaa_image_set_01", "Satil_image_set_01", "Satil_image_set_02"]
+    assert ["charts" in scene.has for scene in scenes] == [False, False, True]
+    np.testing.assert_array_equal(scenes[2].views[1].charts[0].corners, np.array(corners) / 2)
+    assert len({scene.data_id for scene in scenes}) == 2, "Satil's second set differs"
+
+
+@pytest.mark.parametrize("change", ["metres", "upright K", "no size"])
+def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: str) -> None:
+    stereo = dict(STEREO)
+    if change == "metres":
+        stereo["CameraParameters1"] = LEFT | {"WorldUnits": "m"}
+        stereo["TranslationOfCamera2"] = np.array(TRANSLATION) / 1000
+    elif change == "upright K":
+        stereo["CameraParameters2"] = {"K": np.array(RIGHT["IntrinsicMatrix"]).T}
+        stereo["CameraParameters2"]["ImageSize"] = RIGHT["ImageSize"]
+    if change != "no size":
+        check_pair(load(write_site(tmp_path, stereo=stereo)))
+        return
+    stereo["CameraParameters2"] = RIGHT | {"ImageSize": np.zeros((0, 0))}
+    right = load(write_site(tmp_path, stereo=stereo)).views[1]
+    with pytest.raises(InputError, match="is 40x30, its camera 2737x1827"):
+        _ = right.rgb
+
+
+def test_a_calibration_saved_as_an_object_is_read_with_mat_io(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    write_site(tmp_path, stereo=OBJECT)
+    monkeypatch.setitem(sys.modules, "matio", None)
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: holds an object .* install mat-io"):
+        load(tmp_path)
+
+    def made(path: str) -> dict[str, object]:
+        sides = {f"CameraParameters{k}": SimpleNamespace(properties=p) for k, p in ((1, LEFT), (2, RIGHT))}
+        pair = {"RotationOfCamera2": np.array(ROTATION), "TranslationOfCamera2": np.array(TRANSLATION)}
+        return {"stereoParams": SimpleNamespace(properties=sides | pair)}
+
+    module = ModuleType("matio")
+    vars(module).update(load_from_mat=made)
+    monkeypatch.setitem(sys.modules, "matio", module)
+    check_pair(load(tmp_path))
+
+
+def test_mat_io_itself_reads_the_object(tmp_path: Path) -> None:
+    pytest.importorskip("matio", reason="mat-io is not installed")
+    check_pair(load(write_site(tmp_path, stereo=OBJECT)))
+
+
+def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
+    (tmp_path / "empty").mkdir()
+    write_site(tmp_path, stereo={key: value for key, value in STEREO.items() if key != "TranslationOfCamera2"})
+    path = tmp_path / "stereoParams0.5.mat"
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: is no calibration of two cameras"):
+        load(tmp_path)
+    path.write_bytes(OBJECT[:200])
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: cannot be read"):
+        load(tmp_path)
+    path.unlink()
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: no such file"):
+        load(tmp_path)
+    with pytest.raises(InputError, match="holds no folder image_set_NN"):
+        load(tmp_path / "empty")
+
+
+def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> None:
+    folder = write_site(tmp_path) / "image_set_01"
+    (folder / "LFT_4007resizedUndistort.tif").unlink()
+    maps = scipy.io.loadmat(folder / "distanceFromCamera.mat")
+    scipy.io.savemat(folder / "distanceFromCamera.mat", {"dist_map_r": maps["dist_map_r"]})
+    left, right = load(tmp_path)
+    with pytest.raises(InputError, match=r"LFT_4007resizedUndistort\.tif: no such file"):
+        _ = left.rgb
+    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: holds no map dist_map_l"):
+        _ = left.depth
+    assert right.rgb.shape == (HEIGHT, WIDTH, 3)
+    assert right.depth.max() > 8
+    (folder / "distanceFromCamera.mat").write_bytes((folder / "distanceFromCamera.mat").read_bytes()[:300])
+    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: cannot be read"):
+        _ = load(tmp_path).views[1].depth
+    (folder / "distanceFromCamera.mat").unlink()
+    scene = load(tmp_path)
+    assert (sorted(scene.has), scene.views[1].has_depth) == (["poses"], False)

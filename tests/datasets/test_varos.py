@@ -1,0 +1,139 @@
+"""The varos dataset against miniatures of its layout, with a camera and poses worked out by hand."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.colmap_folder import picture, write_image
+from support.miniatures.varos import HEADER, HEIGHT, POSE_FILE, POSES, WIDTH, write_dive
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import project
+from sucre_bench.datasets.varos import Varos
+from sucre_bench.errors import InputError
+from sucre_bench.scene import Scene, View
+
+# In front of both: 10 m before frame 7, 4 m before frame 8.
+WORLD = [1.0, 1.0, 10.0, 1.0]
+
+
+def load(root: Path, **options: object) -> Scene:
+    (scene,) = Varos(root=root, **options).scenes()  # type: ignore[arg-type]
+    return scene
+
+
+def seen(view: View) -> tuple[Array, float]:
+    assert view.camera is not None
+    assert view.cam_from_world is not None
+    pixel, depth = project(view.camera, (view.cam_from_world @ WORLD)[:3])
+    return pixel, float(depth)
+
+
+def test_a_world_point_falls_on_its_mark_at_its_depth_in_both_views(tmp_path: Path) -> None:
+    cam = write_dive(tmp_path / "2021-08-17_SEQ1" / "vehicle0" / "cam0")
+    scene = load(tmp_path)
+    assert scene.name == "2021-08-17_SEQ1_vehicle0_cam0"
+    assert [view.name for view in scene] == [f"seq01_veh0_camM0_A-0000000{frame}.png" for frame in (7, 8)]
+    assert scene.has == {"poses", "depth", "reference"}
+    for view, pixel, depth in zip(scene, ((19.0, 12.0), (16.0, 16.5)), (10.0, 4.0), strict=True):
+        at, z = seen(view)
+        assert at == pytest.approx(pixel)
+        assert z == pytest.approx(depth)
+        assert view.depth[int(at[1]), int(at[0])] == pytest.approx(depth, abs=25 / 65535), "the mark is there"
+    assert scene.views[0].depth[3, 5] == pytest.approx(20.0, abs=25 / 65535)
+    assert scene.views[0].depth[0, 0] == 0, "25 m and more is unknown"
+    assert scene.views[0].distance[3, 5] > 20.5
+    reference = scene.views[0].reference
+    assert reference is not None
+    np.testing.assert_array_equal(np.rint(reference * 255), picture(8, WIDTH, HEIGHT))
+    np.testing.assert_array_equal(np.rint(scene.views[0].rgb * 255), picture(7, WIDTH, HEIGHT))
+    assert load(cam).data_id == scene.data_id
+
+
+def test_half_size_halves_the_pixel(tmp_path: Path) -> None:
+    view = load(write_dive(tmp_path / "cam0"), image_scale=0.5).views[0]
+    assert seen(view)[0] == pytest.approx([9.5, 6.0])
+    assert view.rgb.shape == (9, 16, 3)
+    assert view.depth.shape == (9, 16)
+    with pytest.raises(InputError, match=r"varos\.image_scale"):
+        Varos(tmp_path, image_scale=1.5)
+
+
+def test_folders_of_ones_own_are_found_with_the_camera_above_them(tmp_path: Path) -> None:
+    write_dive(
+        tmp_path / "cam0", "%YAML:1.0\n---\nfocal_length: 30\nsensor_width: 32\nresolution: [32, 18]\n", sub="train"
+    )
+    for sub in ("val", "test"):
+        write_image(tmp_path / "cam0" / sub / "A" / "frame-00000008.png", picture(1, WIDTH, HEIGHT))
+    inner = load(tmp_path / "cam0")
+    assert inner.views[0].name == "train/seq01_veh0_camM0_A-00000007.png"
+    assert seen(inner.views[1])[0] == pytest.approx([16, 16.5])
+    for plane in "ABD":
+        for path in sorted((tmp_path / "cam0" / plane / "train").iterdir()):
+            path.unlink()
+        (tmp_path / "cam0" / plane / "train").rmdir()
+        (tmp_path / "cam0" / plane).rmdir()
+    test, val = Varos(tmp_path / "cam0").scenes()
+    assert (test.name, val.name, sorted(test.has)) == ("test", "val", ["poses"])
+    assert seen(val.views[0])[1] == pytest.approx(4.0)
+
+
+def test_times_without_file_names_go_by_order_or_are_refused(tmp_path: Path) -> None:
+    cam = write_dive(tmp_path / "cam0")
+    (cam / "camM0_timestamps.csv").write_text("700000000\n800000000\n")
+    assert seen(load(cam).views[1])[1] == pytest.approx(4.0)
+    (cam / "camM0_timestamps.csv").write_text("600000000\n700000000\n800000000\n")
+    with pytest.raises(InputError, match=r"camM0_timestamps\.csv: 3 times .* for 2 images"):
+        load(cam)
+
+
+def test_a_frame_without_a_pose_of_its_time_has_none(tmp_path: Path) -> None:
+    cam = write_dive(tmp_path / "cam0")
+    (cam / POSE_FILE).write_text(f"{HEADER}\n700000000,{POSES[7]}\n")
+    scene = load(cam)
+    assert [view.cam_from_world is None for view in scene] == [False, True]
+
+
+@pytest.mark.parametrize(
+    "name", ["camM0.yaml", "camM0_timestamps.csv", "camM0_poses/camM0_poses_transformation_matrix.csv"]
+)
+def test_a_missing_or_wrong_file_is_named(tmp_path: Path, name: str) -> None:
+    cam = write_dive(tmp_path / "cam0")
+    if "timestamps" not in name:
+        (cam / name).write_text("nonsense\n")
+        with pytest.raises(InputError, match=Path(name).name):
+            load(cam)
+    (cam / name).unlink()
+    with pytest.raises(InputError, match=f"cam0/{name}: no such file"):
+        load(cam)
+
+
+def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> None:
+    cam = write_dive(tmp_path / "cam0")
+    a, b, d = (sorted((cam / plane).iterdir()) for plane in "ABD")
+    a[0].write_bytes(a[0].read_bytes()[:100])
+    b[0].unlink()
+    assert cv2.imwrite(str(d[0]), np.full((HEIGHT, WIDTH), 9, np.uint8))
+    first, second = load(cam)
+    with pytest.raises(InputError, match="cut short"):
+        _ = first.rgb
+    with pytest.raises(InputError, match="no file of frame 7"):
+        _ = first.reference
+    with pytest.raises(InputError, match="uint8 of shape 18x32; expected 16-bit shares of 25 m in one channel"):
+        _ = first.depth
+    assert second.rgb.shape == (18, 32, 3)
+    assert second.reference is not None
+
+
+def test_a_folder_without_the_layout_says_what_is_expected(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="holds no folder A"):
+        list(Varos(tmp_path).scenes())
+    with pytest.raises(InputError, match=r"nowhere: no such folder; .* dataset\.root=DIR"):
+        list(Varos(tmp_path / "nowhere").scenes())
+    cam = write_dive(tmp_path / "cam0")
+    (cam / POSE_FILE).write_text(f"{HEADER}\n700000000,{POSES[7]}\n800000000,0,0,-1,5, 0,1,0,0, 2,0,0,10\n")
+    with pytest.raises(InputError, match="row 3 holds no rotation"):
+        load(cam)

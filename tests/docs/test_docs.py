@@ -1,0 +1,139 @@
+"""The documentation: its commands exist with their options, its links lead somewhere, what it names is there."""
+
+from __future__ import annotations
+
+import re
+import shlex
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.places import ROOT
+
+from sucre_bench import plugins
+from sucre_bench.cli import cli
+from sucre_bench.jobs import command as config
+from sucre_bench.plugins.plugin import Plugin
+
+PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+PLUGINS_OF_EXAMPLES = ("halve_blue", "known_water")  # made by their pages, and run by other tests
+
+
+def text_of(page: Path) -> str:
+    """A page, continued lines joined."""
+    return re.sub(r"\\\n\s*", "", page.read_text(encoding="utf-8"))
+
+
+def blocks(page: Path, language: str) -> list[str]:
+    return re.findall(rf"^```{language}\n(.*?)^```", text_of(page), flags=re.MULTILINE | re.DOTALL)
+
+
+def commands() -> list[str]:
+    """Every sucre-bench command line."""
+    lines = [line.strip() for page in PAGES for line in text_of(page).splitlines()]
+    return sorted({line for line in lines if line.startswith("sucre-bench ")})
+
+
+def mentioned() -> list[str]:
+    """Every sucre-bench command within a sentence, but those that are of no options or only allude to some."""
+    found = {one for page in PAGES for one in re.findall(r"`(sucre-bench [^`]+)`", text_of(page))}
+    return sorted(one for one in found if "..." not in one)
+
+
+def check_options(words: list[str]) -> None:
+    """Of a command other than run."""
+    command = cli.commands[words[0]]
+    known = {"-h", "--help", *(option for p in command.params for option in (*p.opts, *p.secondary_opts))}
+    assert {word.split("=")[0] for word in words[1:] if word.startswith("--")} <= known
+
+
+@pytest.mark.parametrize("line", [c for c in commands() if not any(p in c for p in PLUGINS_OF_EXAMPLES)])
+def test_a_documented_command_exists_with_its_options(line: str):
+    words = shlex.split(line.split("  #")[0])[1:]
+    if words[0] == "run":
+        overrides = [word for word in words[1:] if not word.startswith("-")]
+        assert config.jobs(overrides, multirun="-m" in words).jobs
+    else:
+        check_options(words)
+
+
+@pytest.mark.parametrize("line", mentioned())
+def test_a_command_within_a_sentence_exists_with_its_options(line: str):
+    words = shlex.split(line)[1:]
+    if words[0] == "run":
+        assert "run" in cli.commands
+    elif not words[0].startswith("-"):
+        check_options(words)
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_targets_of_make_are_there(page: Path):
+    targets = set(re.findall(r"^([a-z]+):", (ROOT / "Makefile").read_text(), flags=re.MULTILINE))
+    lines = [line for code in blocks(page, "(?:sh)?") for line in code.splitlines()]
+    lines += re.findall(r"`([^`\n]+)`", text_of(page))
+    told = [found[1] for line in lines if (found := re.search(r"(?:^|\s)make ([a-z]+)$", line))]
+    assert set(told) <= targets
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_python_is_python(page: Path):
+    for code in blocks(page, "python"):
+        compile(code, page.name, "exec")
+
+
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.name)
+def test_links_lead_somewhere_and_nothing_is_left_to_fill_in(page: Path):
+    text = page.read_text(encoding="utf-8")
+    for target in re.findall(r"\]\(([^)#:]+)(?:#[^)]*)?\)", text):
+        assert (page.parent / target).exists() or target == "tutorial.md", target
+    assert "@@" not in text
+    assert "TODO" not in text
+
+
+def test_every_page_is_in_the_sites_navigation():
+    nav = (ROOT / "mkdocs.yml").read_text(encoding="utf-8").split("\nnav:")[1].split("\ntheme:")[0]
+    for page in (ROOT / "docs").glob("*.md"):
+        assert f" {page.name}\n" in nav, page.name
+
+
+def named(page: str) -> set[str]:
+    """Whatever stands in backticks."""
+    return set(re.findall(r"`([^`\n]+)`", (ROOT / "docs" / page).read_text(encoding="utf-8")))
+
+
+def built_in(kind: Any) -> dict[str, Plugin]:
+    found = plugins.discover(kind)
+    return {n: p for n, p in found.items() if isinstance(p, Plugin) and p.cls.__module__.startswith("sucre_bench.")}
+
+
+def test_every_metric_and_variant_is_explained():
+    told = named("metrics.md")
+    for name, metric in built_in("metric").items():
+        assert name in told, name
+        assert set(metric.variants) <= told, f"{name}: {set(metric.variants) - told}"
+
+
+def test_default_variants_are_the_bold_ones():
+    text = (ROOT / "docs" / "metrics.md").read_text(encoding="utf-8")
+    bold = set(re.findall(r"\*\*`([^`]+)`\*\*", text))
+    metrics = built_in("metric").values()
+    assert bold == {variant for metric in metrics for variant in metric.default}
+
+
+def test_every_dataset_and_method_has_its_place():
+    for kind, page in (("dataset", "datasets.md"), ("method", "methods.md")):
+        text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+        assert not [name for name in built_in(kind) if name not in text]
+
+
+def test_the_first_five_minutes_run_as_they_stand(bench: Callable[..., Any], tmp_path: Path):
+    small = ["dataset.width=160", "dataset.height=120", "dataset.views=4", f"dataset.root={tmp_path / 'demo'}"]
+    lines = [line for code in blocks(ROOT / "docs" / "index.md", "sh") for line in code.splitlines()]
+    lines = [line for line in lines if line.startswith("sucre-bench ")]
+    assert [line.split()[1] for line in lines] == ["list", "run", "compare", "score"]
+    for line in lines:
+        extra = [*small, "every=2", "tracking.uri=off"] if line.split()[1] == "run" else []
+        done = bench(*[word for word in line.split()[1:] if word != "every=4"], *extra)
+        assert done.returncode == 0, f"{line}: {done.stdout} {done.stderr}"
+    assert (tmp_path / "results" / "report" / "index.html").is_file()

@@ -1,0 +1,69 @@
+"""The example of a package of others: installed as it is, outside the repository, and used from there."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from support.places import ROOT
+
+EXAMPLE = ROOT / "examples" / "colour-extras"
+Bench = Callable[..., "subprocess.CompletedProcess[str]"]
+
+
+@pytest.fixture(scope="module")
+def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A copy of its source: installing leaves files there."""
+    return shutil.copytree(EXAMPLE, tmp_path_factory.mktemp("source") / EXAMPLE.name)
+
+
+@pytest.fixture(scope="module")
+def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
+    """The folder it is installed in."""
+    target = tmp_path_factory.mktemp("installed")
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-compile"]
+    done = subprocess.run([*install, "--target", str(target), str(copied)], capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return str(target)
+
+
+def test_all_that_it_brings_is_listed(bench: Bench, installed: str) -> None:
+    for what, name in (("methods", "white_patch"), ("metrics", "colourfulness"), ("datasets", "ramp")):
+        listed = {one["name"]: one for one in json.loads(bench("list", what, "--json", PYTHONPATH=installed).stdout)}
+        assert listed[name]["installed"], what
+        assert listed[name]["description"].endswith("."), what
+
+
+def test_all_that_it_brings_is_run_together_with_what_is_built_in(bench: Bench, installed: str, tmp_path: Path) -> None:
+    job = ["dataset=ramp", "method=underwater,white_patch", "metrics=[psnr,colourfulness]", "out=results"]
+    done = bench("run", "-m", *job, "tracking.uri=off", "report=false", PYTHONPATH=installed)
+    assert done.returncode == 0, done.stderr
+    assert "8 ok, 0 failed, 0 skipped" in done.stdout
+    assert (tmp_path / "results" / "restored" / "ramp" / "white_patch").is_dir()
+
+
+@pytest.mark.parametrize("name", ["white_patch", "colourfulness", "ramp"])
+def test_all_that_it_brings_keeps_the_contract(bench: Bench, installed: str, name: str) -> None:
+    done = bench("check", name, "--on", "ramp", "--json", PYTHONPATH=installed)
+    (told,) = json.loads(done.stdout)
+    assert {rule["status"] for rule in told["rules"]} == {"kept"}, told
+    assert done.returncode == 0
+    assert told["file"].startswith(installed)
+
+
+def test_its_own_tests_pass(copied: Path, installed: str) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", str(copied / "tests")],
+        cwd=copied,
+        env={"PATH": "", "PYTHONPATH": installed},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    assert "6 passed" in done.stdout

@@ -1,0 +1,30 @@
+"""The tutorial's notebook: it runs from the first cell to the last, and says what its text says."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import nbformat
+import pytest
+from nbclient import NotebookClient
+from support.places import ROOT
+
+NOTEBOOK = ROOT / "docs" / "tutorial.ipynb"
+
+
+def test_it_keeps_no_outputs():
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    assert not any(cell.get("outputs") or cell.get("execution_count") for cell in notebook.cells)
+
+
+def test_it_runs_without_a_screen_and_its_own_method_is_in_the_table(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("TMPDIR", str(tmp_path))
+    monkeypatch.setenv("IPYTHONDIR", str(tmp_path / "ipython"))
+    notebook = nbformat.read(NOTEBOOK, as_version=4)
+    NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(tmp_path)}}).execute()
+    outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stdout"]
+    by_method = {line.split("|")[1].strip(): line for line in said[-1].splitlines() if line.startswith("| ")}
+    assert {"gray_world", "sucre", "known_water"} <= set(by_method)
+    assert not [output.text for output in outputs if output.output_type == "stream" and output.name == "stderr"]

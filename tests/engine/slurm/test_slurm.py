@@ -1,0 +1,332 @@
+"""Sweeps on a real SLURM, started here: what is lost with a job, what is not, and that nothing hangs."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import os
+import pickle
+import re
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+from support import slurm_cluster
+from support.places import TOYS
+
+from sucre_bench import results
+from sucre_bench.engine import sweep
+from sucre_bench.engine.slurm import squeue, waiting
+from sucre_bench.engine.slurm.waiting import Submitted, wait
+
+BENCH = str(Path(sys.executable).with_name("sucre-bench"))
+QUIET = ("tracking.uri=off", "report=false")
+ARRAY = 7  # the most jobs of one array, in the cluster of these tests: one less than the jobs of the longest sweep
+
+EVENTFUL = '''
+import json
+import os
+import time
+from dataclasses import dataclass
+from pathlib import Path
+
+from sucre_bench import Restoration, Scene, View, method
+
+
+@method()
+@dataclass(frozen=True)
+class Eventful:
+    """Notes each call; waits at some views until something happens to it, once; fails at one until it is mended."""
+
+    notes: Path
+    """A folder."""
+    waits: tuple[str, ...] = ()
+    """Views to wait at."""
+    fails: str = ""
+    """A view that fails."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        import cv2
+
+        with (self.notes / "calls").open("a") as file:
+            file.write(f"{view.name}\\n")
+        waited = self.notes / f"{view.name}.waited"
+        if view.name in self.waits and not waited.exists():
+            threads = {name: value for name, value in os.environ.items() if name.endswith("_NUM_THREADS")}
+            told = {"cores": len(os.sched_getaffinity(0)), "opencv": cv2.getNumThreads(), **threads}
+            number = [os.environ.get(f"SLURM_ARRAY_{name}_ID", "") for name in ("JOB", "TASK")]
+            here = {"job": "_".join(number), "pid": os.getpid(), "threads": told}
+            waited.with_suffix(".new").write_text(json.dumps(here))
+            waited.with_suffix(".new").replace(waited)
+            time.sleep(300)
+        if view.name == self.fails and not (self.notes / "mended").exists():
+            raise ValueError("boom")
+        time.sleep(1.01 if view.name == "v4.png" else 0)  # long enough for its rows to be written at once
+        return Restoration(view.rgb * 1.0)
+'''
+
+
+@pytest.fixture(scope="module")
+def cluster() -> Iterator[dict[str, str]]:
+    missing = slurm_cluster.what_is_missing()
+    if missing and os.environ.get("SUCRE_BENCH_TEST_SLURM") != "1":
+        pytest.skip(f"no SLURM can be started here: {missing}")
+    assert not missing, missing
+    with slurm_cluster.slurm(max_array=ARRAY) as environment:
+        yield environment
+
+
+class Bench:
+    """A user at a login node: runs sweeps of the eventful method in the background, and SLURM's commands."""
+
+    def __init__(self, folder: Path, cluster: dict[str, str], commands: contextlib.ExitStack) -> None:
+        self.out, self.notes, self.plugin = folder / "out", folder / "notes", folder / "eventful.py"
+        self.notes.mkdir()
+        self.plugin.write_text(EVENTFUL)
+        self._commands = commands
+        self._environment = {**os.environ, **cluster, "COLUMNS": "300"}
+
+    @property
+    def fixed(self) -> list[str]:
+        return ["dataset=toy", "method=eventful", f"method.notes={self.notes}", "metrics=[psnr]", *QUIET]
+
+    def start(self, *overrides: str, launcher: str = "slurm") -> subprocess.Popen[str]:
+        plugins = [f"--plugin={TOYS}", f"--plugin={self.plugin}"]
+        where = [f"out={self.out}", f"hydra/launcher={launcher}", "hydra.launcher.latency_s=1"]
+        command = subprocess.Popen(
+            [BENCH, "run", "-m", *plugins, *self.fixed, *where, *overrides],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.STDOUT,
+            text=True,
+            env=self._environment,
+            cwd=self.notes,
+        )
+        self._commands.enter_context(command)
+        self._commands.callback(command.kill)
+        return command
+
+    def run(self, *overrides: str, launcher: str = "slurm") -> tuple[int, str]:
+        process = self.start(*overrides, launcher=launcher)
+        said, _ = process.communicate(timeout=200)
+        return process.returncode, said
+
+    def slurm(self, *command: str) -> str:
+        """What a command of SLURM's answers. Its exit code may be an error though it did what it was to do."""
+        return subprocess.run(command, env=self._environment, check=False, capture_output=True, text=True).stdout
+
+    def job_at(self, view: str, of: subprocess.Popen[str]) -> str:
+        """The id of the job that waits at a view."""
+        self.until((self.notes / f"{view}.waited").exists, of)
+        return str(self.told_at(view)["job"])
+
+    def told_at(self, view: str) -> dict[str, Any]:
+        """What the job that waited at a view found there."""
+        told: dict[str, Any] = json.loads((self.notes / f"{view}.waited").read_text())
+        return told
+
+    def at_work(self) -> list[str]:
+        return self.slurm("squeue", "--noheader", "--array", "--format=%i").split()
+
+    def calls(self) -> list[str]:
+        path = self.notes / "calls"
+        return sorted(path.read_text().split()) if path.exists() else []
+
+    @staticmethod
+    def until(true: Callable[[], bool], process: subprocess.Popen[str]) -> None:
+        until = time.monotonic() + 120
+        while not true():
+            assert process.poll() is None, process.communicate()[0]
+            assert time.monotonic() < until
+            time.sleep(0.05)
+
+
+@pytest.fixture
+def user(tmp_path: Path, cluster: dict[str, str]) -> Iterator[Bench]:
+    with contextlib.ExitStack() as commands:
+        yield Bench(tmp_path, cluster, commands)
+    slurm_cluster.end_all(cluster)
+
+
+SHARDS = ("dataset.views=16", "shard.count=8", "shard.index=range(8)")
+
+
+def test_a_sweep_survives_what_happens_to_its_jobs_and_the_same_command_does_what_is_left(user: Bench, tmp_path: Path):
+    events = ("method.waits=[v5.png,v9.png,v13.png]", "method.fails=v1.png")
+    command = user.start(*SHARDS, *events)
+    killed = user.job_at("v5.png", command)
+    os.kill(user.told_at("v5.png")["pid"], signal.SIGKILL)  # as for want of memory
+    late = user.job_at("v9.png", command)
+    user.slurm("scancel", "--signal=USR2", late)  # what SLURM sends some time before the limit
+    again = user.job_at("v13.png", command)
+    user.slurm("scontrol", "requeue", again)  # what becomes of a job whose node fails
+    said, _ = command.communicate(timeout=200)
+
+    assert command.returncode == 1, said
+    rows = results.read(user.out)
+    done = set(rows[(rows["metric"] == "psnr") & (rows["status"] == "ok")]["view"])
+    assert done == {f"v{i}.png" for i in range(16)} - {"v1.png", "v5.png", "v9.png"}, said
+    assert f"SLURM job {killed} (shard 2 of 8) was killed (FAILED" in said, said
+    assert f"SLURM job {late} (shard 4 of 8) reached its time limit" in said
+    assert "ValueError: boom" in said
+    assert "13 ok, 3 failed" in said
+    assert user.calls().count("v13.png") == 2
+    array = killed.removesuffix("_2")
+    assert (late, again) == (f"{array}_4", f"{array}_6")
+    assert re.search(rf"SLURM job {array}, \d+: logs in", said)  # the eighth job found no place in the array
+    assert set(user.told_at("v5.png")["threads"].values()) == {1, "1"}
+
+    (user.notes / "calls").unlink()
+    (user.notes / "mended").touch()
+    code, said = user.run(*SHARDS, *events)
+    assert (code, user.calls()) == (0, ["v1.png", "v5.png", "v9.png"]), said
+    assert "16 ok (13 cached), 0 failed" in said
+
+    here = [*user.fixed, "dataset.views=16", *events, f"out={tmp_path / 'whole'}"]
+    whole = sweep.run(here, False, [str(TOYS), str(user.plugin)])
+    assert told(results.read(user.out)).equals(told(whole.rows))
+
+
+def told(rows: pd.DataFrame) -> pd.DataFrame:
+    """What a table says but for how long things took, in one order."""
+    rows = rows[~rows["metric"].isin(["seconds", "peak_mb"])].drop(columns=["seconds", "peak_mb", "time"])
+    assert len(rows)
+    return rows.sort_values(["scene", "view", "metric", "variant", "region"]).reset_index(drop=True)
+
+
+def test_ctrl_c_cancels_the_jobs_and_keeps_what_they_did(user: Bench):
+    command = user.start("dataset.views=4", "shard.count=2", "shard.index=0,1", "method.waits=[v3.png]")
+    at_work = user.job_at("v3.png", command)
+    command.send_signal(signal.SIGINT)
+    said, _ = command.communicate(timeout=100)
+    assert command.returncode == 130, said
+    assert "cancelling SLURM job" in said
+    assert user.at_work() == []
+    assert {"v2.png"} <= set(results.read(user.out)["view"]) <= {"v0.png", "v1.png", "v2.png"}, said
+    assert "KeyboardInterrupt" in (user.out / "logs" / "slurm" / f"{at_work}_0_log.err").read_text()  # not SIGKILL
+
+
+def test_jobs_whose_command_was_killed_are_not_doubled(user: Bench):
+    overrides = ("dataset.views=2", "shard.count=2", "shard.index=0,1", "method.waits=[v1.png]")
+    command = user.start(*overrides)
+    user.until((user.notes / "v1.png.waited").exists, command)
+    command.kill()
+    command.communicate()
+    (left,) = {job.partition("_")[0] for job in user.at_work()}
+    code, said = user.run(*overrides)
+    assert code == 1
+    assert f"SLURM job {left} of an earlier command is not done" in said
+    user.slurm("scancel", left)
+    until = time.monotonic() + 10
+    while user.at_work() and time.monotonic() < until:
+        time.sleep(0.1)
+    code, said = user.run(*overrides, launcher="submitit_slurm")
+    assert (code, user.calls()) == (0, ["v0.png", "v1.png", "v1.png"]), said
+
+
+def test_what_slurm_refuses_is_said_in_its_words(user: Bench):
+    code, said = user.run("dataset.views=2", "shard.count=2", "shard.index=0,1", "hydra.launcher.partition=nowhere")
+    assert code == 1
+    assert "SLURM took 0 of 2 jobs; sbatch: error" in said
+    assert "invalid partition" in said
+    assert user.at_work() == []
+
+
+def test_without_slurm_the_launcher_says_where_to_go(user: Bench):
+    user._environment["PATH"] = ""
+    code, said = user.run("dataset.views=2", "shard.count=2", "shard.index=0,1")
+    assert code == 1
+    assert "no sbatch here; give the command on a login node" in said
+
+
+# -- waiting, without a cluster ----------------------------------------------------------------------------
+
+
+@pytest.fixture
+def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Submitted:
+    monkeypatch.setattr(waiting, "_LOOK_S", 0.01)
+    monkeypatch.setattr(waiting, "_MOST_BETWEEN_QUESTIONS_S", 0.0)
+    (tmp_path / "log").write_text("one\nexecve(): python: No such file or directory\n\n")
+    return Submitted("7_1", tmp_path / "result.pkl", tmp_path / "out", tmp_path / "log")
+
+
+def answers(*states: str | None, then: Callable[[], object] = lambda: None) -> Callable[[], dict[str, str] | None]:
+    """A queue that says of job 7_1 one thing after another, "" when it does not list it; the last for ever."""
+    left = list(states)
+
+    def answer() -> dict[str, str] | None:
+        state = left.pop(0) if len(left) > 1 else left[0]
+        if len(left) == 1:
+            then()
+        return None if state is None else {"8": "RUNNING", **({"7_1": state} if state else {})}
+
+    return answer
+
+
+def leaves(job: Submitted, outcome: object) -> Callable[[], object]:
+    return lambda: job.result.write_bytes(pickle.dumps(outcome))
+
+
+@pytest.mark.parametrize(
+    ("states", "reason"),
+    [
+        (["RUNNING", "OUT_OF_MEMORY"], "ran out of memory; give more with hydra.launcher.mem_gb= (OUT_OF_MEMORY)"),
+        (["RUNNING", "FAILED"], "was killed (FAILED, execve(): python: No such file or directory)"),
+        (["RUNNING", "TIMEOUT", ""], "reached its time limit"),  # listed for a while only
+        (["RUNNING", ""], "is not known to SLURM any more; log"),
+        (["PENDING", "CANCELLED"], "was cancelled (CANCELLED)"),
+    ],
+)
+def test_a_job_that_ended_without_a_result_is_lost(job: Submitted, states: list[str], reason: str):
+    ((ended, fault),) = wait([job], answers(*states), latency_s=0.05)
+    assert ended is job
+    assert reason in fault
+    assert fault.endswith(f"; log: {job.stderr}")
+
+
+@pytest.mark.parametrize(
+    "states", [["RUNNING", None, None], ["COMPLETED", "COMPLETED"], ["NODE_FAIL", "PENDING", "RUNNING"]]
+)
+def test_a_job_is_not_given_up_too_early(job: Submitted, states: list[str | None]):
+    """A controller that is down says nothing of jobs; results may come late; a job may start anew."""
+    begun = time.monotonic()
+
+    def late() -> None:
+        if time.monotonic() - begun > (0.1 if states[-1] == "COMPLETED" else 0.5):
+            leaves(job, ("success", ""))()
+
+    assert list(wait([job], answers(*states, then=late), latency_s=0.3)) == [(job, "")]
+
+
+@pytest.mark.parametrize(
+    ("outcome", "reason"),
+    [
+        (("success", ""), ""),
+        (("success", "reached its time limit"), "reached its time limit"),
+        (("error", "Traceback\n  ...\nImportError: no such library\n"), "failed, ImportError: no such library; log: "),
+    ],
+)
+def test_a_result_says_how_a_job_ended(job: Submitted, outcome: object, reason: str):
+    ((_, fault),) = wait([job], answers("RUNNING", "RUNNING", then=leaves(job, outcome)), latency_s=9)
+    assert fault.startswith(reason)
+    assert bool(fault) is bool(reason)
+
+
+def test_a_damaged_result_is_a_fault(job: Submitted):
+    job.result.write_bytes(b"\x80")
+    ((_, fault),) = wait([job], answers("RUNNING"), latency_s=9)
+    assert "cannot be read" in fault
+
+
+def test_the_size_of_arrays_is_the_clusters(cluster: dict[str, str], monkeypatch: pytest.MonkeyPatch):
+    for name, value in cluster.items():
+        monkeypatch.setenv(name, value)
+    assert squeue.largest_array() == ARRAY
+    monkeypatch.setenv("PATH", "")
+    assert squeue.largest_array() == 1001
+    assert squeue.states() is None

@@ -1,0 +1,77 @@
+"""The main job on real underwater photographs, where they are at hand beside the checkout."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from support.places import DATA
+
+import sucre_bench as sb
+from sucre_bench.engine import sweep
+from sucre_bench.imaging.charts.reading import measure
+
+# psi-bar of the unrestored photographs, degrees, by chart from near to far.
+INPUT_PSI = {"D5_fig01_LFT_3374.png": [30.8, 33.8, 35.9, 36.8], "LFT_3411.png": [23.2, 26.9, 29.6, 34.9]}
+
+
+def run(folder: str, out: Path, *overrides: str) -> sweep.Outcome:
+    root = DATA / folder
+    if not root.is_dir():
+        pytest.skip(f"needs the real scene {folder} in {DATA}")
+    return sweep.run(["dataset=colmap", f"dataset.root={root}", f"out={out}", "tracking.uri=off", *overrides], True)
+
+
+def by_chart(rows: pd.DataFrame, method: str) -> dict[str, list[float]]:
+    charts = rows[(rows["metric"] == "psi") & (rows["method"] == method) & (rows["region"].str.fullmatch(r"chart\d"))]
+    return {str(v): own.sort_values("region")["value"].tolist() for v, own in charts.groupby("view")}
+
+
+def test_sucre_brings_the_charts_of_sea_thru_d5_closer_to_their_colours(tmp_path: Path):
+    views = f"views=[{','.join(INPUT_PSI)}]"
+    outcome = run("seathru_d5_charts", tmp_path, "method=underwater,sucre_paper", views, "metrics=[psi]")
+    assert outcome.exit_code == 0
+    unrestored, restored = (by_chart(outcome.rows, m) for m in ("underwater", "sucre_paper"))
+    for view, expected in INPUT_PSI.items():
+        assert unrestored[view] == pytest.approx(expected, abs=1)
+        assert (np.array(restored[view]) < unrestored[view]).all()
+
+    # Red patches look red and yellow ones yellow, at every distance, where the photographs are blue-green.
+    scene = next(sb.load_scenes("colmap", root=DATA / "seathru_d5_charts"))
+    for view in INPUT_PSI:
+        for chart in scene[view].charts:
+            before, after = (patches(tmp_path, method, view, chart) for method in ("underwater", "sucre_paper"))
+            assert before["red"][0] < 1.2 * before["red"][1:].max()
+            assert after["red"][0] > 1.3 * after["red"][1:].max()
+            assert after["yellow"][:2].min() > 1.2 * after["yellow"][2]
+
+
+def test_sucre_plus_is_closer_still_and_its_colours_are_not_negative(tmp_path: Path):
+    views, methods = f"views=[{','.join(INPUT_PSI)}]", ("sucre_paper", "sucre", "sucre_plus")
+    outcome = run("seathru_d5_charts", tmp_path, f"method={','.join(methods)}", views, "metrics=[psi,negative]")
+    assert outcome.exit_code == 0
+    psi = {name: np.array(list(by_chart(outcome.rows, name).values())) for name in methods}  # (views, charts)
+    negative = outcome.rows[outcome.rows["metric"] == "negative"].groupby("method")["value"].mean()
+    assert psi["sucre_plus"].mean() < min(psi["sucre_paper"].mean() - 1, 20)
+    assert psi["sucre_plus"].std(ddof=1) < 3 < psi["sucre"].std(ddof=1)
+    assert negative["sucre_plus"] < 0.02 < 0.5 < negative["sucre"]
+
+
+def patches(out: Path, method: str, view: str, chart: sb.Chart) -> dict[str, np.ndarray]:
+    """Median colours of a chart's patches in a restored picture, by name."""
+    picture = cv2.imread(str(out / "restored" / "colmap" / method / view))[..., ::-1]
+    return {reading.patch.name: reading.rgb for reading in measure(picture.astype(np.float32), chart)}
+
+
+def test_every_restorer_runs_on_the_pool(tmp_path: Path):
+    outcome = run(
+        "subvo_pool", tmp_path, "method=underwater,gray_world,histogram_stretch,stitching,sucre_paper",
+        "dataset.image_scale=0.5", "every=6", "metrics=[uciqe,uiqm,coverage]",
+    )  # fmt: skip
+    assert (outcome.ok, outcome.failed, outcome.skipped) == (10, (), ())
+    coverage = outcome.rows[outcome.rows["metric"] == "coverage"].groupby("method")["value"].mean()
+    assert coverage["underwater"] == 1
+    assert 0.1 < coverage["sucre_paper"] < 0.9  # as far as its depth maps reach

@@ -1,0 +1,415 @@
+"""The main job, from overrides to table and files."""
+
+from __future__ import annotations
+
+import errno
+import json
+import os
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.toy_runs import calls, run
+
+import sucre_bench as sb
+from sucre_bench import plugins, results
+from sucre_bench.engine import preflight, sweep
+from sucre_bench.errors import OutputError
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.plugins import registry
+from sucre_bench.plugins.registry import find
+
+
+@pytest.fixture
+def out(tmp_path: Path, toys: str) -> Path:
+    return tmp_path / "out"
+
+
+def test_a_run_leaves_table_config_environment_and_pictures(out: Path):
+    outcome = run(out, "save=full")
+    assert (outcome.ok, outcome.failed, outcome.exit_code) == (3, (), 0)
+    assert {p.name for p in (out / "restored" / "toy" / "gain").iterdir()} == {
+        f"v{n}.{s}" for n in range(3) for s in ("png", "npz", "json")
+    }
+    for name in ("scores.parquet", "config.yaml", "environment.json"):
+        assert (out / name).is_file()
+    rows = pd.read_parquet(out / "scores.parquet")
+    assert tuple(rows.columns) == (
+        "dataset", "scene", "view", "method", "options", "options_id", "metric", "variant", "region", "value", "unit",
+        "better", "n_pixels", "coverage", "status", "reason", "seconds", "peak_mb", "device", "seed", "code",
+        "data_id", "time",
+    )  # fmt: skip
+    assert set(rows["metric"]) == {"psnr", "redness", "seconds", "peak_mb"}
+    assert (rows["status"] == "ok").all()
+    assert not (out / "parts").exists()
+
+
+def test_scores_are_those_of_the_picture_that_is_kept(out: Path):
+    """PSNR against the reference, worked out here from the files alone."""
+    import cv2
+
+    outcome = run(out, "method.gain=1.1", "save=full")
+    rows = outcome.rows[(outcome.rows["metric"] == "psnr") & (outcome.rows["view"] == "v1.png")]
+    scene = next(iter(find("dataset", "toy").cls().scenes()))
+    reference = scene["v1.png"].reference
+    kept = cv2.imread(str(out / "restored" / "toy" / "gain" / "v1.png"))[..., ::-1] / 255.0
+    expected = -10 * np.log10(((kept - reference) ** 2).mean())
+    assert rows["value"].item() == pytest.approx(expected, abs=0.02)  # the file is rounded to 8 bits
+
+
+def test_run_twice_computes_nothing_again(out: Path, tmp_path: Path):
+    log = f"method.log={tmp_path / 'log'}"
+    first = run(out, log)
+    second = run(out, log)
+    assert calls(tmp_path / "log") == ["v0.png", "v1.png", "v2.png"]
+    assert (second.ok, second.cached, second.exit_code) == (3, 3, 0)
+    pd.testing.assert_frame_equal(first.rows, second.rows)
+
+
+@pytest.mark.parametrize(
+    ("change", "again"),
+    [
+        ("overwrite=always", 3),
+        ("overwrite=never", 0),
+        ("metrics=[psnr,redness,ssim]", 3),
+        ("metrics=[psnr]", 0),
+        ("metrics.redness.factor=2", 3),
+        ("dataset.tag=other", 3),
+        ("save=full", 3),
+        ("views=[v1.png]", 0),
+    ],
+)
+def test_what_changed_is_computed_again_and_nothing_else(out: Path, tmp_path: Path, change: str, again: int):
+    log = f"method.log={tmp_path / 'log'}"
+    run(out, log)
+    run(out, log, "dataset.label=toy", change)
+    assert len(calls(tmp_path / "log")) == 3 + again
+
+
+@pytest.mark.parametrize("folder", [False, True])
+def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, folder: bool):
+    table = tmp_path / "table"
+    if folder:
+        table.mkdir()
+    file, options = table / "gain" if folder else table, ("method=tabulated", f"method.table={table}")
+    file.write_text("1.5")
+    assert run(out, *options).cached == 0
+    first = run(out, *options)
+    assert (first.ok, first.cached) == (2, 2)
+    file.write_text("2.25")
+    changed = run(out, *options)
+    assert changed.cached == 0
+    psnr = [o.rows.query("metric == 'psnr' and view == 'v0.png'")["value"].item() for o in (first, changed)]
+    assert psnr[0] != psnr[1]
+
+
+def test_a_view_that_a_method_has_nothing_to_say_about_is_skipped_with_its_reason(out: Path, tmp_path: Path):
+    (tmp_path / "table").write_text("1")
+    outcome = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}")
+    assert (outcome.ok, outcome.failed, outcome.exit_code) == (2, (), 0)
+    row = outcome.rows[outcome.rows["view"] == "v2.png"].iloc[0]
+    assert (row["status"], row["reason"]) == ("skipped", "v2.png: not in the table; add it")
+
+
+def test_what_a_method_took_elsewhere_counts_and_what_it_tells_is_json(out: Path, tmp_path: Path):
+    (tmp_path / "table").write_text("1")
+    rows = run(out, "method=tabulated", f"method.table={tmp_path / 'table'}").rows
+    kept = rows[rows["view"] == "v0.png"].set_index("metric")["value"]
+    assert kept["seconds"] == 12.5
+    assert np.isnan(kept["peak_mb"])
+    told = (out / "restored" / "toy" / "tabulated" / "v0.json").read_text()
+    content = json.loads(told, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert (content["B"], content["beta"], content["deviation"]) == ([0.2] * 3, [None] * 3, [1.0, None])
+    assert content["true_water"] == {"B": [0.1] * 3, "beta": [0.2] * 3, "gamma": [0.3] * 3, "encoding": "gamma"}
+
+
+def test_a_method_for_encoded_intensities_gets_them_and_its_result_is_brought_back(toys: str):
+    """Half of an encoded intensity, in linear light: decode(encode(x) / 2)."""
+    linear = np.linspace(0, 1, 60, dtype=np.float32).reshape(4, 5, 3)
+    view = sb.View("a.png", sb.Arrays(linear), encoding="linear")
+    result = sb.restore("halved", sb.Scene("one", [view], frozenset()), view)
+    np.testing.assert_allclose(result.image, srgb_decode(srgb_encode(linear) / 2), atol=1e-6)
+    assert "converted" in result.info
+    plain = sb.View("a.png", sb.Arrays(linear))
+    assert np.array_equal(sb.restore("halved", sb.Scene("one", [plain], frozenset()), plain).image, linear / 2)
+
+
+def test_a_picture_that_is_gone_is_made_again(out: Path, tmp_path: Path):
+    log = f"method.log={tmp_path / 'log'}"
+    run(out, log)
+    (out / "restored" / "toy" / "gain" / "v1.png").unlink()
+    run(out, log)
+    assert calls(tmp_path / "log")[3:] == ["v1.png"]
+
+
+def test_another_metric_later_keeps_the_scores_there_were(out: Path):
+    run(out, "metrics=[psnr]")
+    outcome = run(out, "metrics=[ssim]")
+    assert {"psnr", "ssim"} <= set(outcome.rows["metric"])
+    assert (outcome.rows.groupby("metric").size() == 3).all()
+
+
+def test_a_label_does_not_change_its_meaning_silently(out: Path):
+    run(out, "method.label=mine")
+    with pytest.raises(preflight.ProblemsError, match="its 'mine' has other options"):
+        run(out, "method.label=mine", "method.gain=2")
+    assert run(out, "method.label=mine", "method.gain=2", "overwrite=always").ok == 3
+
+
+@pytest.mark.parametrize(
+    ("choice", "kept"),
+    [("views=[v2.png]", {"v2.png"}), ("every=2", {"v0.png", "v2.png"}), ("first=1", {"v0.png"})],
+)
+def test_views_can_be_chosen(out: Path, choice: str, kept: set[str]):
+    assert set(run(out, choice).rows["view"]) == kept
+
+
+def test_an_unknown_view_is_named_before_any_work(out: Path):
+    with pytest.raises(preflight.ProblemsError, match=r"no view is called 'v9.png'; did you mean"):
+        run(out, "views=[v9.png]")
+    assert not (out / "scores.parquet").exists()
+
+
+@pytest.mark.parametrize(
+    ("fault", "reason"),
+    [
+        ("raise", "ValueError: boom over two lines"),
+        ("shape", "returned an image (20, 60, 3) float32; it must be (40, 60, 3)"),
+        ("nan", "gave no pixel of v1.png a colour"),
+        ("none", "returned NoneType; a method returns a Restoration"),
+        ("mutate", "ValueError: assignment destination is read-only"),
+        ("exit", "SystemExit: 0"),
+    ],
+)
+def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str, reason: str):
+    outcome = run(out, "method=faulty", f"method.fault={fault}")
+    assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (2, 1, 1)
+    failed = outcome.rows[outcome.rows["status"] == "failed"]
+    assert list(failed["view"]) == ["v1.png"]
+    assert reason in failed["reason"].item()
+    assert "\n" not in failed["reason"].item()
+    assert "Traceback" in (out / "logs" / "failures.log").read_text() or fault in ("shape", "nan", "none")
+
+
+def test_a_view_that_fails_now_has_no_scores_left_from_before(out: Path):
+    run(out, "method.label=x")
+    assert run(out, "method=faulty", "method.label=x", "overwrite=always").exit_code == 1
+    rows = results.read(out)
+    assert rows.loc[rows["view"] == "v1.png", "status"].tolist() == ["failed"]
+
+
+NEEDS_A_BROKEN_LIBRARY = """
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+
+@method(requires=("broken_library_xyz",))
+@dataclass(frozen=True)
+class Uses:
+    def restore(self, scene, view):
+        return Restoration(view.rgb)
+"""
+
+
+def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
+    (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.setattr(registry, "_files", dict(registry._files))
+    plugins.load_file(tmp_path / "uses.py")
+    outcome = run(out, "method=uses,gain", multirun=True)
+    plugins.discover.cache_clear()
+    assert (outcome.ok, outcome.exit_code) == (3, 1)
+    assert {f.reason for f in outcome.failed} == {"OSError: libcudart.so: cannot open"}
+
+
+def test_a_failed_view_is_tried_again(out: Path):
+    run(out, "method=faulty", "method.label=x")
+    again = run(out, "method=faulty", "method.label=x")
+    assert (again.cached, len(again.failed)) == (2, 1)
+
+
+def test_a_failing_metric_costs_only_its_own_score(out: Path):
+    outcome = run(out, "metrics=[psnr,stumbles]")
+    assert (outcome.ok, len(outcome.scores_failed), outcome.exit_code) == (3, 1, 1)
+    rows = outcome.rows
+    assert rows.loc[rows["metric"] == "stumbles", "status"].tolist() == ["ok", "ok", "failed"]
+    assert (rows.loc[rows["metric"] == "psnr", "status"] == "ok").all()
+
+
+def test_a_metric_without_a_value_says_so_and_one_that_writes_into_the_picture_is_stopped(out: Path):
+    rows = run(out, "metrics=[redness,undefined,painter,uciqe]").rows.set_index("metric")
+    assert set(rows.loc["undefined", "status"]) == {"skipped"}
+    assert set(rows.loc["undefined", "reason"]) == {"no value (NaN)"}
+    assert set(rows.loc["painter", "status"]) == {"failed"}
+    assert (rows.loc["redness", "value"] > 0).all()
+
+
+def test_a_dataset_with_two_views_of_one_name_is_refused(out: Path):
+    with pytest.raises(preflight.ProblemsError, match=r"2 views are called 'a.png'; names must be unique"):
+        run(out, "dataset=twins")
+
+
+def test_a_dataset_with_two_scenes_of_one_name_is_refused(out: Path):
+    with pytest.raises(preflight.ProblemsError, match="2 scenes are called 'one'"):
+        run(out, "dataset=namesakes")
+
+
+def test_a_log_that_cannot_be_written_costs_no_result(out: Path):
+    (out / "logs" / "failures.log").mkdir(parents=True)
+    assert (run(out, "method=faulty").ok, run(out, "method=faulty").cached) == (2, 2)
+
+
+def test_a_home_folder_is_understood(toys: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setenv("HOME", str(tmp_path))
+    monkeypatch.chdir(tmp_path)
+    assert run(Path("'~/results'"), "method.log='~/calls'").ok == 3
+    assert (tmp_path / "results" / "scores.parquet").is_file()
+    assert (tmp_path / "calls").is_file()
+    assert not (tmp_path / "~").exists()
+
+
+def test_a_method_whose_needs_are_not_met_is_skipped_with_the_reason(out: Path):
+    outcome = run(out, "method=gain,needs_charts", multirun=True)
+    assert (outcome.ok, len(outcome.skipped), outcome.exit_code) == (3, 3, 0)
+    assert {f.reason for f in outcome.skipped} == {"needs charts, the scene has depth, poses, reference, truth"}
+
+
+def test_a_metric_whose_needs_are_not_met_is_a_skipped_row(out: Path):
+    rows = run(out, "metrics=[psnr,psi]").rows
+    assert set(rows.loc[rows["metric"] == "psi", "status"]) == {"skipped"}
+
+
+def test_one_failing_job_of_a_sweep_does_not_stop_the_others(out: Path, capsys: pytest.CaptureFixture[str]):
+    outcome = run(out, "method=faulty,gain", multirun=True)
+    assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (5, 1, 1)
+    assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err  # as it happens
+
+
+def test_jobs_run_in_parallel_with_joblib(out: Path, toys: str):
+    one = run(out / "one", "method=gain,faulty", multirun=True)
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    arguments = ["dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]", "tracking.uri=off"]
+    two = sweep.run([*arguments, f"out={out / 'two'}", *launcher], True, [toys])
+    same = ["dataset", "scene", "view", "method", "metric", "variant", "region", "value", "status", "reason"]
+    plain = [o.rows[~o.rows["metric"].isin(["seconds", "peak_mb"])][same].reset_index(drop=True) for o in (one, two)]
+    pd.testing.assert_frame_equal(*plain)
+
+
+def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path):
+    import cv2
+
+    run(out, "dataset=two_scenes", "metrics=[redness]")
+    folder = out / "restored" / "two_scenes" / "gain"
+    levels = [cv2.imread(str(folder / scene / "a.png")).mean() for scene in ("left", "right")]
+    assert levels == [pytest.approx(51, abs=1), pytest.approx(204, abs=1)]
+
+
+def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkeypatch: pytest.MonkeyPatch):
+    run(out)
+    before = (out / "scores.parquet").read_bytes()
+
+    def full(*_: object) -> None:
+        raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
+
+    monkeypatch.setattr(os, "fsync", full)
+    with pytest.raises(OutputError, match=r"the disk is full; free some space and give the same command again"):
+        run(out, "overwrite=always")
+    assert (out / "scores.parquet").read_bytes() == before
+    assert not [p for p in out.rglob(".*") if p.suffix != ".lock"]  # no half-written file is left
+
+
+SLOW = ["run", "dataset=toy", "dataset.views=8", "dataset.label=toy", "method=gain", "metrics=[psnr]"]
+SLOW += ["tracking.uri=off", "method.pause=0.7", "method.label=slow"]
+
+
+def start(out: Path, toys: str, log: Path) -> subprocess.Popen[str]:
+    command = [str(Path(sys.executable).with_name("sucre-bench")), *SLOW, f"out={out}", f"method.log={log}"]
+    return subprocess.Popen(
+        [*command, "--plugin", toys], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
+    )
+
+
+def wait_for(log: Path, views: int) -> None:
+    for _ in range(600):
+        if len(calls(log)) >= views:
+            return
+        time.sleep(0.05)
+    raise AssertionError("the run did not get going")
+
+
+def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path):
+    log = tmp_path / "log"
+    killed = start(out, toys, log)
+    wait_for(log, 5)
+    os.killpg(killed.pid, signal.SIGKILL)
+    killed.communicate()
+    done = results.read(out)["view"].nunique()
+    assert done >= 2
+    resumed = start(out, toys, log)
+    said, _ = resumed.communicate(timeout=120)
+    assert resumed.returncode == 0
+    assert f"8 ok ({done} cached), 0 failed" in said
+    assert len(calls(log)) == 5 + 8 - done
+    assert results.read(out).groupby("metric").size().tolist() == [8, 8, 8]
+
+
+@pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
+def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, tmp_path: Path, how: signal.Signals):
+    log = tmp_path / "log"
+    stopped = start(out, toys, log)
+    wait_for(log, 3)
+    stopped.send_signal(how)
+    said, wrong = stopped.communicate(timeout=60)
+    assert stopped.returncode == 130
+    assert "stopped; the same command goes on from here" in said
+    assert "2 ok, 0 failed" in said
+    assert "Traceback" not in wrong
+    assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2
+
+
+def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str):
+    """A worker that is killed, by the system for its memory say, takes its view with it but not the sweep."""
+    arguments = ["dataset=toy", "method=faulty", "method.fault=die,none", "metrics=[psnr]", "tracking.uri=off"]
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    outcome = sweep.run([*arguments, f"out={out}", *launcher], True, [toys])
+    assert (outcome.ok, outcome.exit_code) == (2, 1)  # the other job's, whose worker was taken down with it
+    killed = {f.reason for f in outcome.failed if "die" in f.where}
+    assert killed == {"the job's process was killed, for want of memory perhaps; try smaller images"}
+
+
+def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
+    run(out, "method.label=x")
+    arguments = ["dataset=toy", "method=faulty,gain", "metrics=[psnr]", "tracking.uri=off", f"out={out}"]
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+    run(out, "method=faulty", "method.fault=none", "views=[v0.png,v2.png]")
+    outcome = sweep.run([*arguments, "overwrite=always", *launcher], True, [toys])
+    assert (outcome.exit_code, outcome.cached) == (1, 0)
+    arguments[1] = "method=faulty"
+    outcome = sweep.run([*arguments, "method.fault=die,nan", "overwrite=always", *launcher], True, [toys])
+    assert (outcome.exit_code, outcome.cached, outcome.ok) == (1, 0, 2)
+
+
+def test_a_method_that_is_not_installed_stops_before_any_work(
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    monkeypatch.setattr(registry, "_files", dict(registry._files))
+    path = tmp_path / "needy.py"
+    path.write_text(
+        "from dataclasses import dataclass\nfrom sucre_bench import Restoration, method\n\n"
+        "@method(requires=('nonexistent_package_xyz',))\n@dataclass(frozen=True)\nclass Needy:\n    '''x'''\n"
+        "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
+    )
+    plugins.load_file(path)
+    with pytest.raises(
+        preflight.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
+    ):
+        run(out, "method=gain,needy", multirun=True)
+    assert not out.exists() or not list(out.rglob("*.png"))
+    plugins.discover.cache_clear()

@@ -1,0 +1,232 @@
+"""sucre_bench.imaging.charts.reading: the tables against published data, the measuring against painted charts."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.painted_charts import TILTED, painted
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import KINDS, ChartKind, chart_kind, kind_id
+from sucre_bench.imaging.charts.reading import measure
+from sucre_bench.loading.charts_file import read_charts
+from sucre_bench.scene import Chart
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+def test_patches_are_numbered_named_once_inside_the_frame_and_apart(kind: ChartKind) -> None:
+    assert [p.number for p in kind.patches] == list(range(1, len(kind.patches) + 1))
+    assert len({p.name for p in kind.patches}) == len(kind.patches)
+    boxes = np.array([p.box for p in kind.patches])
+    assert (boxes >= 0).all()
+    assert (boxes <= 1 + 1e-12).all()
+    assert (boxes[:, :2] < boxes[:, 2:]).all()
+    for i, a in enumerate(boxes):
+        for b in boxes[i + 1 :]:
+            assert a[2] <= b[0] or b[2] <= a[0] or a[3] <= b[1] or b[3] <= a[1]
+
+
+def test_dgk_has_the_six_grays_and_twelve_colours_that_psi_is_averaged_over() -> None:
+    assert [p.number for p in KINDS["dgk"].patches if p.colour] == list(range(7, 19))
+    grays = np.array([p.srgb for p in KINDS["dgk"].patches if not p.colour])
+    assert (np.ptp(grays, axis=1) < 0.03).all()
+    assert (np.diff(grays.mean(axis=1)) < 0).all(), "white to black"
+
+
+def test_colorchecker_lab_agrees_with_the_spectral_measurement_published_for_the_same_charts() -> None:
+    import colour
+
+    published = colour.CCS_COLOURCHECKERS["ColorChecker 2005"]
+    XYZ = colour.xyY_to_XYZ(np.array(list(published.data.values())))
+    lab = colour.XYZ_to_Lab(XYZ, published.illuminant)
+    ours = KINDS["colorchecker24"].patches
+    np.testing.assert_allclose(np.array([p.lab for p in ours]), lab, atol=0.06)
+    assert [p.name.split("-")[0] for p in ours] == [name.split()[0] for name in published.data]
+    assert sum(p.colour for p in ours) == 18
+
+
+def test_colorchecker_srgb_is_its_lab_list_but_for_the_makers_rounding() -> None:
+    import colour
+
+    d50 = colour.CCS_ILLUMINANTS["CIE 1931 2 Degree Standard Observer"]["D50"]
+    lab = np.array([p.lab for p in KINDS["colorchecker24"].patches])
+    srgb = colour.XYZ_to_sRGB(
+        colour.Lab_to_XYZ(lab, d50), illuminant=d50, chromatic_adaptation_transform="Bradford"
+    ).clip(0, 1)
+    ours = np.array([p.srgb for p in KINDS["colorchecker24"].patches])
+    np.testing.assert_allclose(ours * 255, srgb * 255, atol=22)  # moderate colours differ by 1 to 7, yellow by 11
+    assert np.median(np.abs(ours - srgb)) * 255 < 3
+
+
+@pytest.mark.parametrize("kind", KINDS.values(), ids=lambda kind: kind.name)
+@pytest.mark.parametrize("turn", range(4))
+def test_a_painted_chart_is_read_back_however_it_lies(kind: ChartKind, turn: int) -> None:
+    corners = np.roll(TILTED, turn, axis=0)
+    readings = measure(painted(kind, corners), Chart("c", kind.name, corners))
+    assert [r.patch for r in readings] == list(kind.patches)
+    np.testing.assert_allclose([r.rgb for r in readings], [r.patch.srgb for r in readings], atol=1e-6)
+    assert all(r.coverage == 1 and r.n_pixels > 50 for r in readings)
+
+
+def test_only_the_inner_half_of_a_patch_is_read() -> None:
+    kind = KINDS["dgk"]
+    half = measure(painted(kind, TILTED, share=0.5), Chart("c", "dgk", TILTED))
+    np.testing.assert_allclose([r.rgb for r in half], [p.srgb for p in kind.patches], atol=1e-6)
+    rim = painted(kind, TILTED, share=0.5)
+    rim[np.all(rim == 1, axis=-1)] = np.nan
+    assert all(r.coverage == 1 for r in measure(rim, Chart("c", "dgk", TILTED))[1:])  # 1 is as white as the rim
+
+
+def test_pixel_centres_lie_at_one_half() -> None:
+    kind = KINDS["dgk"]
+    left, top, width, height = 20.0, 30.0, 360.0, 240.0
+    corners = np.array([[0, 0], [1, 0], [1, 1], [0, 1]]) * [width, height] + [left, top]
+    v, u = np.mgrid[:300, :420] + 0.5
+    readings = measure(np.stack([u, v, u], axis=-1), Chart("c", "dgk", corners))
+    x0, y0, x1, y1 = np.array([p.box for p in kind.patches]).T
+    centre = np.stack([left + width * (x0 + x1) / 2, top + height * (y0 + y1) / 2], axis=-1)
+    offset = np.array([r.rgb[:2] for r in readings]) - centre
+    np.testing.assert_allclose(offset.mean(axis=0), 0, atol=0.2)
+
+
+def test_a_hole_is_left_out_and_counted() -> None:
+    kind = KINDS["dgk"]
+    image = painted(kind, TILTED)
+    whole = measure(image, Chart("c", "dgk", TILTED))
+    image[np.isclose(image, kind.patches[6].srgb).all(axis=-1)] = np.nan
+    image[:, :120, 1] = np.nan  # one channel missing is a hole
+    readings = measure(image, Chart("c", "dgk", TILTED))
+    red = readings[6]
+    assert np.isnan(red.rgb).all()
+    assert (red.n_pixels, red.coverage) == (0, 0)
+    partly = [(r, w) for r, w in zip(readings, whole, strict=True) if 0 < r.coverage < 1]
+    assert partly, "the cut at x = 120 goes through patches"
+    for r, w in partly:
+        assert r.coverage == pytest.approx(r.n_pixels / w.n_pixels)
+        np.testing.assert_allclose(r.rgb, r.patch.srgb, atol=1e-6)
+
+
+def test_what_lies_beyond_the_image_is_a_hole() -> None:
+    kind = KINDS["dgk"]
+    image = painted(kind, TILTED)
+    readings = measure(image[:, :210], Chart("c", "dgk", TILTED))
+    assert readings[0].coverage == 1
+    assert readings[5].coverage == 0
+    shifted = measure(image[:, 150:], Chart("c", "dgk", TILTED - [150, 0]))
+    assert (shifted[0].n_pixels, shifted[5].coverage) == (0, 1)
+
+
+def test_a_patch_smaller_than_a_pixel_is_the_pixel_at_its_centre() -> None:
+    corners = np.array([[3, 2], [9, 2], [9, 6], [3, 6]], float)
+    image = np.random.default_rng(1).random((9, 12, 3))
+    for reading in measure(image, Chart("c", "dgk", corners)):
+        x0, y0, x1, y1 = reading.patch.box
+        if reading.n_pixels == 1:
+            u, v = int(3 + 6 * (x0 + x1) / 2), int(2 + 4 * (y0 + y1) / 2)
+            np.testing.assert_array_equal(reading.rgb, image[v, u])
+        assert reading.coverage == 1
+
+
+def test_the_image_is_not_changed() -> None:
+    image = painted(KINDS["dgk"], TILTED)
+    image.setflags(write=False)
+    measure(image, Chart("c", "dgk", TILTED))
+
+
+def test_an_unknown_kind_names_the_nearest() -> None:
+    with pytest.raises(InputError, match=r"chart kind 'dkg': unknown; did you mean 'dgk'\?"):
+        measure(np.ones((9, 9, 3)), Chart("c", "dkg", TILTED))
+
+
+@pytest.mark.parametrize(
+    "corners",
+    [TILTED[::-1], TILTED[[0, 2, 1, 3]], TILTED[:3], np.full((4, 2), np.nan), np.zeros((4, 2))],
+    ids=["mirrored", "crossed", "three", "nan", "one point"],
+)
+def test_corners_that_are_no_quadrilateral_are_refused(corners: Array) -> None:
+    with pytest.raises(InputError, match="chart 'left': corners are not a quadrilateral"):
+        measure(np.ones((9, 9, 3)), Chart("left", "dgk", corners))
+
+
+# -- kinds from elsewhere ----------------------------------------------------------------------------------------
+
+
+def test_colorchecker_sg_has_the_colorcheckers_24_colours_inside_a_rim_of_gray() -> None:
+    sg = chart_kind("colorchecker_sg")
+    assert [sg.patches[k].name for k in (0, 13, 126, 139)] == ["A1", "N1", "A10", "N10"]
+    lab = {patch.name: np.array(patch.lab) for patch in sg.patches}
+    rim = [p for p in sg.patches if p.name[0] in "AN" or p.name[1:] in ("1", "10")]
+    assert len(rim) == 44
+    assert not any(p.colour for p in rim)
+    classic = [np.array(patch.lab) for patch in KINDS["colorchecker24"].patches]
+    for k in range(18):  # E2 to J4 are the Classic's three rows of colours, in other dyes
+        row, column = divmod(k, 6)
+        own = lab[f"{'EFGHIJ'[column]}{row + 2}"]
+        assert own[1:] @ classic[k][1:] > 0.85 * np.hypot(*own[1:]) * np.hypot(*classic[k][1:]), "of one hue"
+    readings = measure(painted(sg, TILTED, (300, 420)), Chart("c", "colorchecker_sg", TILTED))
+    np.testing.assert_allclose([r.rgb for r in readings], [p.srgb for p in sg.patches], atol=1e-6)
+
+
+OWN = """# illuminant: {illuminant}
+# frame: 120 x 80
+name,x0,y0,x1,y1,L,a,b
+white,0,0,60,40,100,0,0
+red,60,0,120,40,53.24,80.09,67.20
+blue,0,40,60,80,32.30,79.19,-107.86
+gray,60,40,120,80,53.39,0,0
+"""
+
+
+def test_a_chart_of_ones_own_is_read_under_its_illuminant(tmp_path: Path) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(OWN.format(illuminant="D65"))  # sRGB's primaries under its own white (Lindbloom)
+    kind = chart_kind(str(path))
+    assert (kind.width, kind.height, [p.name for p in kind.patches]) == (120, 80, ["white", "red", "blue", "gray"])
+    assert [p.colour for p in kind.patches] == [False, True, True, False]
+    assert kind.patches[1].box == (0.5, 0, 1, 0.5)
+    expected = [(1, 1, 1), (1, 0, 0), (0, 0, 1), (0.5, 0.5, 0.5)]
+    np.testing.assert_allclose([p.srgb for p in kind.patches], expected, atol=5e-3)
+    np.testing.assert_allclose(kind.patches[1].lab, (54.29, 80.80, 69.89), atol=0.05)  # under D50, as in ICC profiles
+    same = kind_id(str(path))
+    path.write_text(OWN.format(illuminant="D50"))
+    assert kind_id(str(path)) != same
+    assert chart_kind(str(path)).patches[1].lab == (53.24, 80.09, 67.20)
+
+
+def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_path: Path) -> None:
+    own = "name,x0,y0,x1,y1,L,a,b,R,G,B\nteal,0,0,9,9,50,-20,-20,0,51,255\n"
+    (tmp_path / "own.csv").write_text("# illuminant: D50\n# frame: 9 x 9\n" + own)
+    entry = {"images": {"a.png": {"c": {"kind": "own.csv", "corners": TILTED.tolist()}}}}
+    (tmp_path / "charts.json").write_text(json.dumps(entry))
+    (chart,) = read_charts(tmp_path / "charts.json", {"a.png": (420, 300)})["a.png"]
+    assert chart_kind(chart.kind).patches[0].srgb == (0, 0.2, 1)
+
+
+@pytest.mark.parametrize(
+    ("change", "fault"),
+    [
+        (("# illuminant: {illuminant}\n", ""), "does not say illuminant and frame"),
+        (("{illuminant}", "D51"), "illuminant 'D51': unknown; did you mean"),
+        (("60,0,120,40", "60,0,130,40"), "line 5: the patch is not inside the frame"),
+        (("32.30", "dark"), "line 6: L is 'dark', not a number"),
+        (("32.30", "nan"), "line 6: L is 'nan', not a number"),
+        (("120 x 80", "1.2.3 x 4"), "does not say illuminant and frame"),
+        (("blue,", '"blue,'), "a line ends within quotes"),
+        ((",L,a,b", ",X,Y,Z"), "no column 'L'"),
+    ],
+)
+def test_a_description_that_is_none_is_refused_by_line(tmp_path: Path, change: tuple[str, str], fault: str) -> None:
+    path = tmp_path / "own.csv"
+    path.write_text(OWN.replace(*change).replace("{illuminant}", "D65"))
+    with pytest.raises(InputError, match="own.csv: .*" + re.escape(fault)):
+        chart_kind(str(path))
+
+
+def test_a_description_that_is_not_there_names_the_file() -> None:
+    with pytest.raises(InputError, match=r"nowhere\.csv: no such file; give"):
+        chart_kind("nowhere.csv")

@@ -1,0 +1,168 @@
+"""What holds for every method that fits a water to one view with its distances, and the step that they share."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_scene import WATER, make_camera, make_pose, make_view
+from support.made_seabed import CLEAR, alone, in_water, random_seabed
+
+import sucre_bench as sb
+from sucre_bench import Arrays, Restoration, View, Water
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.filters.water_column import TwoTerm, channels, is_flat, trusted
+from sucre_bench.methods.gaussian_seathru import GaussianSeathru
+
+each = pytest.mark.parametrize("method", ["seathru", "gaussian_seathru"])
+
+
+def restore(method: str, view: View, **options: Any) -> Restoration:
+    return sb.restore(method, alone(view), view, **options)
+
+
+def water_of(result: Restoration) -> Water:
+    assert result.water is not None
+    return result.water
+
+
+def veil(water: Water) -> np.ndarray:
+    """B and gamma change places more than what they make together, from 2 to 8 m."""
+    return np.asarray(water.veiling_light * (1 - np.exp(-np.outer(np.linspace(2, 8, 20), water.backscatter))))
+
+
+def normal_seabed(seed: int = 0) -> View:
+    """Colours drawn from N(0.5, 0.1), in the water CLEAR."""
+    z = np.tile(np.linspace(2, 8, 160, dtype=np.float32)[:, None], (1, 120))
+    return in_water(np.random.default_rng(seed).normal(0.5, 0.1, (160, 120, 3)), z, CLEAR)
+
+
+# -- distances -------------------------------------------------------------------------------------------------
+
+
+def test_the_farthest_hundredth_is_not_trusted_nor_is_what_is_unknown():
+    z = np.arange(1001.0).reshape(7, 143)
+    np.testing.assert_array_equal(trusted(z), (z > 0) & (z <= 991))
+    assert trusted(np.arange(1.0, 101.0)).all()
+    assert not trusted(np.zeros((3, 3))).any()
+
+
+def test_distances_are_flat_within_a_fiftieth():
+    assert is_flat(np.array([5.0, 5.09]))
+    assert not is_flat(np.array([5.0, 5.11]))
+
+
+def test_channels_are_named_in_order():
+    assert channels(np.array([True, False, True])) == "red, blue"
+
+
+def test_two_terms_are_what_they_say():
+    z = np.array([0.5, 2.0])
+    expected = 0.6 * np.exp(-0.7 * z) + 0.2 * np.exp(-0.03 * z)
+    np.testing.assert_allclose(TwoTerm(0.6, 0.7, 0.2, 0.03)(z), expected)
+    np.testing.assert_allclose(TwoTerm(0.6, 0.7, 0.2, 0.03).optical_depth(z), expected * z)
+    np.testing.assert_allclose(TwoTerm(0.6).optical_depth(z), [0.3, 1.2])
+
+
+@each
+def test_pixels_without_depth_have_no_colour_and_no_influence(method: str):
+    view = random_seabed(5)
+    depth, rgb = view.depth.copy(), view.rgb.copy()
+    depth[40:90, 30:60] = 0
+    results = []
+    for colour in (0.0, 1.0):
+        rgb[40:90, 30:60] = colour
+        results.append(restore(method, replace(view, pixels=Arrays(rgb, depth))).image)
+    np.testing.assert_array_equal(results[0], results[1])
+    np.testing.assert_array_equal(np.isnan(results[0]).all(axis=-1), depth == 0)
+
+
+@each
+def test_euclidean_distance_is_used_where_the_camera_is_known(method: str):
+    view = make_view("a.png", make_camera(60, 44, 30), make_pose((0, 0, 0)), WATER)
+    far = replace(view, pixels=Arrays(view.rgb, view.distance), camera=None)
+    expected, found = (restore(method, v) for v in (far, view))
+    assert (expected.info["along"], found.info["along"]) == ("depth", "distance")
+    np.testing.assert_array_equal(found.image, expected.image)
+
+
+@each
+def test_an_intrinsic_matrix_is_enough_for_distances(method: str):
+    view = make_view("a.png", make_camera(60, 44, 30), make_pose((0, 0, 0)), WATER)
+    assert restore(method, replace(view, cam_from_world=None)).info["along"] == "distance"
+
+
+@each
+def test_a_view_without_any_depth_is_not_applicable(method: str):
+    view = View("empty.png", Arrays(np.full((8, 8, 3), 0.5), np.zeros((8, 8))))
+    with pytest.raises(NotApplicableError, match=r"empty\.png"):
+        restore(method, view)
+
+
+@each
+def test_a_single_distance_is_said_to_tell_nothing(method: str):
+    view = View("wall.png", Arrays(np.random.default_rng(0).random((20, 30, 3)), np.full((20, 30), 3.0)))
+    result = restore(method, view)
+    assert "equally far" in result.info["undetermined"]
+    assert np.isfinite(result.image).all()
+    assert np.abs(result.image).max() < 5
+
+
+@each
+@pytest.mark.parametrize("astray_m", [15.0, 300.0])
+def test_distances_gone_astray_hardly_move_the_water(method: str, astray_m: float):
+    """Sixty of 19,200, which lie at two to eight metres."""
+    view = random_seabed(8) if method == "seathru" else normal_seabed(8)
+    depth = view.depth.copy()
+    depth.ravel()[np.random.default_rng(0).permutation(depth.size)[:60]] = astray_m
+    options = {"attenuation": "two_term"} if method == "seathru" else {}
+    clean, astray = (restore(method, v, **options) for v in (view, replace(view, pixels=Arrays(view.rgb, depth))))
+    np.testing.assert_allclose(veil(water_of(astray)), veil(water_of(clean)), atol=0.015)
+    np.testing.assert_allclose(water_of(astray).attenuation, water_of(clean).attenuation, rtol=0.04)
+    same = depth < 9
+    assert np.abs(astray.image - clean.image)[same].mean() < 0.01
+    assert np.isfinite(astray.image).all()
+
+
+# -- what the water that they report explains ------------------------------------------------------------------
+
+
+def linear(view: View) -> View:
+    """A linear view whose intensities follow the model once they are encoded."""
+    return replace(view, pixels=Arrays(srgb_decode(view.rgb), view.depth), encoding="linear")
+
+
+@each
+@pytest.mark.parametrize("name", ["gamma", "linear"])
+def test_a_water_of_encoded_intensities_says_so_also_on_linear_views(method: str, name: str):
+    view = random_seabed(9) if method == "seathru" else normal_seabed(9)
+    water = water_of(restore(method, view if name == "gamma" else linear(view)))
+    assert water.encoding == "gamma"
+    np.testing.assert_allclose(veil(water), veil(CLEAR), atol=0.03)
+    np.testing.assert_allclose(water.attenuation, CLEAR.attenuation, rtol=0.1, atol=0.01)
+
+
+@pytest.mark.parametrize("encoding", ["gamma", "linear"])
+def test_a_water_of_linear_light_says_so_also_on_encoded_views(encoding: str):
+    view = replace(random_seabed(9), encoding="linear")
+    if encoding == "gamma":
+        view = replace(view, pixels=Arrays(srgb_encode(view.rgb), view.depth), encoding="gamma")
+    water = water_of(restore("seathru", view, raw=True))
+    assert water.encoding == "linear"
+    np.testing.assert_allclose(veil(water), veil(CLEAR), atol=0.03)
+
+
+def test_a_water_says_what_it_explains_without_the_engine_too():
+    view = replace(normal_seabed(9), encoding="linear")
+    water = water_of(GaussianSeathru().restore(alone(view), view))
+    assert water.encoding == "linear"
+    np.testing.assert_allclose(veil(water), veil(CLEAR), atol=0.03)
+
+
+@each
+def test_nothing_they_tell_goes_by_the_name_of_a_parameter(method: str):
+    """A run writes both into one file, from which the water is read again."""
+    assert not {"B", "beta", "gamma", "encoding"} & set(restore(method, random_seabed()).info)

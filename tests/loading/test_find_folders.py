@@ -1,0 +1,140 @@
+"""What loaders share: walks through links, hashes of files, grays of JPEGs, lengths."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.colmap_folder import picture, write_image
+
+from sucre_bench.datasets.photos import Photos
+from sucre_bench.datasets.seathru import Seathru
+from sucre_bench.datasets.seathru_nerf import SeathruNerf
+from sucre_bench.datasets.squid import Squid
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import decode
+from sucre_bench.loading.depth_maps import find_depths
+from sucre_bench.loading.find_folders import folders_below, inside, walk
+from sucre_bench.loading.fingerprints import fingerprint
+from sucre_bench.loading.image_folder import image_names
+from sucre_bench.loading.match_images import ImageFolder, inner_path
+
+
+def circle(root: Path) -> Path:
+    """Folders a and b with links to each other and to the top, and a link to a that comes before it by name."""
+    for name in "ab":
+        write_image(root / name / "linearPNG" / f"{name}.png", picture(0))
+        for other in "abc":
+            (root / name / f"to_{other}").symlink_to(root / other if other != "c" else root)
+    (root / "Latest").symlink_to(root / "a")
+    return root
+
+
+def test_links_in_a_circle_end_and_each_folder_is_there_once(tmp_path: Path) -> None:
+    """Two links a folder, followed up to the 40 that the system allows, are more paths than can be walked."""
+    circle(tmp_path)
+    walked = [place.resolve() for place, _, _ in walk(tmp_path)]
+    assert len(walked) == len(set(walked)) == 5
+    assert list(folders_below(tmp_path, lambda place, _: place.name == "linearPNG")) == [
+        tmp_path / "a/linearPNG",
+        tmp_path / "a/to_b/linearPNG",
+    ]
+    assert image_names(tmp_path, subfolders=True) == ["a/linearPNG/a.png", "a/to_b/linearPNG/b.png"]
+    assert ImageFolder(tmp_path).find("a") == ["a/linearPNG/a.png"]
+    assert find_depths(tmp_path, ["a/linearPNG/a.jpg"])[0] == {"a/linearPNG/a.jpg": tmp_path / "a/linearPNG/a.png"}
+    assert len(list(Seathru(tmp_path).scenes())) == 2
+    (scene,) = Photos(tmp_path, subfolders=True).scenes()
+    assert len(scene) == 2
+
+
+def test_a_link_to_a_scene_is_not_a_second_one(tmp_path: Path) -> None:
+    write_image(tmp_path / "D1" / "linearPNG" / "a.png", picture(0))
+    (tmp_path / "A_latest").symlink_to(tmp_path / "D1")
+    assert [scene.name for scene in Seathru(tmp_path).scenes()] == ["D1"], "the folder itself, not the link"
+
+
+@pytest.mark.parametrize(
+    ("named", "found"),
+    [
+        ("b.png", "sub/b.png"),
+        ("../b.png", "b.png"),
+        ("a\\..\\b.png", "sub/b.png"),
+        ("../../b.png", None),
+        ("..", None),
+        ("/etc/b.png", None),
+        ("C:/b.png", None),
+        ("b\0.png", None),
+    ],
+)
+def test_a_named_path_is_inside_or_it_is_none(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, named: str, found: str | None
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    for root in (tmp_path, Path(), Path("x/..")):
+        assert inside(root, root / "sub", named) == (None if found is None else Path(found))
+
+
+def test_an_inner_path_keeps_its_capitals_and_nothing_that_leads_out() -> None:
+    assert inner_path("C:\\Dive\\..\\IMG_1.JPG") == "Dive/IMG_1.JPG"
+    assert inner_path("/mnt/./im//1.png") == "mnt/im/1.png"
+    assert inner_path("../..") == ""
+
+
+def changed(path: Path, at: int) -> bytes:
+    """The fingerprint after the byte there changed; the file is as before then."""
+    content = path.read_bytes()
+    path.write_bytes(content[:at] + bytes([content[at] ^ 1]) + content[at:][1:])
+    after = fingerprint(path)
+    path.write_bytes(content)
+    return after
+
+
+def test_a_fingerprint_is_of_all_of_a_small_file_and_of_blocks_of_a_large_one(tmp_path: Path) -> None:
+    small, large = tmp_path / "small.tif", tmp_path / "large.tif"
+    small.write_bytes(np.random.default_rng(0).bytes(1 << 20))
+    large.write_bytes(np.random.default_rng(1).bytes(3 << 20))
+    for path in (small, large):
+        own = fingerprint(path)
+        os.utime(path, (0, 0))
+        assert fingerprint(path) == own, "whatever its date"
+    assert all(changed(small, at) != fingerprint(small) for at in (0, 5000, 500_000, (1 << 20) - 1))
+    own, size = fingerprint(large), 3 << 20
+    assert all(changed(large, (size - 4096) * i // 15 + 100) != own for i in range(16)), "sixteen even distances"
+    assert changed(large, 0) != own != changed(large, size - 1)
+    assert changed(large, 10_000) == own, "the limit that is documented"
+    large.write_bytes(large.read_bytes() + b"x")
+    assert fingerprint(large) != own
+    assert fingerprint(tmp_path / "none.tif") == b"unreadable"
+
+
+def test_a_large_file_is_not_read(tmp_path: Path) -> None:
+    path = tmp_path / "a.npy"
+    with path.open("wb") as file:
+        file.truncate(1 << 42)  # a hole: reading 4 TiB would take hours
+    assert fingerprint(path) != b"unreadable"
+
+
+@pytest.mark.parametrize("suffix", [".png", ".jpg"])
+def test_a_gray_read_is_gray_whatever_the_format(tmp_path: Path, suffix: str) -> None:
+    path = tmp_path / f"a{suffix}"
+    colour = np.full((16, 24, 3), (30, 60, 200), np.uint8)
+    assert cv2.imwrite(str(path), colour)
+    gray = decode(path, cv2.IMREAD_GRAYSCALE)
+    assert gray.shape == (16, 24)
+    np.testing.assert_allclose(gray, 0.114 * 30 + 0.587 * 60 + 0.299 * 200, atol=3)
+    np.testing.assert_allclose(decode(path, cv2.IMREAD_COLOR), colour, atol=4)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, float("inf"), float("nan")])
+def test_a_length_is_above_0_and_finite(tmp_path: Path, value: float) -> None:
+    for plugin, option in [
+        (Seathru, "metres_per_unit"),
+        (Seathru, "focal_px"),
+        (SeathruNerf, "metres_per_unit"),
+        (Squid, "farthest_m"),
+    ]:
+        with pytest.raises(InputError, match=rf"\.{option}: {value} is no length"):
+            plugin(tmp_path, **{option: value})

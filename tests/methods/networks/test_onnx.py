@@ -1,0 +1,332 @@
+"""Networks as ONNX: one that is trained here restores what it never saw, and what models declare is heeded."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from onnx.helper import make_node
+from support.made_networks import onnx_file
+
+from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
+from sucre_bench.methods.networks.on_onnx import opened
+from sucre_bench.methods.networks.sizes import resized
+from sucre_bench.plugins.code_hash import source_hash
+
+RNG = np.random.default_rng(0)
+NOISE = RNG.random((20, 24, 3), dtype=np.float32)
+SAME = make_node("Identity", ["x"], ["y"])
+
+
+def result(rgb: np.ndarray, **options: Any) -> Restoration:
+    view = View("a.png", Arrays(rgb))
+    return restore("onnx", Scene("s", [view], frozenset()), view, **options)
+
+
+def restored(rgb: np.ndarray, **options: Any) -> np.ndarray:
+    return result(rgb, **options).image
+
+
+def constants(**values: Any) -> dict[str, np.ndarray]:
+    return {name: np.asarray(value) for name, value in values.items()}
+
+
+# -- a network from training to scores ---------------------------------------------------------------------
+
+
+def clear_and_made_underwater(count: int, side: int) -> tuple[np.ndarray, np.ndarray]:
+    """Smooth random pictures, and how they look in a green water at 2 m: I = J a + B (1 - a)."""
+    coarse = RNG.random((count, 6, 6, 3), dtype=np.float32)
+    clear = np.stack([resized(c, side, side).clip(0, 1) for c in coarse])
+    a = np.exp(-2 * np.float32([0.5, 0.12, 0.2]))
+    return clear, clear * a + np.float32([0.05, 0.35, 0.3]) * (1 - a)
+
+
+@pytest.fixture(scope="module")
+def trained(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two convolutions, trained on sixteen pairs, as ONNX: given in [-1, 1], any size."""
+    import torch
+    from torch.nn import functional
+
+    draw = torch.Generator().manual_seed(0)
+    sizes = [(12, 3, 3, 3), (12,), (3, 12, 3, 3), (3,)]
+    w1, b1, w2, b2 = w = [(0.2 * torch.randn(size, generator=draw)).requires_grad_() for size in sizes]
+    clear, water = (torch.from_numpy(2 * x.transpose(0, 3, 1, 2) - 1) for x in clear_and_made_underwater(16, 24))
+    steps = torch.optim.Adam(w, lr=0.02)
+    for _ in range(150):
+        steps.zero_grad()
+        guess = functional.conv2d(functional.conv2d(water, w1, b1, padding=1).relu(), w2, b2, padding=1)
+        (guess - clear).square().mean().backward()
+        steps.step()
+    nodes = [
+        make_node("Conv", ["x", "w1", "b1"], ["h"], pads=[1] * 4),
+        make_node("Relu", ["h"], ["r"]),
+        make_node("Conv", ["r", "w2", "b2"], ["y"], pads=[1] * 4),
+    ]
+    values = dict(zip(("w1", "b1", "w2", "b2"), (x.detach().numpy() for x in w), strict=True))
+    return onnx_file(tmp_path_factory.mktemp("onnx") / "trained.onnx", nodes, values)
+
+
+def psnr(restoration: Restoration, view: View) -> float:
+    rows = score(restoration, view, ["psnr"])
+    return float(rows.loc[rows["metric"] == "psnr", "value"].iloc[0])
+
+
+def test_a_network_trained_on_made_water_restores_a_picture_it_never_saw(trained: Path):
+    clear, water = (x[0] for x in clear_and_made_underwater(1, 48))
+    view = View("new.png", Arrays(water, reference=clear))
+    scene = Scene("s", [view], frozenset({"reference"}))
+    network = {"model": trained, "range": "symmetric"}
+    made = (restore("underwater", scene, view), restore("onnx", scene, view, **network))
+    before, after = (psnr(restoration, view) for restoration in made)
+    assert before < 15
+    assert after > before + 8
+
+
+def test_tiles_of_a_network_equal_the_whole(trained: Path):
+    image = RNG.random((70, 90, 3), dtype=np.float32)
+    whole = restored(image, model=trained, range="symmetric", tile=None)
+    np.testing.assert_allclose(restored(image, model=trained, range="symmetric", tile=40, overlap=16), whole, atol=1e-5)
+
+
+# -- orders, layouts, ranges -------------------------------------------------------------------------------
+
+GAIN = np.float32([0.9, 0.5, 0.1])
+
+
+@pytest.mark.parametrize("order", ["rgb", "bgr"])
+@pytest.mark.parametrize("layout", ["nchw", "nhwc"])
+@pytest.mark.parametrize("told", [True, False])
+def test_channels_reach_the_network_in_its_order_and_come_back_in_ours(
+    order: str, layout: str, told: bool, tmp_path: Path
+):
+    gain = GAIN.reshape((1, 3, 1, 1) if layout == "nchw" else (1, 1, 1, 3))
+    shape = ("n", "c", "h", "w") if told else (1, 3, "h", "w") if layout == "nchw" else (1, "h", "w", 3)
+    path = onnx_file(tmp_path / "gain.onnx", [make_node("Mul", ["x", "g"], ["y"])], constants(g=gain), shape)
+    image = restored(NOISE, model=path, order=order, layout=layout if told else "auto")
+    np.testing.assert_allclose(image, NOISE * (GAIN if order == "rgb" else GAIN[::-1]), atol=1e-6)
+
+
+def test_a_network_is_given_its_range_and_its_answer_is_brought_back(tmp_path: Path):
+    mean, deviation = np.float32([0.485, 0.456, 0.406]), np.float32([0.229, 0.224, 0.225])
+    given = {"unit": NOISE, "symmetric": 2 * NOISE - 1, "bytes": 255 * NOISE, "imagenet": (NOISE - mean) / deviation}
+    path = onnx_file(tmp_path / "same.onnx", [SAME])
+    for name, expected in given.items():
+        seen = restored(NOISE, model=path, range=name, output_range="unit")
+        np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-5)
+        np.testing.assert_allclose(restored(NOISE, model=path, range=name), NOISE, atol=1e-6)
+    np.testing.assert_allclose(restored(NOISE, model=path, output_range="symmetric"), (NOISE + 1) / 2, atol=1e-6)
+
+
+def test_imagenet_statistics_stay_with_their_colours_when_the_order_is_turned(tmp_path: Path):
+    first = onnx_file(tmp_path / "same.onnx", [SAME])
+    rgb, bgr = (restored(NOISE, model=first, range="imagenet", output_range="unit", order=o) for o in ("rgb", "bgr"))
+    np.testing.assert_array_equal(rgb, bgr)  # the same numbers, there and back
+
+
+def test_whole_numbers_are_rounded_and_need_their_range(tmp_path: Path):
+    path = onnx_file(tmp_path / "u8.onnx", [SAME], dtype="UINT8", output_dtype="UINT8")
+    image = restored(NOISE * 1.2 - 0.1, model=path, range="bytes")
+    np.testing.assert_allclose(image, np.rint(255 * (NOISE * 1.2 - 0.1)).clip(0, 255) / 255, atol=1e-6)
+    with pytest.raises(InputError, match=r"u8.onnx: takes whole numbers.*method.range=bytes"):
+        restored(NOISE, model=path)
+
+
+@pytest.mark.parametrize(("dtype", "close"), [("FLOAT16", 1e-3), ("DOUBLE", 1e-6)])
+def test_other_floats_are_given_as_declared(dtype: str, close: float, tmp_path: Path):
+    path = onnx_file(tmp_path / "same.onnx", [SAME], dtype=dtype, output_dtype=dtype)
+    image = restored(NOISE, model=path)
+    assert image.dtype == np.float32
+    np.testing.assert_allclose(image, NOISE, atol=close)
+
+
+# -- sizes -------------------------------------------------------------------------------------------------
+
+
+def test_a_model_of_one_size_gets_every_view_at_that_size(tmp_path: Path):
+    path = onnx_file(tmp_path / "fixed.onnx", [SAME], shape=(1, 3, 32, 48))
+    got = result(NOISE, model=path)
+    assert got.info["worked_at"] == "32x48"
+    np.testing.assert_allclose(got.image, resized(resized(NOISE, 32, 48), 20, 24), atol=1e-6)
+    with pytest.raises(InputError, match=r"works at 32x48 only.*method.size=64"):
+        restored(NOISE, model=path, size=64)
+
+
+def halves(path: Path, scale: float) -> Path:
+    """A model that halves the picture and enlarges it again: it fails nowhere, and loses a row of an odd height."""
+    nodes = [
+        make_node("AveragePool", ["x"], ["h"], kernel_shape=[2, 2], strides=[2, 2]),
+        make_node("Resize", ["h", "", "s"], ["y"], mode="nearest"),
+    ]
+    return onnx_file(path, nodes, constants(s=np.float32([1, 1, scale, scale])))
+
+
+def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_path: Path):
+    path, image = halves(tmp_path / "halves.onnx", 2), NOISE[:19]
+    expected = np.pad(image, ((0, 1), (0, 0), (0, 0)), mode="symmetric")
+    expected = expected.reshape(10, 2, 12, 2, 3).mean((1, 3)).repeat(2, axis=0).repeat(2, axis=1)[:19]
+    np.testing.assert_allclose(restored(image, model=path, multiple=2), expected, atol=1e-6)
+    with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*method.multiple"):
+        restored(image, model=path)
+
+
+def test_an_enlarged_answer_is_brought_back_to_the_views_size(tmp_path: Path):
+    smooth = resized(NOISE[::5, ::6], 20, 24)
+    image = restored(smooth, model=halves(tmp_path / "double.onnx", 4))
+    assert image.shape == smooth.shape
+    assert np.abs(image - smooth).mean() < 0.03
+
+
+@pytest.mark.parametrize("kind", ["black", "white", "tiny", "a pixel"])
+def test_every_image_gets_finite_colours_at_its_own_size(kind: str, trained: Path):
+    rgb = {"black": 0 * NOISE, "white": np.ones_like(NOISE), "tiny": NOISE[:4, :6], "a pixel": NOISE[:1, :1]}[kind]
+    first, second = (restored(rgb, model=trained, range="symmetric") for _ in "12")
+    assert first.shape == rgb.shape
+    assert np.isfinite(first).all()
+    np.testing.assert_array_equal(first, second)
+
+
+# -- files -------------------------------------------------------------------------------------------------
+
+
+def bad_model(kind: str, path: Path) -> None:
+    two, one = make_node("Add", ["x", "z"], ["y"]), make_node("ReduceMean", ["x"], ["y"], axes=[1])
+    open_shape = ("n", "c", "h", "w")
+    match kind:
+        case "missing":
+            pass
+        case "no model":
+            path.write_text("hello")
+        case "two inputs":
+            onnx_file(path, [two], inputs=("x", "z"))
+        case "two outputs":
+            onnx_file(path, [SAME, make_node("Neg", ["x"], ["mask"])], outputs=("y", "mask"))
+        case "no picture":
+            onnx_file(path, [SAME], shape=("n", 3))
+        case "gray":
+            onnx_file(path, [SAME], shape=(1, 1, "h", "w"))
+        case "a batch":
+            onnx_file(path, [SAME], shape=(4, 3, "h", "w"))
+        case "open":
+            onnx_file(path, [SAME], shape=open_shape)
+        case "half open":
+            onnx_file(path, [SAME], shape=(1, 3, 256, "w"))
+        case "words":
+            onnx_file(path, [SAME], dtype="INT64", output_dtype="INT64")
+        case "gray answer":
+            onnx_file(path, [one])
+        case _:
+            shape = constants(s=np.int64([1, 3, 7, 7]))
+            onnx_file(path, [make_node("Reshape", ["x", "s"], ["y"])], shape)
+
+
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    {
+        "missing": "no such file",
+        "no model": "onnxruntime does not open it",
+        "two inputs": "takes 'x', 'z'; a model of one input",
+        "two outputs": "has outputs y, mask; choose with method.output=y",
+        "no picture": r"takes \?x3; a model of one picture",
+        "gray": r"takes 1x1x\?x\?, not 3 channels",
+        "a batch": r"takes 4x3x\?x\?; a model of one picture",
+        "open": "does not say where its channels are; give method.layout",
+        "half open": r"takes 1x3x256x\?, with one side open",
+        "words": r"takes tensor\(int64\), no picture",
+        "gray answer": r"output 'y' is \(1, 1, 20, 24\), no picture",
+        "fails": "fails on 20x24 pixels.*method.size",
+    }.items(),
+)
+def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: str, says: str, tmp_path: Path):
+    path = tmp_path / "given.onnx"
+    bad_model(kind, path)
+    with pytest.raises(InputError, match=says) as fault:
+        restored(NOISE, model=path)
+    assert str(path) in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_one_of_several_outputs_is_taken_by_name(tmp_path: Path):
+    path = onnx_file(tmp_path / "two.onnx", [SAME, make_node("Neg", ["x"], ["minus"])], outputs=("y", "minus"))
+    np.testing.assert_allclose(restored(NOISE, model=path, output="minus"), -NOISE, atol=1e-6)
+    with pytest.raises(InputError, match=r"no output 'minos'; did you mean 'minus'"):
+        restored(NOISE, model=path, output="minos")
+
+
+def with_weights_in(told: str, path: Path) -> Path:
+    """A model that takes its weights, ones, from the file it names."""
+    import onnx
+
+    gain = constants(g=np.ones((1, 3, 1, 1), np.float32))
+    model = onnx.load(onnx_file(path, [make_node("Mul", ["x", "g"], ["y"])], gain))
+    weights = model.graph.initializer[0]
+    weights.ClearField("raw_data")
+    weights.data_location = onnx.TensorProto.EXTERNAL
+    weights.external_data.add(key="location", value=told)
+    path.write_bytes(model.SerializeToString())
+    return path
+
+
+def test_a_model_reads_weights_beside_it_and_no_file_outside_of_its_folder(tmp_path: Path):
+    (tmp_path / "models").mkdir()
+    for place in (tmp_path, tmp_path / "models"):
+        (place / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
+    path = tmp_path / "models" / "m.onnx"
+    np.testing.assert_array_equal(restored(NOISE, model=with_weights_in("ones.bin", path)), NOISE)
+    for told in ("../ones.bin", str(tmp_path / "ones.bin")):
+        with pytest.raises(InputError, match=r"m.onnx: onnxruntime does not open it"):
+            restored(NOISE, model=with_weights_in(told, path))
+
+
+def test_a_model_is_opened_once_and_again_when_its_file_changes(tmp_path: Path):
+    path = onnx_file(tmp_path / "m.onnx", [SAME])
+    first = opened(path, "auto", "auto", "")
+    assert opened(path, "auto", "auto", "") is first
+    onnx_file(path, [make_node("Neg", ["x"], ["y"])])
+    np.testing.assert_allclose(restored(NOISE, model=path), -NOISE, atol=1e-6)
+
+
+@pytest.mark.parametrize("name", ["ones.bin", "w" * 200 + ".data"])
+def test_a_model_is_opened_again_when_the_weights_beside_it_change(name: str, tmp_path: Path):
+    (tmp_path / name).write_bytes(np.ones(3, np.float32).tobytes())
+    path = with_weights_in(name, tmp_path / "m.onnx")
+    first = opened(path, "auto", "auto", "")
+    assert opened(path, "auto", "auto", "") is first
+    (tmp_path / "new").write_bytes(np.full(3, 0.5, np.float32).tobytes())
+    os.utime(tmp_path / "new", ns=(0, 10**18))  # however soon after the first
+    (tmp_path / "new").replace(tmp_path / name)
+    np.testing.assert_array_equal(restored(NOISE, model=path), NOISE / 2)
+
+
+def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_path: Path):
+    (tmp_path / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
+    with pytest.raises(InputError, match=r"is a folder, of .onnx files it holds none; give the file in method.model"):
+        restored(NOISE, model=tmp_path)
+    path = with_weights_in("ones.bin", tmp_path / "m.onnx")
+    np.testing.assert_array_equal(restored(NOISE, model=tmp_path), NOISE)
+    before = source_hash(files=[tmp_path])
+    os.utime(tmp_path / "ones.bin", ns=(0, 10**18))
+    assert source_hash(files=[tmp_path]) != before
+    path.with_name("n.onnx").write_bytes(path.read_bytes())
+    with pytest.raises(InputError, match=r"it holds m.onnx, n.onnx; give the file in method.model"):
+        restored(NOISE, model=tmp_path)
+
+
+def test_a_gpu_that_is_not_there_is_an_error(tmp_path: Path):
+    import onnxruntime
+
+    if "CUDAExecutionProvider" in onnxruntime.get_available_providers():
+        pytest.skip("this machine has a GPU")
+    with pytest.raises(InputError, match="no GPU"):
+        restored(NOISE, model=onnx_file(tmp_path / "m.onnx", [SAME]), device="cuda")
+
+
+@pytest.mark.parametrize(
+    "options", [{"multiple": 0}, {"size": 0}, {"tile": 0}, {"overlap": 600}, {"overlap": -1}, {"tile": 100}]
+)
+def test_options_out_of_range_are_refused_before_any_work(options: dict[str, Any], tmp_path: Path):
+    with pytest.raises(InputError, match=r"onnx\.(multiple|size|tile|overlap)"):
+        restored(NOISE, model=onnx_file(tmp_path / "m.onnx", [SAME]), **options)

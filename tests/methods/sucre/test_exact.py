@@ -1,0 +1,332 @@
+"""The exact solver, against made water, an independent minimiser and its own promises."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+from support.made_observations import made, parameters, reduced_residuals, table
+from support.made_scene import WATER, make_scene
+
+from sucre_bench import SolveError, Water
+from sucre_bench.methods.sucre.diagnostics import uncertainty_of
+from sucre_bench.methods.sucre.exact import fit, sampled
+from sucre_bench.methods.sucre.levenberg import Bounds, minimise
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
+from sucre_bench.methods.sucre.solvers import colours_for_water, solve_adam_closed_form, solve_exact
+from sucre_bench.multiview.observations import Observations, Seen, arrange
+from sucre_bench.multiview.observe import observe
+
+WATERS = [
+    WATER,
+    Water(np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])),  # blue ocean
+    Water(np.array([0.23, 0.45, 0.34]), np.array([0.56, 0.26, 0.34]), np.array([0.42, 0.32, 0.36])),  # turbid
+]
+
+
+TRUTH = table(parameters(WATER))
+
+
+# -- the minimum -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2])
+@pytest.mark.parametrize("water", WATERS)
+def test_made_water_is_found_within_two_per_cent(water: Water, seed: int) -> None:
+    observations, _ = made(60_000, water=water, noise=0.004, eight_bit=True, seed=seed)
+    found = fit(observations)
+    assert found.converged
+    np.testing.assert_allclose(table(found.water), table(parameters(water)), rtol=0.02)
+
+
+def test_no_random_start_leads_an_independent_minimiser_lower() -> None:
+    observations, _ = made(400, 5, distances_m=(2, 6), noise=0.01, seed=3)
+    found = fit(observations, backend="numpy")
+    rng = np.random.default_rng(0)
+    upper = np.array([1.0, 10.0, 10.0])
+    for channel in range(3):
+        costs = []
+        for _ in range(20):
+            start = rng.uniform(0, [1, 1, 2])
+            end = least_squares(
+                lambda water, c=channel: reduced_residuals(observations, c, water), start, bounds=(0, upper), xtol=1e-12
+            )
+            costs.append(2 * end.cost)
+        assert found.cost[channel] <= min(costs) * (1 + 1e-6)
+
+
+def test_the_cost_is_never_above_that_of_adam() -> None:
+    observations, _ = made(5_000, noise=0.004, eight_bit=True)
+    exact = solve_exact(observations)
+    adam = solve_adam_closed_form(observations, 200, 0.05, "auto", "cpu")
+    assert (exact.cost < adam.cost).all()
+    at_start = colours_for_water(
+        observations, WaterParameters.of_channels(np.full((3, 3), 0.1)), None, "numpy", "cpu"
+    ).cost
+    assert (adam.cost < 0.1 * at_start).all()  # and Adam was on its way there
+
+
+def test_exact_data_leave_no_residual() -> None:
+    observations, J = made(2_000)
+    solution = solve_exact(observations, backend="numpy")
+    np.testing.assert_allclose(table(solution.water), TRUTH, rtol=1e-4)
+    np.testing.assert_allclose(solution.J, J, atol=1e-4)
+
+
+def test_several_images_are_fitted_as_one_is_that_holds_all_their_pixels() -> None:
+    whole, _ = made(9_000, noise=0.01, seed=1)
+    parts = [whole.take(np.arange(k, 9_000, 3)) for k in range(3)]
+    together, at_once = fit(parts, backend="numpy"), fit(whole, backend="numpy")
+    np.testing.assert_allclose(together.cost, at_once.cost, rtol=1e-7)
+    np.testing.assert_allclose(table(together.water), table(at_once.water), rtol=1e-3)
+
+
+def test_an_image_that_cannot_tell_its_water_gains_from_others_in_the_same() -> None:
+    narrow, J = made(5_000, distances_m=(3, 3.5), noise=0.004, seed=0)
+    wide, _ = made(5_000, distances_m=(1, 9), noise=0.004, seed=1)
+    alone, shared = fit(narrow), fit([narrow, wide])
+    errors = [np.abs(table(one.water) / TRUTH - 1).max() for one in (alone, shared)]
+    assert errors[1] < 0.03 < 0.3 < errors[0]
+    psnr = [
+        -10 * np.log10(np.mean((colours_for_water(narrow, one.water, one.uncertainty, "numpy", "cpu").J - J) ** 2))
+        for one in (alone, shared)
+    ]
+    assert psnr[1] > psnr[0] + 3
+
+
+def test_equal_runs_give_equal_bits_and_the_sample_hardly_matters() -> None:
+    observations, _ = made(50_000, noise=0.01)
+    one, again, other = fit(observations, seed=0), fit(observations, seed=0), fit(observations, seed=7)
+    assert np.array_equal(table(one.water), table(again.water))
+    np.testing.assert_allclose(one.cost, other.cost, rtol=1e-6)
+
+
+def test_pixels_seen_once_do_not_move_the_water() -> None:
+    observations, _ = made(3_000, n_single=1_000, noise=0.01)
+    without = observations.take(np.arange(observations.n_repeated))
+    assert len(without.pixels) < len(observations.pixels)
+    np.testing.assert_array_equal(table(fit(observations).water), table(fit(without).water))
+
+
+def test_the_scale_of_the_scene_does_not_matter() -> None:
+    observations, _ = made(5_000, noise=0.005)
+    toy = replace(observations, distance=observations.distance * np.float32(1 / 64))
+    np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [64], [64]], rtol=1e-3)
+
+
+# -- colours held above zero -------------------------------------------------------------------------------
+
+
+def shaded() -> Observations:
+    """A scene that the camera's carrier shades where it is near, which the free fit takes for a bright veil."""
+    observations, _ = made(20_000, distances_m=(1, 8), colours=(0.0, 0.5), n_single=5_000, noise=0.004, eight_bit=True)
+    light = 1 - 0.6 * np.exp(-observations.distance / 1.5)
+    return replace(observations, colour=np.rint(observations.colour * light).astype(np.uint8))
+
+
+def test_a_physical_fit_has_far_fewer_negative_colours() -> None:
+    observations = shaded()
+    free = solve_exact(observations)
+    held = solve_exact(observations, physical=True)
+    below = [(-3 * np.maximum(one.deviation, 0.01) > one.J).mean(axis=1) for one in (free, held)]
+    assert (below[0] > 0.02).all()
+    assert (below[1] < 0.2 * below[0]).all()
+
+
+def test_where_the_model_holds_a_physical_fit_finds_the_same_water() -> None:
+    observations, _ = made(30_000, noise=0.004, eight_bit=True, n_single=5_000)
+    np.testing.assert_allclose(table(fit(observations, physical=True).water), TRUTH, rtol=0.02)
+
+
+# -- what is known about it --------------------------------------------------------------------------------
+
+
+def test_standard_errors_are_those_of_repeated_experiments() -> None:
+    fits = [fit(made(1_500, 6, distances_m=(2, 8), noise=0.01, seed=seed)[0]) for seed in range(24)]
+    spread = np.std([table(one.water) for one in fits], axis=0, ddof=1)
+    claimed = np.mean([table(one.uncertainty.standard_error) for one in fits], axis=0)
+    np.testing.assert_allclose(claimed / spread, 1, atol=0.45)  # of 24 draws: 15 % each
+    assert 0.8 < np.median(claimed / spread) < 1.25
+    np.testing.assert_allclose(np.mean([one.uncertainty.noise for one in fits], axis=0), 0.01, rtol=0.03)
+
+
+def test_the_confidence_map_is_the_spread_of_colours_about_the_truth() -> None:
+    observations, J = made(20_000, noise=0.01, n_single=4_000)
+    solution = solve_exact(observations)
+    score = (solution.J - J) / solution.deviation
+    assert score.std() == pytest.approx(1, abs=0.03)
+    once = observations.counts == 1
+    assert score[:, once].std() == pytest.approx(1, abs=0.06)
+    assert solution.deviation[:, once].mean() > 1.5 * solution.deviation[:, ~once].mean()
+
+
+def test_a_known_water_leaves_colours_only_their_own_noise() -> None:
+    narrow, J = made(5_000, distances_m=(3, 3.3), noise=0.01)
+    solution = colours_for_water(narrow, parameters(WATER), None, "auto", "cpu")
+    assert ((solution.J - J) / solution.deviation).std() == pytest.approx(1, abs=0.03)
+
+
+def test_robust_weights_do_not_make_a_fit_surer_than_it_is() -> None:
+    observations, J = made(10_000, noise=0.01)
+    solution = solve_exact(observations, robust=True)
+    np.testing.assert_allclose(solution.uncertainty.noise, 0.01, rtol=0.05)
+    # Weights of .8 and less count as less light than there was: on the safe side, by a little.
+    assert 0.9 < ((solution.J - J) / solution.deviation).std() < 1.02
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch", "jax", "numpy"])
+def test_places_that_no_light_comes_from_do_not_spoil_the_rest(backend: Any) -> None:
+    """Red of beta .42 is gone at 150 m: exp(-63), whose square is no number in float32."""
+    observations, J = made(2_000, noise=0.004, n_single=100)
+    distance, colour = observations.distance.copy(), observations.colour.copy()
+    far = [3, len(observations.pixels) - 3]  # the first observations of a repeated and of a single pixel
+    for n, part in observations.slots():
+        at = [k for k in far if k < n]
+        distance[part][at] = 150
+        colour[:, part][:, at] = WATER.veiling_light[:, None]
+    gone = replace(observations, distance=distance, colour=colour)
+    solution = solve_exact(gone, backend=backend)
+    assert np.isfinite(solution.cost).all()
+    assert np.isfinite(solution.J).all()
+    np.testing.assert_allclose(table(solution.water), table(fit(observations).water), rtol=0.03)
+    shrunk, deviation = posterior(solution.J, solution.deviation)
+    assert np.isfinite(shrunk).all()
+    assert np.isfinite(deviation).all()
+    assert np.abs(shrunk - J).mean() < 0.1
+
+
+def test_an_image_without_repeated_pixels_adds_nothing_to_a_common_fit() -> None:
+    several, _ = made(2_000, noise=0.01)
+    lonely, _ = made(50, n_views=1, seed=1)
+    np.testing.assert_array_equal(table(fit([several, lonely]).water), table(fit([several]).water))
+
+
+def test_two_observations_too_many_cannot_tell_the_noise_and_it_is_said() -> None:
+    observations, _ = made(3, 2, n_single=1)
+    limits = fit(observations).uncertainty.limits
+    assert any("too few repeated observations" in limit for limit in limits)
+
+
+def test_a_narrow_range_of_distances_is_called_undetermined() -> None:
+    narrow, _ = made(2_000, distances_m=(3, 3.3), noise=0.004)
+    wide, _ = made(2_000, distances_m=(2, 10), noise=0.004)
+    unsure, sure = fit(narrow).uncertainty, fit(wide).uncertainty
+    assert any("undetermined by these distances" in limit for limit in unsure.limits)
+    assert sure.limits == ()
+    assert unsure.condition.max() > 100 * sure.condition.max()
+
+
+@pytest.mark.parametrize("channel", [0, 2])
+@pytest.mark.parametrize("level", [0, 255])
+def test_a_dead_or_saturated_channel_is_left_as_it_is_and_said(channel: int, level: int) -> None:
+    observations, _ = made(2_000, noise=0.004, eight_bit=True)
+    colour = observations.colour.copy()
+    colour[channel] = level
+    solution = solve_exact(replace(observations, colour=colour))
+    name = ("red", "green", "blue")[channel]
+    assert any(limit.startswith(f"{name}: ") for limit in solution.uncertainty.limits)
+    np.testing.assert_allclose(solution.J[channel], level / 255, atol=1e-6)
+    others = [c for c in range(3) if c != channel]
+    np.testing.assert_allclose(table(solution.water)[:, others], TRUTH[:, others], rtol=0.1)
+    assert np.isfinite(solution.J).all()
+
+
+def test_one_view_alone_is_an_error_that_says_what_to_do() -> None:
+    scene = make_scene()
+    with pytest.raises(SolveError, match=r"^no pixel is seen in two views; give views .*water=FILE"):
+        fit(observe(scene["a.png"], [scene["a.png"]]))
+
+
+def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
+    rng = np.random.default_rng(0)
+    pixels, z = np.arange(500), rng.uniform(1, 5, 500).astype(np.float32)
+    seen = [Seen(f"{k}", pixels, z, rng.uniform(0.2, 0.8, (500, 3)).astype(np.float32)) for k in range(4)]
+    with pytest.raises(SolveError, match=r"^every pixel is seen from one distance only; give views .*water=FILE"):
+        fit(arrange((1, 500), seen))
+
+
+def test_a_given_water_gives_the_best_colours_for_water_it() -> None:
+    observations, J = made(1_000, noise=0.0)
+    solution = colours_for_water(observations, parameters(WATER), None, "numpy", "cpu")
+    np.testing.assert_allclose(solution.J, J, atol=1e-5)
+    np.testing.assert_array_equal(table(solution.water), TRUTH)
+
+
+def test_a_sample_keeps_whole_pixels() -> None:
+    observations, _ = made(5_000, n_single=1_000)
+    few = sampled(observations, 400, singles=True, seed=0)
+    assert few.n_repeated == 400
+    assert len(few.pixels) - 400 == round(1_000 * 400 / observations.n_repeated)
+    place = {pixel: k for k, pixel in enumerate(observations.pixels.tolist())}
+    expected = [observations.counts[place[pixel]] for pixel in few.pixels.tolist()]
+    assert few.counts.tolist() == expected
+    for slot, (n, part) in enumerate(few.slots()):
+        own = [observations.starts[slot] + place[pixel] for pixel in few.pixels[:n].tolist()]
+        np.testing.assert_array_equal(few.distance[part], observations.distance[own])
+        np.testing.assert_array_equal(few.colour[:, part], observations.colour[:, own])
+
+
+# -- the steps ---------------------------------------------------------------------------------------------
+
+
+def curve(rate: float) -> tuple[np.ndarray, np.ndarray]:
+    t = np.linspace(0, 4, 40)
+    return t, 0.5 + 2 * np.exp(-rate * t)
+
+
+def exponential(t: np.ndarray, y: np.ndarray, at: np.ndarray) -> ReducedSystem:
+    """y = p0 + p1 exp(-p2 t)."""
+    decay = np.exp(-at[2] * t)
+    columns, r = np.stack([np.ones_like(t), decay, -at[1] * t * decay]), y - at[0] - at[1] * decay
+    return ReducedSystem((columns @ columns.T)[None], (columns @ r)[None], np.array([r @ r]))
+
+
+@pytest.mark.parametrize("start", [(0.0, 0.1, 0.1), (1.0, 5.0, 5.0), (0.2, 0.1, 3.0)])
+def test_independent_problems_reach_their_own_minima_side_by_side(start: tuple[float, ...]) -> None:
+    rates = (0.7, 2.5)
+    data = [curve(rate) for rate in rates]
+
+    def evaluate(at: np.ndarray) -> ReducedSystem:
+        each = [exponential(t, y, p) for (t, y), p in zip(data, at, strict=True)]
+        return ReducedSystem(*(np.concatenate([getattr(s, name) for s in each]) for name in ("H", "g", "cost")))
+
+    bounds = Bounds(np.zeros(3), np.full(3, 10.0), np.array([False, False, True]))
+    end = minimise(evaluate, np.tile(start, (2, 1)), bounds, tolerance=1e-12, floor=1e-12)
+    assert end.converged.all()
+    np.testing.assert_allclose(end.at, [[0.5, 2, 0.7], [0.5, 2, 2.5]], rtol=1e-4)
+
+
+def test_a_minimum_outside_the_bounds_ends_at_the_bound_that_is_nearest_in_cost() -> None:
+    t, y = curve(2.5)
+    bounds = Bounds(np.zeros(3), np.array([10, 10, 1.5]), np.array([False, False, True]))
+    end = minimise(lambda at: exponential(t, y, at[0]), np.full((1, 3), 0.5), bounds, tolerance=1e-12)
+    expected = least_squares(lambda p: p[0] + p[1] * np.exp(-p[2] * t) - y, [0.5, 0.5, 0.5], bounds=(0, bounds.upper))
+    np.testing.assert_allclose(end.at[0], expected.x, rtol=1e-3)
+    assert end.at[0, 2] == 1.5
+    assert end.free.tolist() == [[True, True, False]]
+
+
+def test_a_step_that_is_known_to_raise_the_cost_is_not_taken_in_the_end() -> None:
+    """|x - .5|, whose steepness promises gains on both sides of the minimum and keeps none of them."""
+
+    def kink(at: np.ndarray) -> ReducedSystem:
+        x = at[0] - 0.5
+        g = np.where(x > 0, -0.1, 0.1)
+        return ReducedSystem(np.eye(3)[None], g[None], np.array([1 + np.abs(x).sum()]))
+
+    end = minimise(kink, np.full((1, 3), 0.5), Bounds(np.zeros(3), np.ones(3), np.ones(3, bool)), tolerance=1e-9)
+    np.testing.assert_allclose(end.at, 0.5, atol=1e-9)
+
+
+def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:
+    system = ReducedSystem(np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.full(3, 1e-6))
+    free = np.array([[True, False, True], [True] * 3, [True] * 3])
+    known = uncertainty_of(WaterParameters.of_channels(np.ones((3, 3))), system, free, 1000)
+    assert known.limits == ("red: attenuation at the end of the range",)
+    assert np.isnan(known.standard_error.beta[0])
+    np.testing.assert_allclose(known.condition, 1)

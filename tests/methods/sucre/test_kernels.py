@@ -1,0 +1,285 @@
+"""The passes over all observations: every backend against float64, and float64 against the model written densely."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_observations import flat, made, reduced_residuals
+
+from sucre_bench.methods.sucre.kernels import Kernel, opened
+from sucre_bench.methods.sucre.kernels.formulas import WALL, Block, blocks, fill
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.normal_equations import ReducedSystem
+from sucre_bench.multiview.observations import Observations, Seen, arrange
+
+BACKENDS = ["numpy", "numba", "torch", "jax"]
+SINGLE = BACKENDS[1:]  # those that compute in float32
+# Near made_scene's, not at the minimum: rows RGB, columns B, beta, gamma.
+ROWS = np.array([[0.08, 0.38, 0.27], [0.25, 0.16, 0.2], [0.33, 0.12, 0.11]])
+WATER = WaterParameters.of_channels(ROWS)
+MARGIN = np.array([0.02, 0.05, 0.01])
+NOISE = np.array([0.01, 0.02, 0.005])
+
+
+def system(observations: Observations, backend: Any, margin: np.ndarray | None = None) -> ReducedSystem:
+    with opened(observations, backend, "cpu") as kernel:
+        return kernel.system(WATER, margin)
+
+
+def dark(**options: Any) -> Observations:
+    """Observations of which many lie below the veil of WATER, so that their colours are negative."""
+    return made(600, colours=(-0.1, 0.3), noise=0.02, **options)[0]
+
+
+def assert_close(found: ReducedSystem, truth: ReducedSystem, rtol: float) -> None:
+    """Equal to so many digits: g in units of its Cauchy-Schwarz bound, as its terms cancel near a minimum."""
+    size = np.sqrt(np.einsum("cii->ci", truth.H))
+    np.testing.assert_allclose(found.H / size[:, None], truth.H / size[:, None], rtol=rtol, atol=rtol * size.max())
+    np.testing.assert_array_less(np.abs(found.H - truth.H), rtol * size[:, :, None] * size[:, None, :] + 1e-30)
+    np.testing.assert_array_less(np.abs(found.g - truth.g), rtol * size * np.sqrt(truth.cost)[:, None] + 1e-30)
+    np.testing.assert_allclose(found.cost, truth.cost, rtol=rtol)
+
+
+def dense(observations: Observations, c: int, margin: float | None = None) -> tuple[np.ndarray, np.ndarray]:
+    """The products (4, 4) of D' and r by elimination of all J from the full Jacobian, and the colours (P,)."""
+    place, z, I = flat(observations)  # noqa: E741
+    B, beta, gamma = ROWS[c]
+    w = np.ones(len(z)) if observations.weight is None else observations.weight.astype(float)
+    a, e = np.exp(-beta * z), np.exp(-gamma * z)
+    of_J = np.zeros((len(z), len(observations.pixels)))
+    of_J[np.arange(len(z)), place] = a
+    root = np.sqrt(w)[:, None]
+    J = np.linalg.lstsq(root * of_J, root[:, 0] * (I[c] - B * (1 - e)), rcond=None)[0]
+    of_water = np.stack([1 - e, -J[place] * a * z, B * z * e], axis=1)
+    r = I[c] - J[place] * a - B * (1 - e)
+    jacobian = root * np.hstack([of_water, of_J])
+    orthogonal, _ = np.linalg.qr(jacobian[:, 3:])
+    columns = np.column_stack([jacobian[:, :3], root[:, 0] * r])
+    columns -= orthogonal @ (orthogonal.T @ columns)
+    return columns.T @ columns, J
+
+
+def held_cost(observations: Observations, c: int, water: np.ndarray, margin: float) -> float:
+    """The reduced cost of one channel with what holds colours above zero, float64."""
+    place, z, I = flat(observations)  # noqa: E741
+    a, y = np.exp(-water[1] * z), I[c] - water[0] * (1 - np.exp(-water[2] * z))
+    n = len(observations.pixels)
+    A = np.bincount(place, a * a, n)
+    short = np.minimum(np.bincount(place, a * y, n) / np.sqrt(A) + margin, 0)
+    return float((reduced_residuals(observations, c, water) ** 2).sum() + ((WALL * short) ** 2).sum())
+
+
+# -- float64 against the model itself ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+def test_the_system_is_that_of_the_full_jacobian_without_its_colours(weighted: bool) -> None:
+    observations, _ = made(40, noise=0.02)
+    if weighted:
+        weight = np.random.default_rng(1).uniform(0.1, 3, len(observations)).astype(np.float32)
+        observations = replace(observations, weight=weight)
+    found = system(observations, "numpy")
+    for c in range(3):
+        truth, _ = dense(observations, c)
+        np.testing.assert_allclose(found.H[c], truth[:3, :3], rtol=1e-9)
+        np.testing.assert_allclose(found.g[c], truth[:3, 3], rtol=1e-7, atol=1e-10)
+        np.testing.assert_allclose(found.cost[c], truth[3, 3], rtol=1e-9)
+
+
+@pytest.mark.parametrize("held", [False, True])
+def test_g_is_minus_half_the_slope_of_the_reduced_cost(held: bool) -> None:
+    observations = dark(n_single=100)
+    found = system(observations, "numpy", MARGIN if held else None)
+    for c in range(3):
+        margin = MARGIN[c] if held else np.inf
+        step = 1e-5
+        for i, towards in enumerate(np.eye(3) * step):
+            higher, lower = (held_cost(observations, c, ROWS[c] + sign * towards, margin) for sign in (1, -1))
+            assert -2 * found.g[c, i] == pytest.approx((higher - lower) / (2 * step), rel=1e-4, abs=1e-5)
+        assert found.cost[c] == pytest.approx(held_cost(observations, c, ROWS[c], margin), rel=1e-9)
+
+
+def test_held_colours_enter_h_as_rows_of_their_own() -> None:
+    observations = dark(n_single=100)
+    free, held = system(observations, "numpy"), system(observations, "numpy", MARGIN)
+    place, z, I = flat(observations)  # noqa: E741
+    n = len(observations.pixels)
+    for c in range(3):
+
+        def shortfall(water: np.ndarray, c: int = c) -> np.ndarray:
+            a, y = np.exp(-water[1] * z), I[c] - water[0] * (1 - np.exp(-water[2] * z))
+            return np.bincount(place, a * y, n) / np.sqrt(np.bincount(place, a * a, n)) + MARGIN[c]
+
+        below = shortfall(ROWS[c]) < 0
+        assert 20 < below.sum() < n - 20
+        step = np.eye(3) * 1e-6
+        rows = np.stack([shortfall(ROWS[c] + s)[below] - shortfall(ROWS[c] - s)[below] for s in step]) / 2e-6
+        np.testing.assert_allclose(held.H[c] - free.H[c], WALL**2 * rows @ rows.T, rtol=1e-5)
+
+
+def test_colours_are_the_least_squares_colours_with_their_propagated_deviation() -> None:
+    observations, _ = made(40, noise=0.02, n_single=5)
+    V = np.stack([np.diag([1e-4, 2e-4, 3e-4]) + 5e-5 * (c + 1) for c in range(3)])
+    with opened(observations, "numpy", "cpu") as kernel:
+        J, deviation = kernel.colours(WATER, NOISE, V)
+    place, z, _ = flat(observations)
+    for c in range(3):
+        _, truth = dense(observations, c)
+        np.testing.assert_allclose(J[c], truth, rtol=1e-5, atol=1e-6)
+        B, beta, gamma = ROWS[c]
+        a, e = np.exp(-beta * z), np.exp(-gamma * z)
+        D = np.stack([1 - e, -truth[place] * a * z, B * z * e])
+        A = np.bincount(place, a * a)
+        sensitivity = np.stack([np.bincount(place, a * column) for column in D]) / A
+        variance = NOISE[c] ** 2 / A + np.einsum("ip,ij,jp->p", sensitivity, V[c], sensitivity)
+        np.testing.assert_allclose(deviation[c], np.sqrt(variance), rtol=1e-5)
+
+
+# -- the backends against float64 --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("backend", SINGLE)
+@pytest.mark.parametrize("margin", [None, MARGIN])
+@pytest.mark.parametrize("distances_m", [(1, 10), (3, 3.3)])
+def test_float32_keeps_the_digits_of_the_system(
+    backend: str, margin: np.ndarray | None, distances_m: tuple[float, float]
+) -> None:
+    observations = dark(distances_m=distances_m, n_single=50)
+    # The subtracted form of H is wrong by a factor of 9 at 3 to 3.3 m.
+    assert_close(system(observations, backend, margin), system(observations, "numpy", margin), 1e-4)
+
+
+@pytest.mark.parametrize("backend", SINGLE)
+def test_float32_keeps_the_digits_of_the_colours(backend: str) -> None:
+    observations = dark(n_single=50)
+    V = np.stack([np.diag([1e-4, 2e-4, 3e-4]) + 5e-5] * 3)
+    with opened(observations, "numpy", "cpu") as exact, opened(observations, backend, "cpu") as kernel:
+        for found, truth in zip(kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True):
+            assert found.dtype == np.float32
+            np.testing.assert_allclose(found, truth, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("backend", SINGLE)
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16, np.float32])
+def test_every_type_of_colour_is_read_from_memory_and_from_disk(backend: str, dtype: Any, tmp_path: Path) -> None:
+    observations = made(300, noise=0.01)[0]
+    scale = 1 if dtype == np.float32 else np.iinfo(dtype).max
+    stored = (observations.colour.clip(0, 1) * scale).astype(dtype)
+    truth = system(replace(observations, colour=(stored / np.float64(scale)).astype(np.float32)), "numpy")
+    assert_close(system(replace(observations, colour=stored), backend), truth, 1e-4)
+
+    on_disk = {}
+    for name, values in (("colour", stored), ("distance", observations.distance)):
+        np.save(tmp_path / f"{name}.npy", values)
+        on_disk[name] = np.load(tmp_path / f"{name}.npy", mmap_mode="r")
+    assert_close(system(replace(observations, **on_disk), backend), truth, 1e-4)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_weight_of_two_is_the_observation_twice(backend: str) -> None:
+    once = arranged(*(one := single_views()))
+    twice = arranged(*one, one[1])
+    weight = np.ones(len(once), dtype=np.float32)
+    assert once.view is not None
+    weight[once.view == 1] = 2
+    weighted = replace(once, weight=weight)
+    for margin in (None, MARGIN):
+        assert_close(system(weighted, backend, margin), system(twice, backend, margin), 1e-4)
+    assert not np.allclose(system(weighted, backend).cost, system(once, backend).cost, rtol=0.01)
+
+
+def single_views() -> list[Seen]:
+    """Four views of the same 200 pixels."""
+    rng = np.random.default_rng(3)
+    J, pixels = rng.uniform(0, 0.6, (200, 1)), np.arange(200)
+    distances = rng.uniform(1, 8, (4, 200, 1))
+    B, beta, gamma = ROWS.T
+    colours = J * np.exp(-beta * distances) + 0.5 * B * (1 - np.exp(-gamma * distances))
+    colours += rng.normal(0, 0.02, colours.shape)
+    return [
+        Seen(f"{k}", pixels, z[:, 0].astype("f4"), c.astype("f4"))
+        for k, (z, c) in enumerate(zip(distances, colours, strict=True))
+    ]
+
+
+def arranged(*seen: Seen) -> Observations:
+    return arrange((1, 200), seen, with_view=True)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_pixels_seen_once_add_nothing_unless_colours_are_held(backend: str) -> None:
+    with_singles = dark(n_single=200)
+    without = with_singles.take(np.arange(with_singles.n_repeated))
+    assert len(without) == len(with_singles) - 200
+    assert_close(system(with_singles, backend), system(without, backend), 1e-6)
+    # With a margin that nothing falls short of they do take part, and still add nothing.
+    assert_close(system(with_singles, backend, np.full(3, 10.0)), system(without, backend), 1e-4)
+    assert (system(with_singles, backend, MARGIN).cost > system(without, backend, MARGIN).cost).all()
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_the_order_of_views_and_of_pixels_does_not_matter(backend: str) -> None:
+    seen = single_views()
+    order = np.random.default_rng(0).permutation(200)
+    shuffled = [replace(one, pixels=np.argsort(order)[one.pixels]) for one in reversed(seen)]
+    for margin in (None, MARGIN):
+        assert_close(system(arranged(*shuffled), backend, margin), system(arranged(*seen), backend, margin), 1e-4)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_equal_passes_give_equal_bits_in_many_blocks(backend: str) -> None:
+    observations = made(60_000, 5, eight_bit=True)[0]
+    first, second = system(observations, backend, MARGIN), system(observations, backend, MARGIN)
+    for name in ("H", "g", "cost"):
+        np.testing.assert_array_equal(getattr(first, name), getattr(second, name))
+    if backend != "numpy":
+        assert_close(first, system(observations, "numpy", MARGIN), 1e-4)
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_water_of_extreme_rates_is_exact_or_seen_to_be_out_of_range(backend: str) -> None:
+    observations = made(200, noise=0.01)[0]
+    with opened(observations, "numpy", "cpu") as exact, opened(observations, backend, "cpu") as kernel:
+        for rates in ((-0.3, 1e-5), (1e-6, 3.0), (2.0, -0.2)):
+            water = WaterParameters.of_channels(np.array([[0.2, *rates]] * 3))
+            assert_close(kernel.system(water), exact.system(water), 2e-3)
+        assert np.isnan(silently(kernel, WaterParameters.of_channels(np.full((3, 3), np.nan))).cost).all()
+
+
+def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
+    with np.errstate(all="ignore"):
+        return kernel.system(water)
+
+
+def test_the_compiled_exponential_is_right_to_the_last_digits_of_float32() -> None:
+    from sucre_bench.methods.sucre.kernels.compiled import _power_minus_1
+
+    for x in np.r_[np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)].astype("f4"):
+        assert _power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
+    assert np.isnan(_power_minus_1(np.float32(np.nan)))
+
+
+# -- blocks ------------------------------------------------------------------------------------------------
+
+
+def test_blocks_cover_every_pixel_once_and_hold_their_places() -> None:
+    observations = made(1000, n_single=30)[0]
+    for elements in (1, 100, 4096):
+        cut = blocks(observations, elements)
+        assert [block.start for block in cut[1:]] == [block.start + block.n for block in cut[:-1]]
+        assert (cut[0].start, cut[-1].start + cut[-1].n) == (0, 1000)
+        assert all(block.n == 1 or block.n * block.slots <= elements for block in cut)
+    assert sum(fill(observations, block)[2].sum() for block in blocks(observations, 500)) == len(observations)
+
+
+def test_a_block_filled_up_has_pixels_that_divide_nothing_by_zero() -> None:
+    z, I, w = fill(made(10)[0], Block(0, 10, 12), width=16)  # noqa: E741
+    assert z.shape == w.shape == (12, 16)
+    assert I.shape == (3, 12, 16)
+    np.testing.assert_array_equal(w[:, 10:].sum(axis=0), 1)
+    assert not z[:, 10:].any()
+    assert not I[:, :, 10:].any()

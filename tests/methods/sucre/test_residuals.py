@@ -1,0 +1,181 @@
+"""What a fit leaves, on observations made with noise that is known."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_observations import flat, made, parameters
+from support.made_scene import WATER, make_scene
+
+import sucre_bench as sb
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.residuals import residuals
+from sucre_bench.multiview.observations import Observations
+
+TRUE_WATER = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
+NOISE = 0.01
+
+
+def best_colours(observations: Observations) -> np.ndarray:
+    """J (3, P) of least squares in the true water, float64."""
+    place, z, I = flat(observations)  # noqa: E741
+    n, found = len(observations.pixels), []
+    for c, (B, beta, gamma) in enumerate(TRUE_WATER.T):
+        a, y = transmission(z, beta), I[c] - veil(z, B, gamma)
+        found.append(np.bincount(place, a * y, n) / np.bincount(place, a * a, n))
+    return np.array(found)
+
+
+def left_of(observations: Observations, seed: int = 0) -> dict[str, Any]:
+    return residuals(observations, best_colours(observations), parameters(WATER), seed)
+
+
+def test_the_spread_is_that_of_the_noise_however_many_observations_a_pixel_has() -> None:
+    for n_views in (2, 3, 12):
+        left = left_of(made(60_000 // n_views, n_views, noise=NOISE)[0])
+        assert left["std"] == pytest.approx([NOISE] * 3, rel=0.03)
+        assert left["robust_std"] == pytest.approx([NOISE] * 3, rel=0.03)
+        assert max(left["raw_std"]) < 0.97 * NOISE
+
+
+def test_raw_residuals_of_one_distance_are_smaller_by_the_root_of_1_less_1_over_n() -> None:
+    n = 5
+    observations, _ = made(20_000, n, distances_m=(4, 4.001), noise=NOISE)
+    full = observations.take(np.flatnonzero(observations.counts == n))
+    left = left_of(full)
+    assert left["raw_std"] == pytest.approx([NOISE * np.sqrt(1 - 1 / n)] * 3, rel=0.02)
+    assert left["std"] == pytest.approx([NOISE] * 3, rel=0.02)
+
+
+def test_normal_noise_makes_a_straight_normal_plot_and_no_excess() -> None:
+    left = left_of(made(25_000, noise=NOISE)[0])
+    z, quantiles = np.array(left["normal"]["z"]), np.array(left["normal"]["quantiles"])
+    middle = np.abs(z) <= 3
+    np.testing.assert_allclose(quantiles[:, middle], np.tile(NOISE * z[middle], (3, 1)), atol=0.12 * NOISE)
+    assert np.abs(left["kurtosis"]).max() < 0.1
+    assert np.abs(left["skew"]).max() < 0.05
+    assert np.abs(left["mean"]).max() < 0.02 * NOISE
+
+
+def test_outliers_make_heavy_tails_and_leave_the_robust_spread() -> None:
+    observations, _ = made(25_000, noise=NOISE)
+    colour = observations.colour.copy()
+    wrong = np.random.default_rng(1).random(len(observations)) < 0.01
+    colour[:, wrong] += 0.2
+    left = left_of(replace(observations, colour=colour))
+    assert min(left["kurtosis"]) > 10
+    assert min(left["skew"]) > 1
+    assert min(left["std"]) > 1.5 * NOISE
+    assert max(left["robust_std"]) < 1.3 * NOISE
+
+
+def test_residuals_are_observed_minus_fitted() -> None:
+    observations, _ = made(2_000, noise=NOISE)
+    low = best_colours(observations) - 0.3
+    assert min(residuals(observations, low, parameters(WATER))["mean"]) > 0
+
+
+def test_pixels_seen_once_are_left_out_and_counted() -> None:
+    observations, _ = made(6_000, noise=NOISE, n_single=2_000)
+    left = left_of(observations)
+    assert left["single_share"] == 2_000 / len(observations)
+    assert left["observations"] == len(observations) - 2_000
+    assert left["std"] == pytest.approx([NOISE] * 3, rel=0.05)  # zeros would pull it down
+
+
+def test_of_a_near_and_a_very_far_observation_the_near_one_decides_the_colour_and_is_left_out() -> None:
+    observations, _ = made(5_000, 2, noise=NOISE)
+    second = observations.starts[1]
+    z = np.where(np.arange(len(observations)) < second, 1, 60).astype(np.float32)
+    noise = NOISE * np.random.default_rng(2).standard_normal((3, len(z)))
+    I = veil(z, *TRUE_WATER[[0, 2]][:, :, None]) + noise  # noqa: E741, J = 0
+    left = left_of(replace(observations, distance=z, colour=I.astype(np.float32)))
+    assert left["decisive_share"] == 0.5
+    assert left["std"] == pytest.approx([NOISE] * 3, rel=0.05)
+
+
+def test_where_no_pixel_is_seen_twice_nothing_is_looked_at() -> None:
+    observations, J = made(100, 1)
+    assert residuals(observations, J, parameters(WATER)) == {"observations": 0, "single_share": 1.0}
+
+
+def test_the_histogram_counts_all_and_says_what_lies_beyond() -> None:
+    observations, _ = made(3_000, 6, noise=NOISE)
+    colour = observations.colour.copy()
+    colour[1, :40] += 5
+    left = left_of(replace(observations, colour=colour))
+    kept = round(left["observations"] * (1 - left["decisive_share"]))
+    counts, beyond = np.array(left["histogram"]["counts"]), np.array(left["histogram"]["beyond"])
+    assert (counts.sum(axis=1) + beyond).tolist() == [kept] * 3
+    assert beyond[1] >= 40
+    assert beyond[0] == beyond[2] == 0
+    assert counts[0].argmax() == pytest.approx(len(counts[0]) // 2, abs=4)
+
+
+def test_the_running_median_finds_a_bend_that_the_spread_does_not() -> None:
+    observations, J = made(25_000, noise=1e-3)
+    bent = observations.colour + np.where(observations.colour > 0.45, 0.02, 0).astype(np.float32)
+    left = residuals(replace(observations, colour=bent), J, parameters(WATER))["against_fit"]["green"]
+    fits = np.linspace(*left["fit"], 33)[:-1]
+    median = np.array(left["median"], dtype=float)
+    assert np.nanmax(np.abs(median[fits < 0.42])) < 2e-3
+    assert np.nanmin(median[fits > 0.46]) > 0.015
+
+
+def test_points_over_distance_are_the_observations_of_their_pixel() -> None:
+    observations, _ = made(4_000, noise=NOISE, eight_bit=True)
+    left = left_of(observations)
+    place, z, I = flat(observations)  # noqa: E741
+    assert 20 <= len(left["tracks"]) <= 30
+    for track in left["tracks"]:
+        own = np.flatnonzero(observations.pixels[place] == track["pixel"][0])  # the target is one row
+        own = own[np.argsort(z[own])]
+        np.testing.assert_allclose(track["distance"], z[own], rtol=1e-4)
+        np.testing.assert_allclose(track["intensity"], I[:, own], rtol=1e-4)
+        assert max(track["distance"]) > 3 * min(track["distance"])
+
+
+def test_a_dead_channel_is_told_without_a_warning_and_fits_json() -> None:
+    observations, _ = made(1_000, noise=NOISE)
+    colour = observations.colour.copy()
+    colour[0] = 0
+    J = best_colours(observations)
+    J[0] = 0
+    water = TRUE_WATER.copy()
+    water[:, 0] = 0
+    left = residuals(replace(observations, colour=colour), J, WaterParameters(*water))
+    assert left["std"][0] == 0
+    assert left["kurtosis"][0] is None
+    json.dumps(left, allow_nan=False)
+
+
+def test_the_sample_follows_its_seed() -> None:
+    observations, _ = made(60_000, 12, noise=NOISE)
+    one, same, other = (left_of(observations, seed) for seed in (0, 0, 1))
+    assert one["observations"] == pytest.approx(200_000, rel=0.02)
+    assert one == same
+    assert one["std"] != other["std"]
+
+
+@pytest.mark.parametrize(("method", "fast"), [("sucre", {"backend": "numpy"}), ("sucre_paper", {"steps": 5})])
+def test_methods_tell_residuals_only_when_asked(method: str, fast: dict[str, Any]) -> None:
+    scene = make_scene()
+    plain = sb.restore(method, scene, scene["a.png"], **fast)
+    asked = sb.restore(method, scene, scene["a.png"], residuals=True, **fast)
+    assert "residuals" not in plain.info
+    assert asked.info["residuals"]["observations"] > 1_000
+    assert set(asked.info["stage_seconds"]) == {"read", "pair", "solve"}
+    np.testing.assert_array_equal(plain.image, asked.image)
+
+
+def test_residuals_are_those_of_the_fit_not_of_the_prior() -> None:
+    scene = make_scene()
+    fitted, drawn = (
+        sb.restore("sucre", scene, scene["a.png"], backend="numpy", residuals=True, prior=prior)
+        for prior in (False, True)
+    )
+    assert fitted.info["residuals"] == drawn.info["residuals"]

@@ -1,0 +1,123 @@
+"""Weights that leave out what does not fit, on observations with known outliers."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.made_observations import flat, made, parameters, table
+from support.made_scene import WATER
+
+from sucre_bench.methods.sucre.exact import WaterFit, fit
+from sucre_bench.methods.sucre.kernels import opened
+from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
+from sucre_bench.multiview.observations import Observations
+
+TRUE = parameters(WATER)
+NOISE = 0.004
+
+
+def spoilt(observations: Observations, share: float = 0.12, seed: int = 5) -> tuple[Observations, np.ndarray]:
+    """Observations of which some show one thing that is not there, and which ones."""
+    wrong = np.random.default_rng(seed).random(len(observations)) < share
+    colour = observations.colour.copy()
+    colour[:, wrong] = np.array([[0.55], [0.5], [0.35]]) if colour.dtype.kind == "f" else [[140], [128], [90]]
+    return replace(observations, colour=colour), wrong
+
+
+def plain_fit(observations: Observations) -> WaterFit:
+    return fit(observations, backend="numpy", sample=3000)
+
+
+def psnr(observations: Observations, found: WaterFit, J: np.ndarray, pixels: np.ndarray) -> float:
+    with opened(observations, "numpy", "cpu") as kernel:
+        mine, _ = kernel.colours(found.water, np.full(3, NOISE), np.zeros((3, 3, 3)))
+    return float(-10 * np.log10(((mine - J)[:, pixels] ** 2).mean()))
+
+
+def test_water_and_colours_survive_an_animal_in_every_eighth_observation() -> None:
+    clean, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
+    observations, wrong = spoilt(clean)
+    plain, (robust, weighted) = plain_fit(observations), fit_robustly(observations, plain_fit)
+    assert np.abs(table(plain.water) / table(TRUE) - 1).max() > 0.3
+    assert np.abs(table(robust.water) / table(TRUE) - 1).max() < 0.08
+    often = (observations.counts >= 5) & (np.bincount(flat(observations)[0], wrong) <= 1)  # a majority is right
+    assert psnr(weighted, robust, J, often) > 35 > 25 > psnr(observations, plain, J, often)
+
+
+def test_clean_observations_lose_next_to_nothing() -> None:
+    observations, J = made(4000, distances_m=(1, 6), noise=NOISE, eight_bit=True)
+    robust, weighted = fit_robustly(observations, plain_fit)
+    everywhere = np.ones(len(observations.pixels), dtype=bool)
+    lost = psnr(observations, plain_fit(observations), J, everywhere) - psnr(weighted, robust, J, everywhere)
+    assert lost < 0.15
+
+
+def test_wrong_observations_lose_their_weight_and_right_ones_keep_it() -> None:
+    observations, wrong = spoilt(made(3000, distances_m=(1, 6), noise=NOISE)[0])
+    weight = reweighted(observations, TRUE, np.full(3, NOISE)).weight
+    place = flat(observations)[0]
+    often = (observations.counts[place] >= 5) & (np.bincount(place, wrong)[place] <= 1)
+    assert np.median(weight[often & wrong]) < 1e-3
+    assert np.percentile(weight[often & ~wrong], 10) > 0.6
+
+
+def test_of_two_observations_neither_is_called_wrong() -> None:
+    observations, _ = made(500, n_views=2, noise=0.1)
+    weight = reweighted(observations, TRUE, np.full(3, 0.02)).weight
+    first, second = (weight[part] for _, part in observations.slots())
+    np.testing.assert_allclose(first, second, rtol=2e-3)
+    assert first.min() < 0.1 < 0.5 < first.max()
+
+
+def test_the_weight_of_two_is_that_of_their_difference() -> None:
+    """s^2 is the squared difference, over its variance; at 3 noises in one channel 9."""
+    observations, _ = made(1, n_views=2, distances_m=(2, 5), seed=1)
+    z = observations.distance.astype(np.float64)
+    a = np.exp(-TRUE.beta[0] * z)
+    off = 3 * 0.01 * np.sqrt(1 + (a[1] / a[0]) ** 2)  # of the second, from what the first foretells
+    colour = observations.colour.copy()
+    colour[0, 1] += off
+    weight = reweighted(replace(observations, colour=colour), TRUE, np.full(3, 0.01)).weight
+    np.testing.assert_allclose(weight, 1 / (1 + 9 / 30) ** 2, rtol=1e-3)
+
+
+def test_single_observations_keep_their_weight_and_earlier_weights_count() -> None:
+    observations, _ = made(300, n_single=100, noise=NOISE)
+    assert (reweighted(observations, TRUE, np.full(3, NOISE)).weight[observations.starts[1] - 100 :][:100] == 1).all()
+    earlier = np.random.default_rng(0).uniform(0, 1, len(observations)).astype(np.float32)
+    earlier[::7] = 0
+    again = reweighted(replace(observations, weight=earlier), TRUE, np.full(3, NOISE)).weight
+    assert (again <= earlier).all()
+    assert (again[::7] == 0).all()
+    assert np.isfinite(again).all()
+
+
+def test_earlier_weights_say_how_noisy_an_observation_is() -> None:
+    """Noise 10 times larger with weight 1/100 is as expected as noise with weight 1."""
+    observations, _ = made(2000, noise=10 * NOISE)
+    tenth = replace(observations, weight=np.full(len(observations), 0.01, dtype=np.float32))
+    expected = reweighted(observations, TRUE, np.full(3, 10 * NOISE)).weight
+    np.testing.assert_allclose(reweighted(tenth, TRUE, np.full(3, NOISE)).weight, 0.01 * expected, rtol=1e-3, atol=1e-5)
+
+
+@pytest.mark.parametrize("share", [0.0, 0.12])
+def test_noise_is_told_in_spite_of_outliers(share: float) -> None:
+    observations, _ = spoilt(made(4000, distances_m=(1, 6), noise=0.01)[0], share)
+    np.testing.assert_allclose(robust_noise(observations, TRUE), 0.01, rtol=0.2)
+
+
+def test_nothing_moves_without_noise() -> None:
+    observations, _ = made(1000)
+    assert (robust_noise(observations, TRUE) == 1e-3).all()
+    np.testing.assert_allclose(reweighted(observations, TRUE, robust_noise(observations, TRUE)).weight, 1, atol=1e-3)
+
+
+def test_inputs_are_not_touched() -> None:
+    observations, _ = made(300, noise=NOISE)
+    before = observations.colour.copy(), observations.distance.copy()
+    reweighted(observations, TRUE, np.full(3, NOISE))
+    assert (observations.colour == before[0]).all()
+    assert (observations.distance == before[1]).all()
+    assert observations.weight is None

@@ -1,0 +1,362 @@
+"""The restorer `sucre` as a user meets it: its options, its errors, and what it returns."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_scene import WATER, make_scene
+
+from sucre_bench import Arrays, InputError, Scene, SolveError, Water
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.machine.progress import watched_by
+from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
+from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
+
+SCENE = make_scene()
+TARGET = SCENE["a.png"]
+TRUTH = np.array([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
+
+
+def as_array(water: Water | None) -> np.ndarray:
+    assert water is not None
+    return np.array([water.veiling_light, water.attenuation, water.backscatter])
+
+
+def with_images(change: Any) -> Scene:
+    """The scene with other images."""
+    views = [replace(v, pixels=Arrays(change(v.rgb), v.depth)) for v in SCENE.views]
+    return replace(SCENE, views=views)
+
+
+def test_the_image_is_the_scene_without_water_where_there_is_depth() -> None:
+    dry = make_scene_without_water()
+    result = Sucre(pairing="depth").restore(SCENE, TARGET)
+    assert np.array_equal(result.valid, TARGET.depth > 0)
+    error = (result.image - dry)[result.valid]
+    assert np.sqrt(np.mean(error**2)) < 0.03
+    assert result.confidence is not None
+    assert np.array_equal(np.isfinite(result.confidence), result.valid)
+
+
+def make_scene_without_water() -> np.ndarray:
+    from support.made_scene import make_camera, make_pose, make_view
+
+    return make_view("a.png", make_camera(60, 44, 56), make_pose((0, 0, 0)), water=None).rgb
+
+
+def test_what_is_known_of_the_fit_is_told() -> None:
+    info = Sucre().restore(SCENE, TARGET).info
+    assert info["converged"] is True
+    assert len(info["condition"]) == len(info["cost"]) == len(info["noise"]) == 3
+    assert set(info["standard_error"]) == {"B", "beta", "gamma"}
+    assert set(info["stage_seconds"]) >= {"read", "pair", "solve"}
+    assert info["n_repeated"] < info["n_observations"]
+    json.dumps(info)
+
+
+@pytest.mark.parametrize("solver", ["exact", "adam", "adam_closed_form"])
+def test_every_solver_says_how_sure_it_is(solver: Any) -> None:
+    info = Sucre(solver=solver, steps=5).restore(SCENE, TARGET).info
+    assert info["solver"] == solver
+    assert np.isfinite(info["cost"]).all()
+    assert np.isfinite(info["condition"]).all()
+    assert info["steps"] >= 1
+
+
+def test_solver_adam_is_the_papers() -> None:
+    ours, paper = Sucre(solver="adam", steps=20).restore(SCENE, TARGET), SucrePaper(steps=20).restore(SCENE, TARGET)
+    np.testing.assert_array_equal(ours.image, paper.image)
+    np.testing.assert_array_equal(as_array(ours.water), as_array(paper.water))
+
+
+# -- water from elsewhere ----------------------------------------------------------------------------------
+
+
+def test_the_true_water_is_taken_as_it_is() -> None:
+    result = Sucre(water="truth").restore(SCENE, TARGET)
+    np.testing.assert_array_equal(as_array(result.water), TRUTH)
+    nowhere = replace(SCENE, water=None)
+    with pytest.raises(InputError, match="water=truth: the scene 'made' does not know its water"):
+        Sucre(water="truth").restore(nowhere, TARGET)
+
+
+def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
+    with pytest.raises(InputError, match="water=truth: is of gamma intensities, and linear ones are to be explained"):
+        Sucre(water="truth", encoding="linear").restore(SCENE, TARGET)
+
+
+def test_sucre_plus_says_what_to_give_up_for_another_solver() -> None:
+    said = "^sucre_plus.physical: goes with solver=exact, not with solver=adam; give method.physical=false$"
+    with pytest.raises(InputError, match=said):
+        SucrePlus(solver="adam")
+    assert SucrePlus(solver="adam", physical=False, steps=3).restore(SCENE, TARGET).valid.any()
+
+
+def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> None:
+    content = dict(zip(("B", "beta", "gamma"), TRUTH.tolist(), strict=True))
+    (tmp_path / "a.json").write_text(json.dumps(content))
+    np.savez(tmp_path / "one.npz", **{name: np.array(values) for name, values in content.items()})
+    true = Sucre(water="truth").restore(SCENE, TARGET)
+    dotted = replace(TARGET, name="left/a.0001.png")
+    (tmp_path / "left").mkdir()
+    (tmp_path / "left" / "a.0001.json").write_text(json.dumps(content))
+    (tmp_path / "left" / "a.json").write_text(json.dumps(content | {"B": [0, 0, 0]}))  # another image's
+    scene = replace(SCENE, views=[dotted, *(view for view in SCENE.views if view is not TARGET)])
+    np.testing.assert_array_equal(Sucre(water=str(tmp_path)).restore(scene, dotted).water.veiling_light, TRUTH[0])  # type: ignore[union-attr]
+    for source in (tmp_path / "a.json", tmp_path / "one.npz", tmp_path):
+        np.testing.assert_array_equal(Sucre(water=str(source)).restore(SCENE, TARGET).image, true.image)
+
+
+@pytest.mark.parametrize(
+    ("name", "content", "said"),
+    [
+        ("huge.json", '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "no water is like this; B is an"),
+        ("rate.json", '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}', "no water is like this; B is an"),
+        (
+            "linear.json",
+            '{"B": [0, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1], "encoding": "linear"}',
+            "is of linear intensities, and gamma ones are to be explained; give encoding=linear",
+        ),
+        ("absent.json", None, "no such file; water= takes own, shared, truth"),
+        ("cut.json", '{"B": [1, 2', "does not hold B, beta and gamma"),
+        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', "must be three finite numbers each"),
+        ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', "B must be three numbers"),
+        ("nan.json", '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "three finite numbers"),
+        ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "does not hold B, beta and gamma"),
+        ("list.json", "[1, 2, 3]", "does not hold B, beta and gamma"),
+        ("junk.npz", "no archive", "does not hold B, beta and gamma"),
+        ("cut.npz", "PK\x03\x04cut", "does not hold B, beta and gamma"),
+        ("empty.npz", "", "does not hold B, beta and gamma"),
+    ],
+)
+def test_a_file_without_water_is_named_with_its_fault(
+    tmp_path: Path, name: str, content: str | None, said: str
+) -> None:
+    if content is not None:
+        (tmp_path / name).write_text(content)
+    with pytest.raises(InputError, match=f"^{tmp_path / name}: .*{said}") as fault:
+        Sucre(water=str(tmp_path / name)).restore(SCENE, TARGET)
+    assert "\n" not in str(fault.value)
+
+
+def test_water_comes_from_another_method_and_colours_from_all_views() -> None:
+    """The ablation's middle row: one method's water, SUCRe's colours."""
+    theirs = Sucre(physical=True).restore(SCENE, TARGET)
+    plus = Sucre(water_from="sucre_plus").restore(SCENE, TARGET)
+    np.testing.assert_array_equal(as_array(plus.water), as_array(theirs.water))
+    np.testing.assert_allclose(plus.image, theirs.image, atol=1e-6)
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("gray_world", "water_from=gray_world: it estimates no B, beta, gamma; name one that does"),
+        ("haze_lines", "water_from=haze_lines: it estimates no beta, gamma; name one that does"),
+        ("precomputed", "water_from=precomputed: takes options .*; run it first, and give water=FOLDER"),
+        ("grey_world", "no method is called 'grey_world'; did you mean 'gray_world'"),
+    ],
+)
+def test_a_method_that_has_no_water_to_give_is_refused(name: str, said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Sucre(water_from=name).restore(SCENE, TARGET)
+
+
+def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities() -> None:
+    """J = (I - B (1 - exp(-gamma z))) exp(beta z), with the water of all views: the paper's eq. 3 on one image."""
+    whole = Sucre().restore(SCENE, TARGET)
+    single = Sucre(colours="single_view").restore(SCENE, TARGET)
+    water = as_array(whole.water)
+    np.testing.assert_array_equal(as_array(single.water), water)
+    z = TARGET.distance[..., None]
+    J = (TARGET.rgb - water[0] * (1 - np.exp(-water[2] * z))) * np.exp(water[1] * z)
+    seen = TARGET.depth > 0
+    np.testing.assert_allclose(single.image[seen], J[seen], atol=2e-5)
+    assert np.isnan(single.image[~seen]).all()
+    # one observation tells less than several
+    assert np.nanmean(single.confidence) > 1.2 * np.nanmean(whole.confidence)  # type: ignore[arg-type]
+
+
+def test_shared_water_is_fitted_once_and_the_same_for_every_view(monkeypatch: pytest.MonkeyPatch) -> None:
+    from sucre_bench.methods.sucre import exact
+
+    calls = []
+    whole = exact.fit
+    monkeypatch.setattr(exact, "fit", lambda *a, **k: calls.append(1) or whole(*a, **k))
+    scene = replace(SCENE)
+    waters = [as_array(Sucre(water="shared").restore(scene, view).water) for view in scene.views]
+    assert len(calls) == 1
+    assert all(np.array_equal(water, waters[0]) for water in waters)
+    assert not np.array_equal(as_array(Sucre().restore(scene, TARGET).water), waters[0])
+
+
+# -- light -------------------------------------------------------------------------------------------------
+
+
+def test_linear_encoding_finds_water_that_acts_on_linear_light() -> None:
+    """The made scene's intensities are light here, and stored gamma-encoded as a camera's are."""
+    scene = with_images(lambda rgb: np.rint(srgb_encode(rgb) * 65535) / 65535)
+    linear, as_stored = (Sucre(encoding=e, water="own").restore(scene, scene["a.png"]) for e in ("linear", "view"))
+    dry = make_scene_without_water()
+    errors = [np.sqrt(np.mean((srgb_decode(r.image) - dry)[r.valid] ** 2)) for r in (linear, as_stored)]
+    assert errors[0] < 0.6 * errors[1]
+    plain = Sucre().restore(SCENE, TARGET)
+    np.testing.assert_allclose(as_array(linear.water), as_array(plain.water), rtol=0.05)
+    np.testing.assert_allclose(srgb_decode(linear.image)[linear.valid], plain.image[plain.valid], atol=0.02)
+
+
+def test_views_that_are_linear_already_are_not_decoded_again() -> None:
+    scene = replace(SCENE, views=[replace(v, encoding="linear") for v in SCENE.views])
+    once, never = (Sucre(encoding=e).restore(scene, scene["a.png"]) for e in ("linear", "view"))
+    np.testing.assert_array_equal(once.image, never.image)
+
+
+def test_a_lamp_is_found_in_the_deep_sea_and_not_looked_for_in_daylight() -> None:
+    import sucre_bench as sb
+
+    psnr = {}
+    for water in ("deep_sea", "coastal"):
+        scene = next(sb.load_scenes("demo", water=water, views=6, width=192, height=144))
+        view = scene.views[3]
+        for lamp in (False, True):
+            image = Sucre(lamp=lamp).restore(scene, view).image
+            error = (image - view.reference)[np.isfinite(image).all(axis=-1)]
+            psnr[water, lamp] = -10 * np.log10(np.mean(error**2))
+    assert psnr["deep_sea", True] > psnr["deep_sea", False] + 10
+    assert psnr["coastal", True] == psnr["coastal", False]
+
+
+def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly() -> None:
+    import sucre_bench as sb
+
+    scene = next(sb.load_scenes("demo", water="deep_sea", views=6, width=192, height=144))
+    views = list(scene.views)
+    for k, view in enumerate(views):
+        rgb = view.rgb.copy()
+        rgb[60:64] = 0 if k % 2 else 1
+        views[k] = replace(view, pixels=Arrays(rgb, view.depth))
+    scene = replace(scene, views=views)
+    result = Sucre(lamp=True).restore(scene, views[3])
+    assert result.info["lamp"]["found"] is True
+    assert 0.5 * (views[3].depth > 0).sum() < result.valid.sum() < (views[3].depth > 0).sum()
+
+
+# -- colours -----------------------------------------------------------------------------------------------
+
+
+def test_a_prior_draws_noisy_colours_to_the_mean_and_leaves_sure_ones() -> None:
+    rng = np.random.default_rng(0)
+    truth = rng.normal(0.4, 0.15, (3, 40_000))
+    deviation = np.where(rng.random(truth.shape) < 0.5, 0.01, 0.4)
+    J = truth + deviation * rng.standard_normal(truth.shape)
+    shrunk, left = posterior(J.astype(np.float32), deviation.astype(np.float32))
+    sure = deviation == 0.01
+    assert np.abs(shrunk - J)[sure].max() < 0.01
+    expected = 1 / np.sqrt(1 / 0.4**2 + 1 / 0.15**2)  # of a normal posterior
+    assert np.std((shrunk - truth)[~sure]) == pytest.approx(expected, rel=0.03)
+    np.testing.assert_allclose(left[~sure], expected, rtol=0.03)
+
+
+def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
+    views = list(SCENE.views)
+    for k in (0, 2):  # something grey swims through two of four views
+        rgb = views[k].rgb.copy()
+        rgb[12:30, 10:40] = 0.5
+        views[k] = replace(views[k], pixels=Arrays(rgb, views[k].depth))
+    scene = replace(SCENE, views=views)
+    errors = [
+        np.abs(Sucre(robust=robust).restore(scene, TARGET).water.attenuation / WATER.attenuation - 1).mean()  # type: ignore[union-attr]
+        for robust in (False, True)
+    ]
+    assert errors[1] < 0.5 * errors[0]
+
+
+# -- bad input ---------------------------------------------------------------------------------------------
+
+
+def test_pixels_that_are_not_numbers_are_left_out() -> None:
+    def holed(rgb: np.ndarray) -> np.ndarray:
+        rgb = rgb.copy()
+        rgb[10:14, 10:30] = np.nan
+        return rgb
+
+    scene = with_images(holed)
+    result = Sucre().restore(scene, scene["a.png"])
+    assert result.water is not None
+    np.testing.assert_allclose(result.water.attenuation, WATER.attenuation, rtol=0.1)
+    assert result.valid.sum() > 0.8 * (TARGET.depth > 0).sum()
+    assert np.isfinite(as_array(result.water)).all()
+
+
+def test_a_lone_view_in_a_given_water_is_restored_by_sucre_plus_too() -> None:
+    result = SucrePlus(water="truth").restore(replace(SCENE, views=[TARGET]), TARGET)
+    assert np.array_equal(result.valid, TARGET.depth > 0)
+    assert "too few repeated observations" in " ".join(result.info["limits"])
+    json.dumps(result.info, allow_nan=False)
+
+
+def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water() -> None:
+    alone = replace(SCENE, views=[TARGET])
+    with pytest.raises(SolveError, match="no pixel is seen in two views"):
+        Sucre().restore(alone, TARGET)
+    result = Sucre(water="truth").restore(alone, TARGET)
+    assert np.array_equal(result.valid, TARGET.depth > 0)
+
+
+def test_limits_of_the_water_are_said_while_it_runs() -> None:
+    class Watcher:
+        def __init__(self) -> None:
+            self.told: list[str] = []
+
+        def started(self, what: str, total: int | None) -> int:
+            return 0
+
+        def advanced(self, line: int) -> None: ...
+
+        def finished(self, line: int) -> None: ...
+
+        def said(self, text: str) -> None:
+            self.told.append(text)
+
+    def without_red(rgb: np.ndarray) -> np.ndarray:
+        return rgb * [0, 1, 1]
+
+    scene, watcher = with_images(without_red), Watcher()
+    with watched_by(watcher):
+        result = Sucre().restore(scene, scene["a.png"])
+    assert "a.png: red: the same in all observations, black or saturated; left as it is" in watcher.told
+    assert watcher.told == [f"a.png: {limit}" for limit in result.info["limits"]]
+    assert (result.image[result.valid][:, 0] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ({"solver": "adam", "physical": True}, "sucre.physical: goes with solver=exact"),
+        ({"solver": "adam_closed_form", "robust": True}, "sucre.robust: goes with solver=exact"),
+        ({"solver": "adam", "water": "shared"}, "sucre.water=shared: leaves nothing to solver=adam"),
+        ({"tolerance": 0.0}, "sucre.tolerance: 0.0 must be positive"),
+        ({"tolerance": 2.0}, "sucre.tolerance: 2.0 must be below 1"),
+        ({"seed": -1}, "sucre.seed: -1 must not be negative"),
+        ({"solver": "adam", "water_from": "sucre"}, "sucre.water_from=sucre: leaves nothing to solver=adam"),
+        ({"water": "truth", "water_from": "sucre"}, "given twice, water=truth and water_from=sucre"),
+        ({"lamp": True, "colours": "single_view"}, "sucre.lamp: is found with colours of all views"),
+        ({"water": "truth", "lamp": True}, "sucre.lamp: is found with the image's own water; leave out water=truth"),
+        ({"shared_views": 0}, "sucre.shared_views: 0 must be positive"),
+    ],
+)
+def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], said: str) -> None:
+    with pytest.raises(InputError, match=said):
+        Sucre(**options)
+
+
+@pytest.mark.parametrize("backend", ["numba", "torch", "jax"])
+def test_every_backend_restores_alike(backend: Any) -> None:
+    reference = Sucre(backend="numpy").restore(SCENE, TARGET)
+    result = Sucre(backend=backend).restore(SCENE, TARGET)
+    np.testing.assert_allclose(as_array(result.water), as_array(reference.water), rtol=1e-3)
+    np.testing.assert_allclose(result.image[result.valid], reference.image[reference.valid], atol=1e-3)

@@ -1,0 +1,172 @@
+"""Gaussian Sea-thru, against data drawn from the very model, and its likelihood against scipy's normal distribution."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.stats import norm
+from support.made_scene import WATER
+from support.made_seabed import alone
+
+import sucre_bench as sb
+from sucre_bench import Arrays, InputError, View
+from sucre_bench.imaging.filters.water_column import TwoTerm, trusted
+from sucre_bench.methods import gaussian_seathru
+from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
+
+
+def drawn_view(seed: int = 0, height: int = 160, width: int = 120, rounded: bool = True) -> View:
+    """Colours drawn from N(0.5, 0.15) at distances from 1 to 9 m, in known water."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(1, 9, (height, width)).astype(np.float32)
+    J = rng.normal(0.5, 0.15, (height, width, 3))
+    veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
+    intensity = (J * np.exp(-WATER.attenuation * z[..., None]) + veil).clip(0, 1)
+    return View("a.png", Arrays(np.rint(intensity * 255) / 255 if rounded else intensity, z, J))
+
+
+def test_it_is_found_with_what_it_needs():
+    plugin = discover("method")["gaussian_seathru"]
+    assert isinstance(plugin, Plugin)
+    assert (plugin.cls, plugin.needs, plugin.display) == (GaussianSeathru, {"depth"}, "stretch-1-99")
+
+
+@pytest.mark.parametrize(
+    ("B", "gamma", "beta"),
+    [(0.3, 0.2, TwoTerm(0.4)), (0.1, 1.0, TwoTerm(0.05)), (0.3, 0.2, TwoTerm(0.5, 0.6, 0.2, 0.05))],
+)
+def test_the_likelihood_is_that_of_a_normal_distribution(B: float, gamma: float, beta: TwoTerm):
+    rng = np.random.default_rng(1)
+    z, intensity = rng.uniform(1, 9, 500), rng.random(500)
+    fading = np.exp(-(beta.a * np.exp(-beta.b * z) + beta.c * np.exp(-beta.d * z)) * z)
+    veil = B * (1 - np.exp(-gamma * z))
+    J = (intensity - veil) / fading
+    expected = -norm.logpdf(intensity, J.mean() * fading + veil, J.std() * fading).mean()
+    assert negative_log_likelihood(Parameters(B, gamma, beta), intensity, z) == pytest.approx(expected, rel=1e-10)
+
+
+def test_the_likelihood_has_a_value_where_exponentials_have_none():
+    """exp(5 * 300) is beyond float64: the expected value is reckoned in logarithms, pixel by pixel."""
+    z = np.array([1.0, 2.0, 3.0, 300.0])
+    intensity = np.array([0.2, 0.4, 0.3, 0.9])
+    # What is multiplied by exp(1500) outweighs the others: sigma^2 = x^2 (1 / n - 1 / n^2), x = (0.9 - B) exp(1500).
+    log_sigma = np.log(0.9 - 0.25) + 1500 + 0.5 * np.log(1 / 4 - 1 / 16)
+    expected = log_sigma + 0.5 * np.log(2 * np.pi) - 5 * z.mean() + 0.5
+    assert negative_log_likelihood(Parameters(0.25, 5.0, TwoTerm(5.0)), intensity, z) == pytest.approx(expected)
+
+
+def test_colours_without_any_spread_are_not_the_likeliest():
+    assert negative_log_likelihood(Parameters(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)) == np.inf
+
+
+def test_a_simplex_that_does_not_come_to_rest_is_named(monkeypatch: pytest.MonkeyPatch):
+    view = drawn_view(1, 40, 30)
+    assert "unfinished" not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+    monkeypatch.setattr(gaussian_seathru, "_MOST_EVALUATIONS", 30)
+    told = sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+    assert "simplex, unfinished, of red, green, blue" in told
+
+
+def test_the_likelihood_is_least_at_the_water_the_data_were_drawn_in():
+    view = drawn_view(2, rounded=False)
+    z, red = view.depth.ravel().astype(np.float64), view.rgb[..., 0].ravel().astype(np.float64)
+    true = (WATER.veiling_light[0], WATER.backscatter[0], WATER.attenuation[0])
+
+    def in_order(B: float, gamma: float, beta: float) -> Parameters:
+        return Parameters(B, gamma, TwoTerm(beta))
+
+    least = negative_log_likelihood(in_order(*true), red, z)
+    for i in range(3):
+        for factor in (0.7, 1.4):
+            other = [value * (factor if i == k else 1) for k, value in enumerate(true)]
+            assert negative_log_likelihood(in_order(*other), red, z) > least
+
+
+def test_the_water_of_drawn_data_is_recovered():
+    view = drawn_view(height=400, width=300)
+    result = sb.restore("gaussian_seathru", alone(view), view, sample=120_000)
+    assert result.water is not None
+    np.testing.assert_allclose(result.water.attenuation, WATER.attenuation, rtol=0.03)
+    z = np.linspace(1, 9, 30)[:, None]
+    veil, true = (w.veiling_light * (1 - np.exp(-w.backscatter * z)) for w in (result.water, WATER))
+    np.testing.assert_allclose(veil, true, atol=0.02)
+    np.testing.assert_allclose(result.info["mu"], 0.5, atol=0.03)
+    np.testing.assert_allclose(result.info["sigma"], 0.15, atol=0.01)
+    assert view.reference is not None
+    assert (
+        np.sqrt(np.mean((result.image - view.reference) ** 2))
+        < 0.05
+        < np.sqrt(np.mean((view.rgb - view.reference) ** 2))
+    )
+
+
+def test_two_terms_contain_the_constant():
+    """They can only be likelier, and are where the attenuation changes with distance."""
+    rng = np.random.default_rng(3)
+    z = rng.uniform(1, 9, (60, 80)).astype(np.float32)
+    beta = (0.6 * np.exp(-0.5 * z) + 0.1)[..., None]
+    J = rng.normal(0.5, 0.15, (60, 80, 3))
+    view = View("a.png", Arrays(J * np.exp(-beta * z[..., None]) + 0.2 * (1 - np.exp(-0.3 * z[..., None])), z))
+    one, two = (
+        sb.restore("gaussian_seathru", alone(view), view, attenuation=kind) for kind in ("constant", "two_term")
+    )
+    assert (np.array(two.info["cost"]) < np.array(one.info["cost"]) - 0.001).all()
+
+
+def test_the_best_of_all_starts_is_taken():
+    """In red one of the starts ends 1.5 above the others: the result must be no less likely than the truth."""
+    view = drawn_view(4)
+    fitted = trusted(view.depth)
+    z = view.depth[fitted].astype(np.float64)
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    for c in range(3):
+        own = view.rgb[..., c][fitted].astype(np.float64)
+        true = Parameters(WATER.veiling_light[c], WATER.backscatter[c], TwoTerm(WATER.attenuation[c]))
+        assert result.info["cost"][c] <= negative_log_likelihood(true, own, z) + 1e-6
+
+
+def test_restoring_inverts_the_model_it_reports():
+    view = drawn_view(5)
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    water, z = result.water, view.depth[..., None].astype(np.float64)
+    assert water is not None
+    veil = water.veiling_light * (1 - np.exp(-water.backscatter * z))
+    np.testing.assert_allclose(result.image, (view.rgb - veil) * np.exp(water.attenuation * z), atol=1e-4)
+
+
+def test_the_sample_is_drawn_with_the_seed_alone():
+    view = drawn_view(6)
+    first, again, other = (
+        sb.restore("gaussian_seathru", alone(view), view, sample=5000, seed=seed).image for seed in (0, 0, 1)
+    )
+    np.testing.assert_array_equal(first, again)
+    assert np.abs(first - other).max() > 0
+    assert np.abs(first - other).mean() < 0.1
+
+
+def test_a_constant_channel_is_left_as_it_is():
+    view = drawn_view(8)
+    rgb = view.rgb.copy()
+    rgb[..., 0] = 0.3
+    dead = replace(view, pixels=Arrays(rgb, view.depth))
+    result = sb.restore("gaussian_seathru", alone(dead), dead)
+    np.testing.assert_allclose(result.image[..., 0], 0.3, atol=1e-4)
+
+
+def test_one_pixel_with_depth_has_no_spread_and_is_left_as_it_is():
+    depth = np.zeros((8, 8))
+    depth[2, 3] = 2.0
+    view = View("a.png", Arrays(np.random.default_rng(0).random((8, 8, 3)), depth))
+    result = sb.restore("gaussian_seathru", alone(view), view)
+    np.testing.assert_allclose(result.image[2, 3], view.rgb[2, 3], atol=1e-4)
+    assert result.valid.sum() == 1
+
+
+@pytest.mark.parametrize("wrong", [{"sample": 1}, {"seed": -1}])
+def test_options_that_mean_nothing_are_refused(wrong: dict[str, int]):
+    with pytest.raises(InputError, match=f"gaussian_seathru.{next(iter(wrong))}: "):
+        GaussianSeathru(**wrong)  # type: ignore[arg-type]

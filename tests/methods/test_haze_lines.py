@@ -1,0 +1,201 @@
+"""Underwater haze-lines, against mosaics in water of a known type, and against each step done by hand."""
+
+from __future__ import annotations
+
+import functools
+
+import numpy as np
+import pytest
+from support.made_haze import NOISE, UNWANTED, hazy, restored, tiles
+
+from sucre_bench import Arrays, Restoration, Scene, View
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.methods.haze_lines import HazeLines
+from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
+from sucre_bench.methods.haze_lines.lines import (
+    _along_lines,
+    channel_transmission,
+    compensated,
+    directions,
+    least_transmission,
+    transmission,
+)
+from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
+from sucre_bench.plugins.calling import restored as engine_restored
+from sucre_bench.scene import Encoding
+
+A = np.array([0.08, 0.30, 0.42])
+TYPE = {water.name: water for water in WATER_TYPES}
+
+
+@functools.cache
+def made(name: str, noise: float = 0.0) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Open water, and below it a mosaic, gray in the mean, that recedes: linear image, blue's t, and J."""
+    rng = np.random.default_rng(2)
+    t = np.zeros((180, 240))
+    t[60:] = np.geomspace(0.4, 0.9, 120)[:, None]
+    colours = rng.uniform(0.05, 0.95, (24, 3))
+    J = tiles(180, 240, 8, (colours * 0.5 / colours.mean(axis=0)).clip(0, 1), seed=2)
+    water = TYPE[name]
+    t_c = t[..., None] ** (1 / np.array([water.blue_to_red, water.blue_to_green, 1]))
+    return hazy(J, A, t_c) + rng.normal(0, noise, J.shape), t, J
+
+
+@pytest.mark.parametrize("linear", [True, False])
+@pytest.mark.parametrize("name", ["I", "II", "1C", "3C", "5C"])
+def test_the_waters_type_and_veiling_light_are_found(name: str, linear: bool) -> None:
+    image = made(name)[0]
+    rgb = (srgb_encode(image) if linear else image).clip(0, 1).astype(np.float32)
+    result = restored(HazeLines(linear=linear), rgb)
+    assert result.info["water_type"] == name
+    assert result.water is not None
+    np.testing.assert_allclose(result.water.veiling_light, srgb_encode(A) if linear else A, atol=1e-3)
+
+
+@pytest.mark.parametrize("name", ["III", "3C"])
+def test_noise_moves_neither_far(name: str) -> None:
+    result = restored(HazeLines(), srgb_encode(made(name, 0.004)[0]).clip(0, 1).astype(np.float32))
+    at = [water.name for water in WATER_TYPES]
+    assert abs(at.index(result.info["water_type"]) - at.index(name)) <= 1
+    assert result.water is not None
+    np.testing.assert_allclose(srgb_decode(result.water.veiling_light), A, atol=0.02)
+
+
+def test_the_colours_without_water_come_back_but_for_their_scale() -> None:
+    image, t, J = made("3C")
+    restored_linear = srgb_decode(restored(HazeLines(), srgb_encode(image).clip(0, 1).astype(np.float32)).image)
+    near = t > 0.5
+    before = np.corrcoef(image[near].ravel(), J[near].ravel())[0, 1]
+    after = np.corrcoef(restored_linear[near].ravel(), J[near].ravel())[0, 1]
+    assert after > 0.97 > before
+
+
+@pytest.mark.parametrize("water", WATER_TYPES, ids=lambda water: water.name)
+def test_with_the_waters_type_known_the_transmission_is_the_true_one(water: WaterType) -> None:
+    image, truth, _ = made(water.name)
+    likeness = (truth == 0).astype(np.float32)
+    about = {"lines": 500, "radius": 5, "eps": 1e-3, "least": 0.1}
+    t = transmission(image.astype(np.float32), A.astype(np.float32), water, likeness, **about)
+    assert t.dtype == np.float32
+    # Some colours share a line or have no near tile, so that single pixels agree less well than the most of a row.
+    assert np.corrcoef(t[70:].ravel(), truth[70:].ravel())[0, 1] > 0.8
+    assert np.corrcoef(np.median(t, axis=1)[70:], truth[70:, 0])[0, 1] > 0.95
+    assert np.abs(t[:50] - 0.1).max() < 0.01
+
+
+def test_what_looks_like_water_gets_the_least_transmission_its_colour_allows() -> None:
+    """Noise in open water, on lines of its own, would be near: the farthest of each line always is."""
+    image = (A + np.random.default_rng(0).uniform(0, 0.01, (30, 40, 3))).astype(np.float32)
+    about = {"lines": 50, "radius": 3, "eps": 1e-3, "least": 0.1}
+    t = [
+        transmission(image, A.astype(np.float32), TYPE["III"], np.full((30, 40), likeness, np.float32), **about)
+        for likeness in (0.0, 0.5, 1.0)
+    ]
+    assert t[0].mean() > 0.3
+    np.testing.assert_allclose(t[1], (t[0] + t[2]) / 2, atol=1e-5)
+    np.testing.assert_allclose(t[2], 0.1, atol=1e-5)
+
+
+def test_in_compensated_space_a_fading_colour_moves_straight_to_the_veiling_light() -> None:
+    water, J = TYPE["II"], np.array([0.7, 0.1, 0.5])
+    t = np.array([0.9, 0.6, 0.3])
+    seen = hazy(np.tile(J, (1, 3, 1)), A, t[None, :, None] ** (1 / water.exponents))
+    points = compensated(seen.astype(np.float32), A.astype(np.float32), water)[0]
+    lengths = np.linalg.norm(points, axis=1)
+    np.testing.assert_allclose(lengths / lengths[0], t / t[0], rtol=1e-4)
+    np.testing.assert_allclose(points / lengths[:, None], np.tile(points[0] / lengths[0], (3, 1)), atol=1e-4)
+    assert (np.sign(points[0]) == [1, -1, 1]).all()
+
+
+def test_the_exponents_are_of_red_green_and_blue_in_this_order() -> None:
+    """Red fades fastest: with R and B mixed up, it would be what comes through best."""
+    for water in WATER_TYPES[:-1]:
+        red, green, blue = channel_transmission(np.full((1, 1), 0.8, np.float32), water, 1e-6)[0, 0]
+        assert red < green
+        assert red < blue == pytest.approx(0.8)
+    np.testing.assert_allclose(
+        channel_transmission(np.full((1, 1), 0.8), TYPE["III"], 0.1)[0, 0],
+        [0.8 ** (1 / 0.4051), 0.8 ** (1 / 0.9539), 0.8],
+    )
+
+
+def test_each_pixel_is_on_the_line_of_the_nearest_direction() -> None:
+    vectors = np.random.default_rng(0).normal(size=(6, 7, 3)).astype(np.float32)
+    length, line = _along_lines(vectors, 50)
+    cosine = vectors.reshape(-1, 3) @ directions(50).T
+    np.testing.assert_array_equal(line.ravel(), cosine.argmax(axis=1))
+    np.testing.assert_allclose(length, np.linalg.norm(vectors, axis=-1), rtol=1e-6)
+
+
+def test_the_directions_cover_the_sphere_evenly() -> None:
+    points = directions(500)
+    np.testing.assert_allclose(np.linalg.norm(points, axis=1), 1)
+    nearest = np.sort(np.arccos((points @ points.T).clip(-1, 1)), axis=1)[:, 1]
+    ideal = np.sqrt(8 * np.pi / (np.sqrt(3) * 500))  # spacing of a hexagonal lattice with 4 pi / 500 a point
+    assert nearest.min() > 0.7 * ideal
+    assert nearest.max() < ideal
+
+
+def test_at_the_least_transmission_the_darkest_channel_is_black() -> None:
+    water, image = TYPE["1C"], np.float32([[[0.02, 0.25, 0.3], [0.2, 0.1, 0.41], [0.5, 0.5, 0.5]]])
+    t = least_transmission(image, A.astype(np.float32), water)
+    J = (image - A) / channel_transmission(np.maximum(t, 1e-3), water, 1e-9) + A
+    np.testing.assert_allclose(J.min(axis=-1)[0, :2], 0, atol=1e-5)
+    assert t[0, 2] == 0
+
+
+def test_a_channel_that_the_veiling_light_lacks_bounds_no_transmission() -> None:
+    image = np.float32([[[0, 0.25, 0.3]]])
+    without = least_transmission(image, np.float32([0, 0.3, 0.42]), TYPE["II"])
+    assert without[0, 0] == pytest.approx(max((1 - 0.25 / 0.3) ** 0.7937, 1 - 0.3 / 0.42), rel=1e-4)
+
+
+def test_the_area_without_texture_is_the_largest_connected_one() -> None:
+    image = np.random.default_rng(0).random((100, 120, 3), dtype=np.float32)
+    image[10:50, 10:70] = 0.4  # 2400 pixels
+    image[70:90, 80:110] = 0.6  # 600 pixels
+    area = textureless_area(image, 0.2)
+    assert area[20:40, 20:60].all()
+    assert not area[60:].any()
+
+
+def test_the_veiling_light_is_the_colour_of_median_luminance_and_likeness_falls_with_the_distance_from_it() -> None:
+    colours = (A + np.random.default_rng(0).normal(0, 0.01, (999, 3))).astype(np.float32)
+    luminance = colours @ np.float32([0.2126, 0.7152, 0.0722])
+    water = OpenWater.of(colours)
+    np.testing.assert_array_equal(water.veiling_light, colours[np.argsort(luminance)[499]])
+    likeness = water.likeness((A + np.linspace(0, 0.1, 11)[None, :, None] * [0, 0, 1]).astype(np.float32))[0]
+    assert likeness[0] == 1
+    assert likeness[-1] == 0
+    assert (np.diff(likeness) <= 0).all()
+
+
+@pytest.mark.parametrize("linear", [True, False])
+@pytest.mark.parametrize("kind", UNWANTED)
+def test_an_unwanted_image_gets_finite_colours(kind: str, linear: bool) -> None:
+    assert np.isfinite(restored(HazeLines(linear=linear), UNWANTED[kind]).image).all()
+
+
+def test_the_picture_is_balanced_over_what_is_not_water() -> None:
+    image, t, _ = made("3C")
+    mean = srgb_decode(restored(HazeLines(), srgb_encode(image).clip(0, 1).astype(np.float32)).image)[t > 0].mean(
+        axis=0
+    )
+    np.testing.assert_allclose(mean, mean.mean(), rtol=0.05)
+    assert np.isfinite(restored(HazeLines(), NOISE).image).all()
+
+
+@pytest.mark.parametrize("linear", [True, False])
+def test_the_veiling_light_is_told_as_a_gamma_encoded_colour_and_named_so(linear: bool) -> None:
+    """Whatever the view's encoding: the engine hands over encoded pixels, and `linear` is no one else's business."""
+    image = made("3C")[0].clip(0, 1)
+    of: dict[Encoding, Restoration] = {}
+    for encoding in ("gamma", "linear"):
+        pixels = (srgb_encode(image) if encoding == "gamma" else image).astype(np.float32)
+        view = View("photo.png", Arrays(pixels), encoding=encoding)
+        of[encoding] = engine_restored(HazeLines(linear=linear), Scene("photo", [view], frozenset()), view)
+        water = of[encoding].water
+        assert water is not None
+        assert water.encoding == "gamma"
+        np.testing.assert_allclose(water.veiling_light, srgb_encode(A), atol=1e-3)
+    np.testing.assert_allclose(srgb_decode(of["gamma"].image), of["linear"].image, atol=2e-3)

@@ -1,0 +1,79 @@
+"""The underwater dark channel prior, against its formula in float64 and against made haze."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.made_haze import NOISE, UNWANTED, hazy, restored, tiles, transmission_of
+
+from sucre_bench import InputError
+from sucre_bench.methods.udcp import Udcp, _transmission, _veiling_light
+
+A = np.array([0.1, 0.7, 0.8])
+
+
+def made() -> tuple[np.ndarray, np.ndarray]:
+    """Open water above (t = 0), below it a mosaic in which every window has a dark tile; (image, t)."""
+    J = tiles(96, 128, 3, np.array([[0.9, 0, 0], [0.1, 0.6, 0.2], [0.3, 0.1, 0.0], [0.2, 0.2, 0.7]]), seed=1)
+    t = np.zeros((96, 128))
+    t[24:] = np.linspace(0.25, 0.85, 72)[:, None]
+    return hazy(J, A, t).astype(np.float32), t
+
+
+def test_the_transmission_is_one_less_the_dark_channel_of_green_and_blue() -> None:
+    expected = np.empty((24, 32))
+    relative = NOISE[..., 1:].astype(np.float64) / A[1:]
+    for y, x in np.ndindex(expected.shape):
+        expected[y, x] = 1 - relative[max(0, y - 2) : y + 3, max(0, x - 2) : x + 3].min()
+    np.testing.assert_allclose(_transmission(NOISE, A, window=5), expected, atol=1e-6)
+
+
+def test_red_has_no_say_in_the_transmission() -> None:
+    """With red and blue mixed up, the image without red would have a dark channel of 0."""
+    without = NOISE * np.float32([0, 1, 1])
+    np.testing.assert_array_equal(_transmission(NOISE, A, 5), _transmission(without, A, 5))
+    assert _transmission(without + np.float32(0.2), A, 1).max() < 1
+
+
+def test_the_veiling_light_is_the_colour_where_green_and_blue_are_bright_all_around() -> None:
+    image = np.full((30, 40, 3), 0.2, np.float32)
+    image[3, 4] = 1  # bright, but alone
+    image[15:25, 20:30] = 0.1, 0.7, 0.8
+    np.testing.assert_allclose(_veiling_light(image, 9), A, atol=1e-7)
+
+
+def test_made_haze_is_measured() -> None:
+    image, truth = made()
+    result = restored(Udcp(greatest=1, radius=8), image)
+    assert result.water is not None
+    np.testing.assert_allclose(result.water.veiling_light, A, atol=1e-6)
+    t = np.nanmean(transmission_of(image, result)[30:], axis=(1, 2))
+    np.testing.assert_allclose(t, truth[30:, 0], atol=0.06)
+    assert np.corrcoef(t, truth[30:, 0])[0, 1] > 0.99
+
+
+def test_the_transmission_follows_the_edges_of_the_image() -> None:
+    """Taken window by window without refinement, the near side's transmission bleeds into the far side."""
+    t = np.where(np.arange(64) < 32, 0.3, 0.8) * np.ones((64, 1))
+    image = hazy(np.zeros((64, 64, 3)), A, t).astype(np.float32)
+    image[:4] = A  # the veiling light is seen somewhere
+    raw = _transmission(image, A, 9)[20:, 28:32]
+    fine = transmission_of(image, restored(Udcp(radius=8), image))[20:, 28:32, 2]
+    assert np.abs(raw - 0.3).max() == pytest.approx(0.5, abs=1e-5)
+    assert np.abs(fine - 0.3).mean() < 0.5 * np.abs(raw - 0.3).mean()
+
+
+def test_the_transmission_keeps_within_its_bounds() -> None:
+    info = restored(Udcp(), made()[0]).info
+    assert info["transmission_min"] == [pytest.approx(0.2)]
+    assert restored(Udcp(greatest=0.5), made()[0]).info["transmission_max"] == [0.5]
+
+
+@pytest.mark.parametrize("kind", UNWANTED)
+def test_an_unwanted_image_gets_finite_colours(kind: str) -> None:
+    assert np.isfinite(restored(Udcp(), UNWANTED[kind]).image).all()
+
+
+def test_a_window_without_a_middle_is_refused() -> None:
+    with pytest.raises(InputError, match=r"^udcp\.window: 4 is even; give an odd number of pixels$"):
+        Udcp(window=4)

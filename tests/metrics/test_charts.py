@@ -1,0 +1,219 @@
+"""psi and de00: published colour differences, painted charts, and the real Sea-thru charts where they are at hand."""
+
+from __future__ import annotations
+
+import json
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from support.painted_charts import TILTED, painted
+from support.places import DATA
+
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
+from sucre_bench.imaging.display import stretch
+from sucre_bench.metrics.charts import De00, Psi, angle_deg
+from sucre_bench.metrics.patch_colour import PatchColour
+from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
+
+D5 = DATA / "seathru_d5_charts"
+
+# Sharma, Wu & Dalal 2005, table 1: Lab, Lab, dE00 (pairs 1-4, 7, 9, 11, 13, 16, 17, 19, 20, 25, 33, 34).
+SHARMA = [
+    ((50, 2.6772, -79.7751), (50, 0, -82.7485), 2.0425),
+    ((50, 3.1571, -77.2803), (50, 0, -82.7485), 2.8615),
+    ((50, 2.8361, -74.0200), (50, 0, -82.7485), 3.4412),
+    ((50, -1.3802, -84.2814), (50, 0, -82.7485), 1.0000),
+    ((50, 0, 0), (50, -1, 2), 2.3669),
+    ((50, 2.4900, -0.0010), (50, -2.4900, 0.0009), 7.1792),
+    ((50, 2.4900, -0.0010), (50, -2.4900, 0.0011), 7.2195),
+    ((50, -0.0010, 2.4900), (50, 0.0009, -2.4900), 4.8045),
+    ((50, 2.5, 0), (50, 0, -2.5), 4.3065),
+    ((50, 2.5, 0), (73, 25, -18), 27.1492),
+    ((50, 2.5, 0), (56, -27, -3), 31.9030),
+    ((50, 2.5, 0), (58, 24, 15), 19.4535),
+    ((60.2574, -34.0099, 36.2677), (60.4626, -34.1751, 39.4387), 1.2644),
+    ((6.7747, -0.2908, -2.4247), (5.8714, -0.0985, -2.2286), 0.6377),
+    ((2.0776, 0.0795, -1.1350), (0.9033, -0.0636, -0.5514), 0.9082),
+]
+
+
+def scores(
+    metric: Psi | De00 | PatchColour, shown: Array, variant: str, kind: str = "dgk", charts: list[Chart] | None = None
+) -> dict[str, Score]:
+    view = View("a.png", Arrays(shown), charts=charts or [Chart("c", kind, TILTED)])
+    return {s.region: s for s in metric.score(Restoration(shown), shown, view, variant)}
+
+
+@pytest.mark.parametrize(("a", "b", "published"), SHARMA)
+def test_ciede2000_reproduces_the_published_pairs(a: Array, b: Array, published: float) -> None:
+    assert ciede2000(np.array(a, float), np.array(b, float)) == pytest.approx(published, abs=5e-5)
+
+
+@pytest.mark.parametrize(
+    ("srgb", "lab"),  # the sRGB primaries under D50, as in ICC profiles (Lindbloom)
+    [
+        ((1, 1, 1), (100, 0, 0)),
+        ((1, 0, 0), (54.29, 80.80, 69.89)),
+        ((0, 1, 0), (87.82, -79.29, 80.99)),
+        ((0, 0, 1), (29.57, 68.30, -112.03)),
+    ],
+)
+def test_srgb_is_adapted_from_d65_to_the_white_of_the_lab_lists(srgb: Array, lab: Array) -> None:
+    np.testing.assert_allclose(lab_d50(np.array(srgb, float)), lab, atol=0.03)
+
+
+def test_lab_and_srgb_invert_each_other_inside_the_gamut_and_lab_is_clipped_outside() -> None:
+    srgb = np.random.default_rng(0).random((50, 3))
+    np.testing.assert_allclose(srgb_of_lab_d50(lab_d50(srgb)), srgb, atol=5e-4)
+    assert srgb_of_lab_d50(np.array([57.0, -41, -42]))[0] == 0  # DGK light blue
+
+
+def test_the_two_dgk_lists_agree_on_the_mixed_colours_and_differ_on_the_primaries() -> None:
+    patches = KINDS["dgk"].patches
+    difference = ciede2000(lab_d50(np.array([p.srgb for p in patches])), np.array([p.lab for p in patches], float))
+    assert difference[12:].max() < 1
+    assert difference[6:12].min() > 4
+    assert difference[6:12].max() < 12
+
+
+def test_numbers_are_written_in_full_after_colours_were_scored() -> None:
+    ours = (
+        "import numpy as np; from sucre_bench.imaging.cielab import lab_d50; "
+        "lab_d50(np.ones(3)); print(str(np.float64(1) / 3))"
+    )
+    said = subprocess.run([sys.executable, "-c", ours], capture_output=True, text=True, check=True).stdout
+    assert float(said) == 1 / 3
+
+
+def test_angles_by_hand() -> None:
+    a = np.array([[1.0, 0, 0], [1, 1, 1], [1, 1, 0], [0.3, 0.6, 0.9], [0, 0, 0]])
+    b = np.array([[0, 1.0, 0], [1, 0, 0], [0, 1, 1], [0.1, 0.2, 0.3], [1, 1, 1]])
+    found = angle_deg(a, b)
+    np.testing.assert_allclose(found[:4], [90, np.degrees(np.arccos(3**-0.5)), 60, 0], atol=2e-6)
+    assert np.isnan(found[4]), "black has no direction"
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_chart_in_its_expected_colours_has_no_error(kind: str) -> None:
+    shown = painted(KINDS[kind], TILTED)
+    assert scores(Psi(), shown, "colour", kind)["c"].value == pytest.approx(0, abs=0.05)  # float32
+    assert scores(Psi(), shown, "all", kind)["c"].value == pytest.approx(0, abs=0.05)
+    assert scores(De00(), shown, "srgb", kind)["c"].value == pytest.approx(0, abs=1e-4)
+
+
+def test_psi_ignores_brightness_and_de00_does_not() -> None:
+    shown = painted(KINDS["dgk"], TILTED) * np.float32(0.5)
+    assert scores(Psi(), shown, "colour")["c"].value == pytest.approx(0, abs=0.05)
+    assert scores(De00(), shown, "srgb")["c"].value > 10
+
+
+def test_gray_is_the_angle_to_pure_gray_of_the_gray_patches_alone() -> None:
+    shown = np.empty((300, 420, 3), np.float32)
+    shown[:] = (0.2, 0.4, 0.4)
+    expected = np.degrees(np.arccos(5 / (3 * 3**0.5)))  # of (1, 2, 2) / 3 with (1, 1, 1) / sqrt 3
+    found = scores(Psi(), shown, "gray")
+    assert found["c"].value == pytest.approx(expected, abs=1e-4)
+    assert sorted(found)[1:] == [
+        "c/1-white",
+        "c/2-light-gray",
+        "c/3-gray",
+        "c/4-middle-gray",
+        "c/5-dark-gray",
+        "c/6-black",
+    ]
+
+
+def test_every_chart_and_every_patch_has_a_score_and_the_chart_is_the_mean() -> None:
+    rng = np.random.default_rng(2)
+    shown = rng.random((300, 420, 3)).astype(np.float32)
+    charts = [Chart("near", "dgk", TILTED), Chart("far", "colorchecker24", TILTED * 0.3 + 20)]
+    for metric, variant in [(Psi(), "colour"), (Psi(), "all"), (De00(), "lab"), (De00(), "srgb")]:
+        found = scores(metric, shown, variant, charts=charts)
+        every = variant == "all"
+        for chart, n in [("near", 18 if every else 12), ("far", 24 if every else 18)]:
+            patches = [s for region, s in found.items() if region.startswith(chart + "/")]
+            assert len(patches) == n
+            assert found[chart].value == pytest.approx(np.mean([s.value for s in patches]))
+            assert found[chart].n_pixels == sum(s.n_pixels for s in patches)
+            assert found[chart].coverage == 1
+    assert "near/7-red" in scores(Psi(), shown, "colour", charts=charts)
+
+
+def blanked(colour: float) -> tuple[dict[str, Score], dict[str, Score]]:
+    """Scores of a chart with every patch tinted, before and after the red one is lost to `colour`."""
+    kind = KINDS["dgk"]
+    shown = painted(kind, TILTED)
+    red = np.isclose(shown, kind.patches[6].srgb).all(axis=-1)
+    shown = shown * np.float32([0.5, 1, 1])
+    whole = scores(Psi(), shown, "colour")
+    shown[red] = colour
+    return whole, scores(Psi(), shown, "colour")
+
+
+@pytest.mark.parametrize("colour", [np.nan, 0.0], ids=["hole", "black"])
+def test_a_patch_without_a_direction_is_left_out_of_the_mean_and_lowers_the_coverage(colour: float) -> None:
+    whole, holed = blanked(colour)
+    others = [s.value for region, s in whole.items() if region not in ("c", "c/7-red")]
+    assert holed["c"].value == pytest.approx(np.mean(others))
+    assert abs(holed["c"].value - whole["c"].value) > 0.1
+    assert holed["c"].coverage == pytest.approx(11 / 12)
+    assert np.isnan(holed["c/7-red"].value)
+    assert (holed["c/7-red"].coverage, holed["c/7-red"].n_pixels) == (0, 0)
+
+
+@pytest.mark.parametrize("metric", [Psi(), De00()])
+def test_a_chart_nobody_restored_is_nan_with_coverage_0(metric: Psi | De00) -> None:
+    shown = np.full((300, 420, 3), np.nan, np.float32)
+    variant = "colour" if isinstance(metric, Psi) else "lab"
+    chart = scores(metric, shown, variant)["c"]
+    assert np.isnan(chart.value)
+    assert (chart.coverage, chart.n_pixels) == (0, 0)
+
+
+def test_the_reference_list_shifts_psi() -> None:
+    shown = painted(KINDS["dgk"], TILTED)
+    by_lab = scores(Psi(), shown, "colour-lab")
+    assert by_lab["c/12-magenta"].value == pytest.approx(13.8, abs=0.1)  # the lists' largest disagreement
+    assert by_lab["c/13-brick"].value < 0.5
+
+
+def test_patch_colour_gives_each_channel_as_shown_and_as_the_list_has_it() -> None:
+    shown = painted(KINDS["dgk"], TILTED) * np.float32([0.5, 0.25, 1])
+    for c, channel in enumerate(("red", "green", "blue")):
+        measured, expected = (scores(PatchColour(), shown, f"{channel}{end}") for end in ("", "-expected"))
+        assert len(measured) == 18
+        assert "c/7-red" in measured
+        listed = np.array([expected[region].value for region in measured])
+        np.testing.assert_allclose(listed, [p.srgb[c] for p in KINDS["dgk"].patches])
+        np.testing.assert_allclose([s.value for s in measured.values()], listed * (0.5, 0.25, 1)[c], atol=1e-6)
+
+
+@pytest.mark.skipif(not D5.is_dir(), reason="the Sea-thru D5 charts are not at hand")
+@pytest.mark.parametrize(
+    ("stretched", "file", "measured"),
+    [
+        (False, "D5_fig01_LFT_3374.png", [30.8, 33.8, 35.9, 36.8]),
+        (False, "LFT_3411.png", [23.2, 26.9, 29.6, 34.9]),
+        (True, "D5_fig01_LFT_3374.png", [25.7, 32.7, 37.2, 39.9]),
+        (True, "LFT_3411.png", [9.2, 17.1, 22.8, 33.9]),
+    ],
+)
+def test_the_unrestored_sea_thru_charts_have_the_angles_measured_elsewhere(
+    stretched: bool, file: str, measured: list[float]
+) -> None:
+    import cv2
+
+    shown = cv2.imread(str(D5 / "images" / file))[..., ::-1] / 255.0
+    if stretched:  # SUCRe's normalisation: percentiles 1 and 99 of the pixels with depth, here applied to all
+        seen = cv2.imread(str(D5 / "depths" / f"depth_{file}"), cv2.IMREAD_UNCHANGED) > 0
+        low, high = np.percentile(shown[seen], [1, 99], axis=0)
+        shown = ((shown - low) / (high - low)).clip(0, 1)
+        np.testing.assert_allclose(shown[seen], stretch(cv2.imread(str(D5 / "images" / file))[..., ::-1][seen] / 255.0))
+    corners = json.loads((D5 / "charts.json").read_text())["images"][file]
+    charts = [Chart(name, "dgk", np.array(c) + 0.5) for name, c in corners.items()]  # read at pixel indices
+    found = scores(Psi(), shown.astype(np.float32), "colour", charts=charts)
+    np.testing.assert_allclose([found[c.name].value for c in charts], measured, atol=0.4 if stretched else 0.2)

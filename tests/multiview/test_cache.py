@@ -1,0 +1,267 @@
+"""Observations on disk: the same as those in memory, made once, and anew when anything differs or is damaged."""
+
+from __future__ import annotations
+
+import subprocess
+import sys
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.made_scene import make_scene
+
+from sucre_bench import Arrays, InputError, Scene, SolveError
+from sucre_bench.machine.progress import watched_by
+from sucre_bench.multiview import cache as store
+from sucre_bench.multiview import spool as mapped
+from sucre_bench.multiview.cache import paired, sharing
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.multiview.observe import observe
+
+FIELDS = ("pixels", "counts", "starts", "distance", "colour", "weight", "view", "ray")
+
+
+class Counted:
+    """Pixels that count how often they are loaded."""
+
+    def __init__(self, pixels: Arrays) -> None:
+        self.pixels, self.n_loads = pixels, 0
+
+    def load(self, plane: str) -> np.ndarray | None:
+        self.n_loads += 1
+        return self.pixels.load(plane)
+
+
+def counted_scene(data_id: str = "0123") -> Scene:
+    scene = make_scene()
+    return replace(scene, views=[replace(v, pixels=Counted(v.pixels)) for v in scene], data_id=data_id)
+
+
+def n_loads(scene: Scene) -> int:
+    return sum(view.pixels.n_loads for view in scene)
+
+
+def assert_equal(one: Observations, other: Observations) -> None:
+    assert (one.shape, one.views, one.unreadable) == (other.shape, other.views, other.unreadable)
+    for field in FIELDS:
+        expected, found = getattr(one, field), getattr(other, field)
+        assert (expected is None) == (found is None)
+        if expected is not None:
+            assert found.dtype == expected.dtype
+            assert np.array_equal(found, expected)
+
+
+@pytest.mark.parametrize(
+    "options", [{}, {"rule": "depth", "encoding": "linear"}, {"with_view": True, "with_ray": True}], ids=str
+)
+def test_what_is_kept_equals_what_memory_holds_and_is_reused_without_reading(tmp_path: Path, options: dict) -> None:
+    scene = counted_scene()
+    in_memory = observe(scene["a.png"], scene.views, **options)
+    first = paired(scene, scene["a.png"], tmp_path / "pairs", **options)
+    assert_equal(in_memory, first)
+    assert first.read_s > 0
+
+    again = counted_scene()  # of equal data, as another process would find them
+    reused = paired(again, again["a.png"], tmp_path / "pairs", **options)
+    assert n_loads(again) == 0
+    assert reused.read_s == 0
+    assert_equal(in_memory, reused)
+
+
+def test_without_a_folder_nothing_is_kept() -> None:
+    scene = counted_scene()
+    assert_equal(observe(scene["a.png"], scene.views), paired(scene, scene["a.png"], None))
+
+
+def test_methods_share_what_they_pair_while_there_is_room(tmp_path: Path) -> None:
+    def n_read(most_bytes: float, **options: object) -> int:
+        scene = counted_scene()
+        with sharing(tmp_path, most_bytes):
+            paired(scene, scene["a.png"], **options)
+        return n_loads(scene)
+
+    assert n_read(1e9) > 0
+    assert n_read(1e9) == 0
+    assert n_read(1e9, rule="mutual", encoding="view", with_ray=False) == 0  # as it is by default
+    assert n_read(1e9, tolerance=0.1) == 0  # which this rule does not look at
+    assert n_read(1.0, rule="depth") > 0  # the folder is full by now
+    assert n_read(1e9, rule="depth") > 0
+    assert n_read(1e9, rule="depth") == 0
+
+
+def test_how_long_pairing_took_is_told_by_whoever_finds_it(tmp_path: Path) -> None:
+    scene = counted_scene()
+    first, reused = (paired(scene, scene["a.png"], tmp_path) for _ in range(2))
+    assert reused.pair_s == first.pair_s > 0
+
+
+def test_other_data_views_targets_options_or_source_are_made_anew(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = counted_scene()
+    paired(scene, scene["a.png"], tmp_path)
+    others = {
+        "data": lambda s: paired(replace(s, data_id="4567"), s["a.png"], tmp_path),
+        "views": lambda s: paired(replace(s, views=s.views[1:]), s["a.png"], tmp_path),
+        "target": lambda s: paired(s, s["side.png"], tmp_path),
+        "option": lambda s: paired(s, s["a.png"], tmp_path, rule="depth"),
+        "value": lambda s: paired(s, s["a.png"], tmp_path, rule="depth", tolerance=0.01),
+    }
+    for make in others.values():
+        fresh = counted_scene()
+        make(fresh)
+        assert n_loads(fresh) > 0
+    monkeypatch.setattr(store, "engine_hash", lambda: "other source")
+    fresh = counted_scene()
+    paired(fresh, fresh["a.png"], tmp_path)
+    assert n_loads(fresh) > 0
+    assert len(list(tmp_path.glob("*/meta.json"))) == 1 + len(others) + 1
+
+
+def damage(entry: Path, how: str) -> None:
+    if how == "a truncated array":
+        content = (entry / "distance.npy").read_bytes()
+        (entry / "distance.npy").write_bytes(content[:-100])
+    elif how == "a missing array":
+        (entry / "colour.npy").unlink()
+    elif how == "an array of another size":
+        np.save(entry / "distance.npy", np.zeros(3, np.float32))
+    elif how == "counts of zero":
+        np.save(entry / "counts.npy", np.zeros_like(np.load(entry / "counts.npy")))
+    elif how == "a pickle":
+        np.save(entry / "colour.npy", np.array([print], dtype=object), allow_pickle=True)
+    elif how == "no meta.json":
+        (entry / "meta.json").unlink()
+    elif how == "half a meta.json":
+        (entry / "meta.json").write_text((entry / "meta.json").read_text()[:40])
+    elif how == "an empty array":
+        (entry / "counts.npy").write_bytes(b"")
+    elif how == "a garbled header":
+        content = (entry / "distance.npy").read_bytes()
+        (entry / "distance.npy").write_bytes(content[:10] + b"((((" + content[14:])
+    elif how == "zeros in place of pixels":
+        np.save(entry / "pixels.npy", np.zeros_like(np.load(entry / "pixels.npy")))
+    elif how == "pixels out of the image":
+        np.save(entry / "pixels.npy", np.load(entry / "pixels.npy") + 10**6)
+    elif how == "starts that do not fit":
+        starts = np.load(entry / "starts.npy")
+        starts[1] += 5
+        np.save(entry / "starts.npy", starts)
+    elif how == "a meta.json of something else":
+        (entry / "meta.json").write_text("[1, 2]")
+
+
+@pytest.mark.parametrize(
+    "how",
+    [
+        "an empty array",
+        "a garbled header",
+        "zeros in place of pixels",
+        "pixels out of the image",
+        "starts that do not fit",
+        "a truncated array",
+        "a missing array",
+        "an array of another size",
+        "counts of zero",
+        "a pickle",
+        "no meta.json",
+        "half a meta.json",
+        "a meta.json of something else",
+    ],
+)
+def test_a_damaged_entry_is_made_anew(tmp_path: Path, how: str) -> None:
+    scene = counted_scene()
+    paired(scene, scene["a.png"], tmp_path)
+    (meta,) = tmp_path.glob("*/meta.json")
+    damage(meta.parent, how)
+    fresh = counted_scene()
+    assert_equal(observe(scene["a.png"], scene.views), paired(fresh, fresh["a.png"], tmp_path))
+    assert n_loads(fresh) > 0
+    assert_equal(observe(scene["a.png"], scene.views), paired(scene, scene["a.png"], tmp_path))
+
+
+def test_what_a_killed_process_left_is_cleared_away(tmp_path: Path) -> None:
+    scene = counted_scene()
+    paired(scene, scene["a.png"], tmp_path)
+    (meta,) = tmp_path.glob("*/meta.json")
+    meta.parent.rename(f"{meta.parent}.part")
+    paired(scene, scene["a.png"], tmp_path)
+    assert meta.is_file()
+    assert not list(tmp_path.glob("*.part"))
+
+
+def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
+    scene = counted_scene()
+    blind = replace(scene["a.png"], pixels=Arrays(np.zeros((44, 60, 3)), np.zeros((44, 60))))
+    with pytest.raises(SolveError, match="no pixel has depth"):
+        paired(scene, blind, tmp_path)
+    assert not [path for path in tmp_path.iterdir() if path.suffix != ".lock"]
+
+
+def test_what_is_done_to_the_arrays_does_not_reach_the_files(tmp_path: Path) -> None:
+    scene = counted_scene()
+    paired(scene, scene["a.png"], tmp_path).distance[:] = 0
+    assert paired(scene, scene["a.png"], tmp_path).distance.min() > 0
+
+
+def test_two_at_once_pair_once_and_both_are_served(tmp_path: Path) -> None:
+    scenes = [counted_scene() for _ in range(4)]
+    with ThreadPoolExecutor(4) as pool:
+        made = list(pool.map(lambda scene: paired(scene, scene["a.png"], tmp_path), scenes))
+    assert sum(n_loads(scene) > 0 for scene in scenes) == 1
+    for one in made[1:]:
+        assert_equal(made[0], one)
+
+
+def test_a_scene_without_an_id_is_not_kept_and_that_is_said_once(tmp_path: Path) -> None:
+    class Listener:
+        texts: list[str] = []
+
+        def started(self, what: str, total: int | None) -> int:
+            return 0
+
+        def advanced(self, line: int) -> None: ...
+        def finished(self, line: int) -> None: ...
+
+        def said(self, text: str) -> None:
+            self.texts.append(text)
+
+    store._say_that_nothing_is_kept.cache_clear()
+    scene = counted_scene(data_id="")
+    listener = Listener()
+    with watched_by(listener):
+        for _ in range(2):
+            assert len(paired(scene, scene["a.png"], tmp_path)) > 0
+    assert listener.texts == ["made: its observations are not kept, the scene has no data_id to know them by"]
+    assert not list(tmp_path.iterdir())
+
+
+def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    scene = counted_scene()
+    (tmp_path / "file").touch()
+    with pytest.raises(InputError, match=r"file: cannot keep observations there, .*; name another folder$"):
+        paired(scene, scene["a.png"], tmp_path / "file")
+
+    def full(fd: int, start: int, size: int) -> None:
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(mapped.os, "posix_fallocate", full)
+    with pytest.raises(InputError, match=r"cannot keep observations there, No space left on device;"):
+        paired(scene, scene["a.png"], tmp_path)
+    assert not [path for path in tmp_path.iterdir() if path.is_dir()]
+
+
+def test_an_entry_is_named_after_its_target(tmp_path: Path) -> None:
+    scene = make_scene()
+    views = [replace(view, name=f"dive 1/{view.name}") for view in scene]
+    scene = replace(scene, views=views, data_id="0123")
+    paired(scene, views[1], tmp_path)
+    (meta,) = tmp_path.glob("*/meta.json")
+    assert meta.parent.name.startswith("a-")
+
+
+def test_importing_the_store_imports_no_compiler() -> None:
+    code = "import sys, sucre_bench.multiview.cache; sys.exit('numba' in sys.modules or 'torch' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

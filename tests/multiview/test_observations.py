@@ -1,0 +1,99 @@
+"""The observation store: its order, its types, and parts of it."""
+
+from __future__ import annotations
+
+import numpy as np
+from support.made_scene import make_scene
+
+from sucre_bench.multiview.observations import Seen, arrange, compact
+from sucre_bench.multiview.observe import observe
+
+SCENE = make_scene()
+TARGET = SCENE["a.png"]
+
+
+def test_pixels_are_sorted_by_falling_count_and_slots_are_prefixes() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True)
+    assert (np.diff(observations.counts) <= 0).all()
+    order = np.lexsort((observations.pixels, -observations.counts))
+    assert (order == np.arange(len(order))).all()  # equal counts by rising index
+    sizes = [n for n, _ in observations.slots()]
+    assert sizes == [int((observations.counts > k).sum()) for k in range(observations.counts.max())]
+    assert sum(sizes) == len(observations) == observations.counts.sum()
+    assert len(sizes) > 2  # the scene is worth it
+
+
+def test_blocks_of_pixels_cover_the_slots() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True)
+    whole = [np.arange(part.start, part.stop) for _, part in observations.slots()]
+    size = 97
+    pieces = [np.empty(0, int)] * len(whole)
+    for start in range(0, len(observations.pixels), size):
+        for k, (n, part) in enumerate(observations.slots(start, start + size)):
+            assert n == part.stop - part.start <= size
+            pieces[k] = np.concatenate([pieces[k], np.arange(part.start, part.stop)])
+    assert all((a == b).all() for a, b in zip(whole, pieces, strict=True))
+
+
+def two_views() -> list[Seen]:
+    """Pixel 1 of two, seen finely by "b"; both, seen in 8 bits by "a"."""
+    fine = np.float32([[0.1234567, 0.5, 0.7654321]])
+    coarse = np.uint8([[51, 102, 255], [0, 1, 2]])
+    return [Seen("b", np.array([1]), np.float32([2]), fine), Seen("a", np.array([0, 1]), np.float32([1, 3]), coarse)]
+
+
+def test_finer_colours_are_kept_as_they_are_beside_eight_bit_ones() -> None:
+    observations = arrange((1, 2), two_views(), with_view=True)
+    assert observations.views == ("b", "a")
+    assert observations.pixels.tolist() == [1, 0]
+    assert observations.starts.tolist() == [0, 2, 3]  # pixel 1 by "b", 0 by "a"; 1 by "a"
+    assert observations.view.tolist() == [0, 1, 1]
+    assert observations.distance.tolist() == [2, 1, 3]
+    assert observations.colour.dtype == np.float32
+    expected = np.float32([[0.1234567, 0.5, 0.7654321], [51 / 255, 102 / 255, 1], [0, 1 / 255, 2 / 255]])
+    np.testing.assert_allclose(observations.colour.T, expected, rtol=1e-7)
+
+
+def test_eight_and_sixteen_bits_meet_in_sixteen() -> None:
+    fine, coarse = two_views()
+    sixteen = Seen("b", fine.pixels, fine.distance, np.uint16([[1, 2, 65535]]))
+    observations = arrange((1, 2), [sixteen, coarse])
+    assert observations.colour.dtype == np.uint16
+    assert observations.colour.T.tolist() == [[1, 2, 65535], [51 * 257, 102 * 257, 65535], [0, 257, 514]]
+
+
+def test_parts_go_as_the_store_comes_if_they_may() -> None:
+    kept, given = two_views(), two_views()
+    whole, freed = arrange((1, 2), kept), arrange((1, 2), given, free=True)
+    assert (len(kept), len(given)) == (2, 0)
+    assert freed.views == whole.views
+    assert np.array_equal(freed.colour, whole.colour)
+
+
+def test_colours_are_compacted_only_where_that_loses_nothing() -> None:
+    levels = np.arange(256, dtype=np.float32)
+    assert compact(levels / np.float32(255)).tolist() == levels.tolist()
+    assert compact(np.float32([0, 1, 65535]) / np.float32(65535)).tolist() == [0, 1, 65535]
+    for odd in ([0.1234567], [256 / 255], [-1 / 255], [np.nan, 0], [np.inf]):
+        kept = compact(np.float32(odd))
+        assert kept.dtype != np.uint8
+        np.testing.assert_allclose(kept / (65535 if kept.dtype == np.uint16 else 1), odd, atol=1e-6)
+
+
+def test_some_pixels_can_be_taken_with_all_their_observations() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True, with_ray=True)
+    places = np.arange(5, len(observations.pixels), 7)
+    some = observations.take(places)
+    assert np.array_equal(some.pixels, observations.pixels[places])
+    assert len(some) == observations.counts[places].sum()
+    for k, (n, part) in enumerate(some.slots()):
+        at = observations.starts[k] + places[:n]
+        for field in ("distance", "colour", "view", "ray"):
+            assert np.array_equal(getattr(some, field)[..., part], getattr(observations, field)[..., at])
+
+
+def test_colours_go_back_to_their_pixels() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True)
+    image = observations.image(TARGET.rgb.reshape(-1, 3)[observations.pixels].T)
+    assert np.array_equal(np.isnan(image).any(axis=-1), TARGET.depth == 0)
+    assert np.array_equal(image[TARGET.valid], TARGET.rgb[TARGET.valid])

@@ -1,0 +1,386 @@
+"""What all views show of a target, against the matches it is made of and against colours worked out by hand."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import defaultdict
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from support.made_scene import make_camera, make_pose, make_scene
+from support.places import DATA
+
+from sucre_bench import Arrays, InputError, SolveError, View
+from sucre_bench.machine.progress import watched_by
+from sucre_bench.multiview import observe as module
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.multiview.observe import observe
+from sucre_bench.multiview.pairing import lift, match
+
+SCENE = make_scene()
+TARGET = SCENE["a.png"]
+OWN = 1  # its place in the scene
+REAL = DATA / "seathru_d5_charts"
+
+Seen = dict[int, list[tuple[int, float, tuple[float, ...]]]]
+
+
+def by_pixel(observations: Observations) -> Seen:
+    """Flat pixel -> its (view, distance, colour) from slot to slot."""
+    found = defaultdict(list)
+    for n, part in observations.slots():
+        colours = observations.intensity(part).T
+        for k, pixel in enumerate(observations.pixels[:n].tolist()):
+            at = part.start + k
+            found[pixel].append((int(observations.view[at]), float(observations.distance[at]), tuple(colours[k])))
+    return dict(found)
+
+
+def test_every_pixel_with_depth_has_its_own_observation_once() -> None:
+    found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
+    assert sorted(found) == np.flatnonzero(TARGET.depth).tolist()
+    rgb, distance = TARGET.rgb.reshape(-1, 3), TARGET.distance.ravel()
+    for pixel, seen in found.items():
+        own = [(z, colour) for view, z, colour in seen if view == OWN]
+        assert len(own) == 1
+        assert own[0][0] == pytest.approx(distance[pixel], rel=1e-6)
+        np.testing.assert_allclose(own[0][1], rgb[pixel], atol=1e-7)
+
+
+def test_other_observations_are_the_matches_with_the_other_views_colours() -> None:
+    found = by_pixel(observe(TARGET, SCENE.views, with_view=True))
+    for index, view in enumerate(SCENE.views):
+        if index == OWN:
+            continue
+        matches = match(lift(TARGET), view)
+        seen = {p: (z, c) for p, all_seen in found.items() for v, z, c in all_seen if v == index}
+        assert sorted(seen) == sorted(matches.pixels)
+        colours = view.rgb.reshape(-1, 3)
+        for pixel, other, z in zip(matches.pixels, matches.others, matches.distance, strict=True):
+            assert seen[pixel][0] == z
+            np.testing.assert_allclose(seen[pixel][1], colours[other], atol=1e-7)
+
+
+def test_a_pixels_slots_follow_the_order_of_the_views() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True)
+    assert observations.views == tuple(view.name for view in SCENE)
+    assert all(views == sorted(views) for views in ([s[0] for s in seen] for seen in by_pixel(observations).values()))
+
+
+def test_eight_bit_colours_are_kept_as_eight_bit() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True)
+    assert observations.colour.dtype == np.uint8
+    assert observations.distance.dtype == np.float32
+
+
+def test_views_without_pose_or_depth_are_left_out() -> None:
+    lost = replace(SCENE["side.png"], name="lost.png", cam_from_world=None)
+    flat = View("flat.png", Arrays(SCENE["far.png"].rgb), SCENE["far.png"].camera, SCENE["far.png"].cam_from_world)
+    views = [lost, *SCENE.views, flat]
+    assert observe(TARGET, views).views == tuple(view.name for view in SCENE)
+
+
+def test_a_target_that_is_not_among_the_views_takes_part_all_the_same() -> None:
+    others = [view for view in SCENE if view is not TARGET]
+    observations = observe(TARGET, others)
+    assert observations.views == ("a.png", *(view.name for view in others))
+    assert len(observations) == len(observe(TARGET, SCENE.views))
+
+
+def test_a_targets_own_observations_do_not_hang_on_rounding() -> None:
+    pose = make_pose(
+        (1e15, 3e14, -1e14), 0.3, 0.2, 0.1
+    )  # so far out that float64 cannot even take the camera to itself
+    remote = replace(TARGET, cam_from_world=pose)
+    by_arithmetic = match(lift(remote), remote)
+    assert by_arithmetic is None or len(by_arithmetic.pixels) < (TARGET.depth > 0).sum()
+    assert (observe(remote, [remote]).counts == 1).sum() == (TARGET.depth > 0).sum()
+
+
+def test_views_that_show_next_to_nothing_are_left_out(monkeypatch: pytest.MonkeyPatch) -> None:
+    shares = {v.name: len(match(lift(TARGET), v).pixels) / TARGET.depth.size for v in SCENE if v is not TARGET}
+    least = min(shares, key=shares.__getitem__)
+    monkeypatch.setattr(module, "MIN_SHARE", shares[least])
+    assert set(observe(TARGET, SCENE.views).views) == {view.name for view in SCENE} - {least}
+
+
+def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
+    arrays = Arrays(np.zeros((30, 40, 3)), np.zeros((30, 40)))
+    blind = View("a.png", arrays, make_camera(40, 30, 40), np.eye(4))
+    with pytest.raises(SolveError, match=r"^a\.png: no pixel has depth;"):
+        observe(blind, [blind])
+    with pytest.raises(InputError, match=r"^b\.png: the view has no depth map"):
+        observe(replace(blind, name="b.png", pixels=Arrays(arrays.rgb)), [blind])
+
+
+def test_pairing_reports_its_progress_view_by_view() -> None:
+    class Watcher:
+        told: list[tuple[str, int | None]] = []
+        steps = 0
+
+        def started(self, what: str, total: int | None) -> int:
+            self.told.append((what, total))
+            return 0
+
+        def advanced(self, line: int) -> None:
+            self.steps += 1
+
+        def finished(self, line: int) -> None:
+            pass
+
+    watcher = Watcher()
+    with watched_by(watcher):
+        observe(TARGET, SCENE.views)
+    assert watcher.told == [("pairing", 4)]
+    assert watcher.steps == 4
+
+
+def flat_view(name: str, paint: Callable[[np.ndarray, np.ndarray], np.ndarray], at: float, encoding: str = "gamma"):
+    """A camera at (at, 0, 0) before the plane Z = 2 that is painted with a colour for X and Y in metres."""
+    camera = make_camera(32, 24, 20)
+    u, v = np.meshgrid(np.arange(32) + 0.5, np.arange(24) + 0.5)
+    K = camera.K
+    rgb = paint((u - K[0, 2]) / K[0, 0] * 2 + at, (v - K[1, 2]) / K[1, 1] * 2)
+    return View(name, Arrays(rgb, np.full((24, 32), 2.0)), camera, make_pose((at, 0, 0)), encoding=encoding)
+
+
+def ramp(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+    """A colour that is linear in space, which bilinear interpolation reproduces exactly."""
+    return np.stack([0.5 + 0.1 * X, 0.4 + 0.15 * Y, 0.5 - 0.05 * X + 0.1 * Y], axis=-1)
+
+
+def test_by_depth_colours_are_interpolated_at_the_very_point() -> None:
+    target, other = flat_view("a", ramp, 0), flat_view("b", ramp, 0.137)  # 1.37 px aside
+    found = by_pixel(observe(target, [target, other], rule="depth", with_view=True))
+    own = target.rgb.reshape(-1, 3)
+    twice = {pixel: seen for pixel, seen in found.items() if len(seen) == 2}
+    assert len(twice) > 600
+    on_border = 0
+    for pixel, (_, (view, _, colour)) in twice.items():
+        on_border += not np.allclose(colour, own[pixel], atol=2e-6)
+        assert view == 1
+    assert on_border <= 2 * 24 + 2 * 32  # without four neighbours: the nearest colour
+
+
+def test_by_depth_distances_are_those_of_the_point_itself() -> None:
+    target, other = flat_view("a", ramp, 0), flat_view("b", ramp, 0.137)
+    observations = observe(target, [target, other], rule="depth", with_view=True, with_ray=True)
+    K, point = target.camera.K, {}
+    for pixel in range(32 * 24):
+        point[pixel] = np.linalg.inv(K) @ [pixel % 32 + 0.5, pixel // 32 + 0.5, 1] * 2
+    for n, part in observations.slots():
+        for k, pixel in enumerate(observations.pixels[:n].tolist()):
+            X, Y, Z = point[pixel] - [0.137 * observations.view[part.start + k], 0, 0]
+            assert observations.distance[part.start + k] == pytest.approx(np.sqrt(X * X + Y * Y + Z * Z), rel=1e-6)
+            assert observations.ray[:, part.start + k] == pytest.approx((X / Z, Y / Z), abs=1e-5)
+
+
+def test_by_the_mutual_rule_rays_are_those_of_the_pixels_that_are_seen() -> None:
+    observations = observe(TARGET, SCENE.views, with_view=True, with_ray=True)
+    matches = match(lift(TARGET), SCENE["far.png"])
+    K = SCENE["far.png"].camera.K
+    u, v = matches.others % 56 + 0.5, matches.others // 56 + 0.5
+    rays = np.stack([(u - K[0, 2]) / K[0, 0], (v - K[1, 2]) / K[1, 1]], axis=1)
+    expected = dict(zip(matches.pixels.tolist(), rays, strict=True))
+    n_checked = 0
+    for n, part in observations.slots():
+        for k, pixel in enumerate(observations.pixels[:n].tolist()):
+            if observations.view[part.start + k] == 3:
+                assert observations.ray[:, part.start + k] == pytest.approx(expected[pixel], abs=1e-6)
+                n_checked += 1
+    assert n_checked == len(expected)
+
+
+def test_by_depth_eight_bit_colours_stay_eight_bit_and_nothing_bleeds_over_an_outline() -> None:
+    # The box is white and all else black: a mixture of the two would be gray.
+    def black_and_white(view: View) -> View:
+        from support.made_scene import PLANE
+
+        world_from_cam = np.linalg.inv(view.cam_from_world)
+        points = lift(view).points.T @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
+        rgb = np.zeros((view.camera.height * view.camera.width, 3))
+        rgb[lift(view).pixels] = (np.abs(points @ PLANE - 1) > 1e-3)[:, None]
+        return replace(view, pixels=Arrays(rgb.reshape(view.camera.height, view.camera.width, 3), view.depth))
+
+    views = [black_and_white(view) for view in SCENE]
+    observations = observe(views[OWN], views, rule="depth")
+    assert observations.colour.dtype == np.uint8
+    assert set(np.unique(observations.colour)) == {0, 255}
+    own = views[OWN].rgb.reshape(-1, 3)[observations.pixels, 0] * 255
+    for n, part in observations.slots():
+        assert np.array_equal(observations.colour[0, part], own[:n])
+
+
+def test_by_depth_no_pixel_with_one_observation_is_left_amid_those_with_more() -> None:
+    near = SCENE["near.png"]  # its pixels are smaller than the others'
+    windows = np.lib.stride_tricks.sliding_window_view(near.depth, (3, 3))
+    is_smooth = windows.max(axis=(2, 3)) < 1.1 * windows.min(axis=(2, 3))  # no outline, behind which points are hidden
+    dotted = {}
+    for rule in ("mutual", "depth"):
+        observations = observe(near, [near, SCENE["side.png"], SCENE["far.png"]], rule=rule)
+        counts = observations.image(observations.counts.astype(np.float32))
+        repeated = (counts > 1).astype(int)
+        around = repeated[:-2, 1:-1] + repeated[2:, 1:-1] + repeated[1:-1, :-2] + repeated[1:-1, 2:]
+        dotted[rule] = int(((counts[1:-1, 1:-1] == 1) & (around >= 3) & is_smooth).sum())
+    assert dotted["mutual"] > 20
+    assert dotted["depth"] == 0
+
+
+@pytest.mark.parametrize("rule", ["mutual", "depth"])
+def test_linear_light_is_decoded_from_srgb_and_kept_in_sixteen_bits(rule: str) -> None:
+    codes = np.array([0, 10, 128, 255])  # IEC 61966-2-1: linear 0, .003035270, .215860500, 1
+    target = flat_view("a", lambda X, Y: np.broadcast_to(codes[[0, 1, 2]] / 255, (*X.shape, 3)), 0)
+    white = flat_view("b", lambda X, Y: np.ones((*X.shape, 3)), 0.1)
+    observations = observe(target, [target, white], rule=rule, encoding="linear", with_view=True)
+    assert observations.colour.dtype == np.uint16
+    assert set(map(tuple, observations.colour[:, observations.view == 0].T.tolist())) == {(0, 199, 14146)}
+    assert set(map(tuple, observations.colour[:, observations.view == 1].T.tolist())) == {(65535, 65535, 65535)}
+
+
+def test_views_that_are_linear_already_are_not_decoded_again() -> None:
+    half = flat_view("a", lambda X, Y: np.full((*X.shape, 3), 128 / 255), 0, encoding="linear")
+    observations = observe(half, [half], encoding="linear")
+    assert np.unique(observations.colour).tolist() == [128]
+    assert observations.colour.dtype == np.uint8
+
+
+@pytest.mark.parametrize("rule", ["mutual", "depth"])
+def test_colours_that_are_not_finite_are_no_observations(rule: str) -> None:
+    def holed(X: np.ndarray, Y: np.ndarray) -> np.ndarray:
+        rgb = ramp(X, Y)
+        rgb[5, 6, 1], rgb[9, 9] = np.nan, np.inf
+        return rgb
+
+    whole, same_place = flat_view("a", ramp, 0), flat_view("b", holed, 0)
+    twice = observe(whole, [whole, same_place], rule=rule)
+    assert np.isfinite(twice.colour).all()
+    assert sorted(twice.pixels[twice.counts == 1]) == [5 * 32 + 6, 9 * 32 + 9]
+    assert len(twice) == 2 * 24 * 32 - 2
+    once = observe(same_place, [same_place], rule=rule)
+    assert not np.isin([5 * 32 + 6, 9 * 32 + 9], once.pixels).any()
+    blank = flat_view("a", lambda X, Y: np.full((*X.shape, 3), np.nan), 0)
+    with pytest.raises(SolveError, match=r"^a: no pixel has both depth and colour;"):
+        observe(blank, [blank], rule=rule)
+
+
+class Watched:
+    """Pixels that tell what was loaded of them."""
+
+    def __init__(self, pixels: Arrays, fault: str = "") -> None:
+        self.pixels, self.fault, self.loaded = pixels, fault, []
+
+    def load(self, plane: str) -> np.ndarray | None:
+        self.loaded.append(plane)
+        if plane == "rgb" and self.fault:
+            raise InputError(self.fault)
+        return self.pixels.load(plane)
+
+
+def test_a_damaged_image_costs_its_own_observations_only_and_is_told() -> None:
+    views = [replace(v, pixels=Watched(v.pixels, "side.png: damaged" if v.name == "side.png" else "")) for v in SCENE]
+    observations = observe(TARGET, views)
+    assert observations.views == ("near.png", "a.png", "far.png")
+    assert observations.unreadable == ("side.png: damaged",)
+    views = [replace(v, pixels=Watched(v.pixels, "a.png: damaged" if v.name == "a.png" else "")) for v in SCENE]
+    with pytest.raises(InputError, match=r"^a\.png: damaged$"):
+        observe(views[OWN], views)
+
+
+def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that_shows_nothing() -> None:
+    away = Watched(Arrays(np.zeros((30, 40, 3)), np.ones((30, 40))))
+    hidden = Watched(Arrays(np.zeros((30, 40, 3)), np.full((30, 40), 0.1)))  # something right before the lens
+    views = [
+        TARGET,
+        View("away.png", away, make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi)),
+        View("hidden.png", hidden, make_camera(40, 30, 40), make_pose((0, 0, 0))),
+    ]
+    assert observe(TARGET, views, rule="depth").views == ("a.png",)
+    assert away.loaded == []
+    assert hidden.loaded == ["depth"]
+
+
+def test_an_image_of_another_size_than_its_cameras_is_left_out_and_told() -> None:
+    wrong = replace(SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth))
+    assert observe(TARGET, [TARGET, wrong]).unreadable == (
+        "far.png: the image is 56x49, the camera's 56x50; use the images that the cameras belong to",
+    )
+
+
+def test_the_result_does_not_depend_on_how_many_threads_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
+    made = []
+    for n in (1, 3):
+        monkeypatch.setattr(module, "usable_cores", lambda n=n: n)
+        made.append(observe(TARGET, SCENE.views, with_view=True))
+    one, three = made
+    assert one.views == three.views
+    for field in ("pixels", "counts", "distance", "colour", "view"):
+        assert np.array_equal(getattr(one, field), getattr(three, field))
+
+
+def test_threads_end_when_the_work_is_given_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(40)]
+    target = replace(views[0], pixels=Watched(TARGET.pixels, "0.png: damaged"))
+    before = threading.active_count()
+    with pytest.raises(InputError, match="damaged"):
+        observe(target, [target, *views[1:]])
+    assert threading.active_count() == before
+    assert sum("rgb" in view.pixels.loaded for view in views) < 39 - module._MOST_THREADS
+
+
+def test_work_runs_only_a_little_ahead_of_what_is_taken(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "usable_cores", lambda: 2)
+    begun: list[str] = []
+    views = [replace(TARGET, name=f"{k}.png") for k in range(50)]
+    outcomes = module._in_order(lambda view: begun.append(view.name), views)
+    next(outcomes).result()
+    time.sleep(0.05)  # for the threads to run on, if they may
+    assert len(begun) <= 4
+    outcomes.close()
+
+
+def test_too_little_memory_is_told_early_and_in_one_line(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
+    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    free = SimpleNamespace(available=18 * 30 * 2400)  # bytes an observation x views x pixels: for half of them
+    monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
+    with pytest.raises(SolveError, match=r"^0\.png: its observations take some 0\.0 GB .* pairs=FOLDER") as told:
+        observe(views[0], views)
+    assert "\n" not in str(told.value)
+    assert sum("rgb" in view.pixels.loaded for view in views) < 40
+    assert len(observe(views[0], views[:8])) == 8 * (TARGET.depth > 0).sum()
+    assert len(observe(views[0], views, folder=tmp_path)) == 60 * (TARGET.depth > 0).sum()
+
+    monkeypatch.setattr(module, "usable_cores", lambda: 1)
+    free.available = 1000  # not even for one view: no need to foretell anything
+    views = [replace(TARGET, name=f"{k}.png", pixels=Watched(TARGET.pixels)) for k in range(60)]
+    with pytest.raises(SolveError, match=r"^0\.png: its observations"):
+        observe(views[0], views)
+    assert sum("rgb" in view.pixels.loaded for view in views) < 5
+
+
+def test_reading_and_pairing_are_timed() -> None:
+    observations = observe(TARGET, SCENE.views)
+    assert observations.read_s > 0
+    assert observations.pair_s > 0
+
+
+def test_wrong_options_are_told_with_what_there_is() -> None:
+    with pytest.raises(InputError, match=r"^rule=mutal: unknown; did you mean 'mutual'\? known: depth, mutual$"):
+        observe(TARGET, SCENE.views, rule="mutal")
+    with pytest.raises(InputError, match=r"^encoding=log: unknown; known: linear, view$"):
+        observe(TARGET, SCENE.views, encoding="log")
+    with pytest.raises(InputError, match=r"^tolerance=3: not a share"):
+        observe(TARGET, SCENE.views, rule="depth", tolerance=3)
+
+
+@pytest.mark.skipif(not REAL.is_dir(), reason=f"{REAL} is absent")
+@pytest.mark.parametrize(("name", "published"), [("LFT_3411.png", 2_173_610), ("D5_fig01_LFT_3374.png", 3_145_256)])
+def test_real_images_give_as_many_observations_as_the_two_map_form(name: str, published: int) -> None:
+    import sucre_bench as sb
+
+    scene = next(iter(sb.load_scenes("colmap", root=str(REAL))))
+    assert len(observe(scene[name], scene.views)) == pytest.approx(published, rel=1e-5)

@@ -1,0 +1,274 @@
+"""Pairing, against a literal float64 reading of the paper's rule, and against the scene itself."""
+
+from __future__ import annotations
+
+from math import floor
+
+import numpy as np
+import pytest
+from support.made_scene import BOX, hit, make_camera, make_pose, make_scene, make_view
+
+from sucre_bench import Arrays, Camera, InputError, View
+from sucre_bench.multiview import pairing
+from sucre_bench.multiview.pairing import Matches, lift, match, own_matches, visible_pixels
+
+SCENE = make_scene()
+TARGET = SCENE["a.png"]
+OTHERS = ["near.png", "side.png", "far.png"]
+
+# Twice over, a scattered point within this of a pixel's border may be rounded to either side in float32.
+BORDER_PX = 1e-3
+
+
+def literal_pairs(target: View, other: View) -> tuple[dict[int, tuple[int, float]], set[int]]:
+    """Eq. 4 and 5, a pixel at a time in float64: flat pixel -> (flat other pixel, distance), and the doubtful ones."""
+    pairs, doubtful = {}, set()
+    there = other.cam_from_world @ np.linalg.inv(target.cam_from_world)
+    back = target.cam_from_world @ np.linalg.inv(other.cam_from_world)
+    depths = target.depth.astype(np.float64), other.depth.astype(np.float64)
+    for v1, u1 in np.argwhere(depths[0] > 0):
+        pixel = int(v1 * target.camera.width + u1)
+        landed = _carry(target.camera, other.camera, there, u1, v1, depths[0][v1, u1])
+        if landed is None:
+            continue
+        u2, v2 = floor(landed[0]), floor(landed[1])
+        if not (0 <= u2 < other.camera.width and 0 <= v2 < other.camera.height) or depths[1][v2, u2] == 0:
+            continue
+        returned = _carry(other.camera, target.camera, back, u2, v2, depths[1][v2, u2])
+        if any(abs(x - round(x)) < BORDER_PX for x in (*landed, *(returned or ()))):
+            doubtful.add(pixel)
+        elif returned is not None and (floor(returned[0]), floor(returned[1])) == (u1, v1):
+            ray = np.linalg.inv(other.camera.K) @ [u2 + 0.5, v2 + 0.5, 1]
+            pairs[pixel] = (v2 * other.camera.width + u2, float(np.linalg.norm(ray * depths[1][v2, u2])))
+    return pairs, doubtful
+
+
+def _carry(one: Camera, two: Camera, pose: np.ndarray, u: int, v: int, depth: float) -> tuple[float, float] | None:
+    point = pose @ np.append(np.linalg.inv(one.K) @ [u + 0.5, v + 0.5, 1] * depth, 1)
+    if point[2] <= 0:
+        return None
+    x, y, w = two.K @ point[:3]
+    return x / w, y / w
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_pairs_are_those_of_a_literal_float64_reading(name: str) -> None:
+    expected, doubtful = literal_pairs(TARGET, SCENE[name])
+    found = match(lift(TARGET), SCENE[name])
+    pairs = dict(
+        zip(found.pixels.tolist(), zip(found.others.tolist(), found.distance.tolist(), strict=True), strict=True)
+    )
+    assert len(expected) > 200
+    assert len(doubtful) < 0.05 * len(expected)
+    assert pairs.keys() - doubtful == expected.keys()
+    for pixel, (other, distance) in expected.items():
+        assert pairs[pixel][0] == other
+        assert pairs[pixel][1] == pytest.approx(distance, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_no_pixel_of_either_view_is_paired_twice(name: str) -> None:
+    found = match(lift(TARGET), SCENE[name])
+    assert len(set(found.pixels.tolist())) == len(set(found.others.tolist())) == len(found.pixels)
+
+
+def literal_agreement(target: View, other: View, tolerance: float) -> tuple[dict[int, tuple[float, ...]], set[int]]:
+    """The rule by depth, a pixel at a time in float64: flat pixel -> (other, distance, x, y, smooth), and doubtful."""
+    pairs, doubtful = {}, set()
+    there = other.cam_from_world @ np.linalg.inv(target.cam_from_world)
+    rows, columns = other.depth.shape
+    for v1, u1 in np.argwhere(target.depth > 0):
+        pixel = int(v1 * target.camera.width + u1)
+        ray = np.linalg.inv(target.camera.K) @ [u1 + 0.5, v1 + 0.5, 1]
+        point = (there @ np.append(ray * float(target.depth[v1, u1]), 1))[:3]
+        if point[2] <= 0:
+            continue
+        x, y = (other.camera.K @ point)[:2] / point[2]
+        u2, v2 = floor(x), floor(y)
+        if not (0 <= u2 < columns and 0 <= v2 < rows):
+            continue
+        left, top = floor(x - 0.5), floor(y - 0.5)
+        around = [(v, u) for v in (top, top + 1) for u in (left, left + 1)]
+        inside = all(0 <= v < rows and 0 <= u < columns for v, u in around)
+        depths = np.array([float(other.depth[at]) for at in [(v2, u2), *(around if inside else [])]])
+        error = np.where(depths > 0, np.abs(point[2] - depths) / point[2], np.inf)
+        near_border = any(abs(2 * c - round(2 * c)) < BORDER_PX for c in (x, y))
+        if near_border or (np.abs(error - tolerance) < 1e-5).any():
+            doubtful.add(pixel)
+        elif error[0] <= tolerance:
+            smooth = inside and bool((error <= tolerance).all())
+            pairs[pixel] = (v2 * columns + u2, float(np.linalg.norm(point)), x, y, smooth)
+    return pairs, doubtful
+
+
+@pytest.mark.parametrize("name", OTHERS)
+@pytest.mark.parametrize("tolerance", [0.03, 0.004])
+def test_pairs_by_depth_are_those_of_a_literal_float64_reading(name: str, tolerance: float) -> None:
+    expected, doubtful = literal_agreement(TARGET, SCENE[name], tolerance)
+    found = match(lift(TARGET), SCENE[name], "depth", tolerance)
+    pairs = {
+        int(p): (o, z, *at, s)
+        for p, o, z, at, s in zip(found.pixels, found.others, found.distance, found.at, found.smooth, strict=True)
+    }
+    assert len(expected) > 500
+    assert len(doubtful) < 0.05 * len(expected)
+    assert 0 < sum(pair[4] for pair in expected.values()) < len(expected)
+    assert pairs.keys() - doubtful == expected.keys()
+    for pixel, (other, distance, x, y, smooth) in expected.items():
+        assert pairs[pixel][0] == other
+        assert pairs[pixel][1] == pytest.approx(distance, rel=1e-6)
+        assert pairs[pixel][2:4] == pytest.approx((x, y), abs=1e-4)
+        assert pairs[pixel][4] == smooth
+
+
+@pytest.mark.parametrize("name", OTHERS)
+def test_by_depth_every_point_in_view_is_paired_and_no_hidden_one(name: str) -> None:
+    other, surface = SCENE[name], lift(TARGET)
+    found = np.isin(surface.pixels, match(surface, other, "depth").pixels)
+    centre = np.linalg.inv(other.cam_from_world)[:3, 3]
+    towards = surface.points.T.astype(np.float64) - centre  # the target's frame is the world's
+    # The other view's rays are apart by a pixel: what it sees of an outline is known to that, and so to 0.1 m here.
+    shifts = 0.1 * np.vstack([np.zeros((1, 3)), np.eye(3), -np.eye(3)])
+    first = np.stack([hit(centre, towards + shift) for shift in shifts])  # 1 where the point itself is the first
+    camera = (other.cam_from_world[:3, :3] @ towards.T).T
+    xy = (camera @ other.camera.K.T)[:, :2] / camera[:, 2:]
+    in_view = (camera[:, 2] > 0) & ((xy >= 0) & (xy < [other.camera.width, other.camera.height])).all(axis=-1)
+    visible = in_view & (np.abs(first[0] - 1) < 1e-3) & (np.abs(first - 1) < 0.1).all(axis=0)
+    hidden = (first < 0.9).all(axis=0)
+    assert visible.sum() > 500
+    assert found[visible].all()
+    assert not found[hidden].any()
+    assert not found[~in_view].any()
+    if name == "side.png":
+        assert hidden.sum() > 20
+
+
+def test_a_target_is_paired_with_itself_wherever_it_has_depth() -> None:
+    own = own_matches(lift(TARGET))
+    assert sorted(own.pixels) == np.flatnonzero(TARGET.depth).tolist()
+    assert (own.others == own.pixels).all()
+    np.testing.assert_allclose(own.distance, TARGET.distance.ravel()[own.pixels], rtol=1e-6)
+
+
+def test_points_hidden_behind_the_box_have_no_match() -> None:
+    side = SCENE["side.png"]
+    centre = np.linalg.inv(side.cam_from_world)[:3, 3]
+    surface = lift(TARGET)
+    points = surface.points.T.astype(np.float64)  # the target's frame is the world's
+    towards = points - centre
+    on_box = ((points > BOX[0] - 0.01) & (points < BOX[1] + 0.01)).all(axis=-1)
+    hidden = (hit(centre, towards) < 0.97) & ~on_box
+    # Two pixels of the box's outline in the other view may see around the edge that their centres miss.
+    inside = np.all([hit(centre + shift, towards) < 0.97 for shift in 0.1 * np.vstack([np.eye(3), -np.eye(3)])], axis=0)
+    hidden = surface.pixels[hidden & inside]
+    assert len(hidden) > 20
+    assert not np.isin(hidden, match(surface, side).pixels).any()
+
+
+def line_view(name: str, focal: float, shift: float) -> View:
+    """A row of four pixels, all at depth 1, that sees the point X at x = focal X + shift."""
+    camera = Camera(np.array([[focal, 0, shift], [0, 1, 0], [0, 0, 1.0]]), 4, 1)
+    return View(name, Arrays(np.zeros((1, 4, 3)), np.ones((1, 4))), camera, np.eye(4))
+
+
+def test_a_point_that_lands_left_of_the_other_view_is_not_matched() -> None:
+    # Pixel 0 (centre .5) lands at 3 * .5 - 1.8 = -.3. Truncated to pixel 0, whose centre goes back to
+    # (.5 + 1.8) / 3 = .77, it would seem matched.
+    found = match(lift(line_view("a", 1, 0)), line_view("b", 3, -1.8))
+    assert 0 not in found.pixels
+    assert found.pixels.tolist() == [1]  # 2.7 -> pixel 2, back (2.5 + 1.8) / 3 = 1.43; 2 and 3 land outside
+
+
+def test_a_point_that_comes_back_left_of_the_target_is_not_matched() -> None:
+    # Pixel 0 lands at .25 * .5 + .7 = .825, in pixel 0, whose centre goes back to (.5 - .7) / .25 = -.8.
+    found = match(lift(line_view("a", 1, 0)), line_view("b", 0.25, 0.7))
+    assert 0 not in found.pixels
+    assert found.pixels.tolist() == [3]  # 1.575 -> pixel 1, back (1.5 - .7) / .25 = 3.2
+
+
+def see_all(K: np.ndarray, size: np.ndarray, pose: np.ndarray, corners: np.ndarray) -> np.ndarray:
+    """Instead of `pairing._may_be_seen`: nothing is told from poses."""
+    return np.ones((*pose.shape[:-2], corners.shape[-1]), bool)
+
+
+@pytest.mark.parametrize("rule", ["mutual", "depth"])
+def test_points_behind_the_other_camera_are_not_matched(rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
+    # Back to back in one place: dividing by the negative depth would mirror every point into the image, and back.
+    camera = make_camera(20, 16, 20)
+    forward, backward = make_pose((0, 0, 0)), make_pose((0, 0, 0), yaw=np.pi)
+    arrays = Arrays(np.zeros((16, 20, 3)), np.ones((16, 20)))
+    monkeypatch.setattr(pairing, "_may_be_seen", see_all)
+    assert len(match(lift(View("a", arrays, camera, forward)), View("b", arrays, camera, backward), rule).pixels) == 0
+
+
+@pytest.mark.parametrize("ahead_m", [3, -3])
+def test_a_point_behind_either_camera_is_not_matched_through_its_mirror_image(
+    ahead_m: float, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    # On one axis. 3 m ahead, the other camera has the target's point behind it, and would see it, mirrored, in its
+    # middle, whose own point is before the target; 3 m back, it is the other way round.
+    camera = Camera(np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]]), 1, 1)
+    arrays = Arrays(np.zeros((1, 1, 3)), np.ones((1, 1)))
+    monkeypatch.setattr(pairing, "_may_be_seen", see_all)
+    target, other = View("a", arrays, camera, np.eye(4)), View("b", arrays, camera, make_pose((0, 0, ahead_m)))
+    assert len(match(lift(target), other).pixels) == 0
+
+
+def test_culling_never_drops_a_match(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(pairing, "_TILE_PX", 8)
+    surface = lift(make_view("a.png", make_camera(96, 72, 80), make_pose((0, 0, 0))))
+    rng = np.random.default_rng(0)
+    poses = [
+        make_pose(tuple(rng.uniform(-1.5, 1.5, 3)), *rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3)) for _ in range(40)
+    ]
+    views = [make_view(f"{k}.png", make_camera(64, 48, 50), pose) for k, pose in enumerate(poses)]
+    kept = [(match(surface, view), match(surface, view, "depth")) for view in views]
+    share_seen = visible_pixels(surface, views) / len(surface.pixels)
+    monkeypatch.setattr(pairing, "_may_be_seen", see_all)
+    for culled, view, share in zip(kept, views, share_seen, strict=True):
+        for some, rule in zip(culled, ("mutual", "depth"), strict=True):
+            everything = match(surface, view, rule)
+            assert everything is not None
+            assert set(everything.pixels) == (set(some.pixels) if some is not None else set())
+            assert len(everything.pixels) <= share * len(surface.pixels)
+    assert (share_seen == 0).sum() > 5  # there was something to cull,
+    assert ((share_seen > 0) & (share_seen < 1)).sum() > 10  # in whole and in part
+
+
+class Unreadable:
+    """Pixels that must not be asked for."""
+
+    def load(self, plane: str) -> None:
+        raise AssertionError(f"{plane} was read")
+
+
+def test_a_view_that_looks_elsewhere_is_not_read() -> None:
+    away = View("away.png", Unreadable(), make_camera(40, 30, 40), make_pose((0, 0, 0), yaw=np.pi))
+    assert match(lift(TARGET), away) is None
+    assert visible_pixels(lift(TARGET), [away, SCENE["side.png"]]).tolist() == [0, (TARGET.depth > 0).sum()]
+
+
+def test_views_without_camera_pose_or_depth_have_no_matches() -> None:
+    camera, rgb = make_camera(40, 30, 40), Arrays(np.zeros((30, 40, 3)))
+    surface = lift(TARGET)
+    assert match(surface, View("b", rgb, camera, None)) is None
+    assert match(surface, View("b", rgb, None, np.eye(4))) is None
+    assert match(surface, View("b", rgb, camera, np.eye(4))) is None
+    assert visible_pixels(surface, [View("b", rgb, camera, None), View("b", rgb, None, np.eye(4))]).tolist() == [0, 0]
+
+
+def test_matches_do_not_depend_on_how_the_points_are_cut_up(monkeypatch: pytest.MonkeyPatch) -> None:
+    def fields(found: Matches) -> list[list[float]]:
+        return sorted(zip(found.pixels.tolist(), found.others.tolist(), found.distance.tolist(), strict=True))
+
+    whole = fields(match(lift(TARGET), SCENE["side.png"]))
+    monkeypatch.setattr(pairing, "_TILE_PX", 7)
+    assert fields(match(lift(TARGET), SCENE["side.png"])) == whole
+
+
+def test_a_target_that_cannot_be_paired_is_named_with_the_reason() -> None:
+    camera, arrays = make_camera(40, 30, 40), Arrays(np.zeros((30, 40, 3)), np.ones((15, 20)))
+    with pytest.raises(InputError, match=r"^a\.png: the view has no camera pose;"):
+        lift(View("a.png", arrays, camera, None))
+    with pytest.raises(InputError, match=r"^a\.png: the depth map is 20x15, the camera's image 40x30;"):
+        lift(View("a.png", arrays, camera, np.eye(4)))

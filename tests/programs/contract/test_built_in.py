@@ -1,0 +1,140 @@
+"""What every plugin must keep to, whoever wrote it: the rules of `sucre-bench check`, on all that is built in."""
+
+from __future__ import annotations
+
+import functools
+from collections.abc import Callable
+from importlib import import_module
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_networks import ARCHITECTURES, network_options
+from support.miniatures.single_images import write_images
+
+import sucre_bench
+from sucre_bench import plugins
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
+from sucre_bench.programs.contract.contract import Subject, check, rules
+from sucre_bench.programs.contract.fresh_process import imported, restored
+from sucre_bench.programs.contract.made_scenes import TARGET, submerged, wall
+from sucre_bench.programs.contract.rules_methods import alike
+
+ORDINARY_WORDS = {"command", "photos", "onnx"}  # as plugins' names; the engine may use them for something else
+QUICK: dict[str, dict[str, Any]] = {"sucre_paper": {"steps": 3}, "command": {"run": "cp {input} {output}"}}
+
+# Seconds each in another process, for nothing that the others do not show.
+SLOW_ELSEWHERE = {*ARCHITECTURES, "sucre_paper", "sucre_plus"}
+
+# Who writes a dataset's files in miniature: the module and its function, the folder below the root, and options.
+WRITERS: dict[str, tuple[str, str, str, dict[str, Any]]] = {
+    "aqualoc": ("miniatures.aqualoc", "write_site", "", {}),
+    "colmap": ("colmap_folder", "write_dive", "", {}),
+    "eiffel_tower": ("miniatures.eiffel_tower", "write_year", "", {}),
+    "flsea": ("miniatures.flsea", "write_dive", "", {}),
+    "metashape": ("miniatures.metashape", "write_survey", "", {}),
+    "nerfstudio": ("miniatures.nerfstudio", "write_scene", "", {}),
+    "openmvs": ("miniatures.openmvs", "write_scene", "", {}),
+    "seathru": ("miniatures.seathru", "write_set", "D1", {}),
+    "seathru_nerf": ("miniatures.seathru_nerf", "write_reef", "Panama", {}),
+    "squid": ("miniatures.squid", "write_site", "Katzaa", {}),
+    "varos": ("miniatures.varos", "write_dive", "2021-08-17_SEQ1/vehicle0/cam0", {}),
+}
+
+
+def built_in(kind: plugins.Kind) -> list[Plugin]:
+    found = [p for p in discover(kind).values() if isinstance(p, Plugin)]
+    return [p for p in found if p.cls.__module__.startswith("sucre_bench.")]
+
+
+ALL = [plugin for kind in plugins.KINDS for plugin in built_in(kind)]
+
+# The one doubt that is meant so: the input itself, and the doors for others' results, are nobody's work.
+MEANT = "says whose work it is"
+
+
+def options_for(plugin: Plugin, folder: Path) -> dict[str, Any]:
+    """Options that make a plugin quick, and those that must be given: data in miniature, a program, weights."""
+    if plugin.kind == "dataset":
+        return _data(plugin.name, folder)
+    if plugin.name == "precomputed":
+        for view in wall():
+            np.save(folder / f"{Path(view.name).stem}.npy", view.rgb)
+        return {"folder": folder, "resize": True}
+    if plugin.name in (*ARCHITECTURES, "onnx"):
+        return _network(plugin.name, folder.parent)  # the folder of all tests of this process
+    return QUICK.get(plugin.name, {})
+
+
+_network = functools.cache(network_options)  # up to 45 MB to write
+
+
+def _data(name: str, folder: Path) -> dict[str, Any]:
+    if name == "demo":
+        return {"root": folder.parent / "demo", "width": 96, "height": 72, "views": 3}
+    if name in WRITERS:
+        module, function, below, options = WRITERS[name]
+        write: Callable[[Path], Any] = getattr(import_module(f"support.{module}"), function)
+        (folder / below).parent.mkdir(parents=True, exist_ok=True)
+        write(folder / below)
+        return {"root": folder, **options}
+    images = {"uieb": ("raw-890", "reference-890"), "lsui": ("input", "GT"), "u45": ("U45",)}.get(name, ("",))
+    for place in images:
+        write_images(folder / place, "1.png", "2.png")
+    return {"root": folder}
+
+
+@pytest.mark.parametrize("plugin", ALL, ids=[f"{p.kind}-{p.name}" for p in ALL])
+def test_every_plugin_keeps_the_contract(plugin: Plugin, tmp_path: Path) -> None:
+    subject = Subject(plugin, options_for(plugin, tmp_path))
+    outcomes = list(check(subject, rules(plugin, lasting=False)))
+    assert not [
+        f"{outcome.rule}: {finding.text}"
+        for outcome in outcomes
+        for finding in outcome.findings
+        if finding.level == "breach" or (finding.level == "doubt" and str(outcome.rule) != MEANT)
+    ]
+    assert not [f"{outcome.rule}: {outcome.skipped}" for outcome in outcomes if outcome.skipped]
+
+
+def test_importing_every_plugin_brings_nothing_heavy_and_changes_nothing() -> None:
+    for plugin, done in zip(ALL, imported([Subject(plugin) for plugin in ALL]), strict=True):
+        assert (plugin.name, done.heavy, done.changed) == (plugin.name, (), ())
+
+
+def test_methods_give_the_same_in_another_process(tmp_path: Path) -> None:
+    subjects = []
+    for plugin in [p for p in built_in("method") if p.name not in SLOW_ELSEWHERE]:
+        folder = tmp_path / plugin.name
+        folder.mkdir()
+        subjects.append(Subject(plugin, options_for(plugin, folder)))
+    for subject, there in zip(subjects, restored(subjects), strict=True):
+        scene = submerged()
+        here = subject.make().restore(scene, scene[TARGET])
+        assert alike(here.image, there), subject.plugin.name
+
+
+def test_the_engine_names_no_plugin() -> None:
+    """The engine must run any plugin alike: it may not know one by name."""
+    engine = Path(sucre_bench.__file__).parent
+    names = [p.name for kind in ("method", "dataset") for p in built_in(kind) if p.name not in ORDINARY_WORDS]
+    rooms = (
+        "machine",
+        "imaging",
+        "multiview",
+        "plugins",
+        "results",
+        "compare",
+        "degrade",
+        "engine",
+        "reports",
+        "programs",
+    )
+    for path in (p for room in rooms for p in (engine / room).rglob("*") if p.suffix in (".py", ".js", ".j2", ".html")):
+        if path.name in ("display.py", "white_balance.py"):
+            continue  # gray_world is also a normalisation and a step
+        text = path.read_text(encoding="utf-8")
+        found = [name for name in names if f'"{name}"' in text or f"'{name}'" in text]
+        assert not found, f"{path.name} names {found}"

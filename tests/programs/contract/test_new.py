@@ -1,0 +1,166 @@
+"""What `sucre-bench new` writes works as it is, wherever it is written, and nothing is lost by it."""
+
+from __future__ import annotations
+
+import ast
+import re
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+import pytest
+from click.testing import CliRunner, Result
+from support.colmap_folder import write_image
+from support.places import ROOT
+
+from sucre_bench import plugins
+from sucre_bench.cli import cli
+from sucre_bench.commands.new import new as command
+from sucre_bench.programs.contract.new import checkout_of
+
+pytestmark = pytest.mark.usefixtures("only_built_in")
+
+Bench = Callable[..., "subprocess.CompletedProcess[str]"]
+KINDS = [("method", ()), ("method", ("--depth",)), ("metric", ()), ("dataset", ())]
+
+
+def new(*arguments: str) -> Result:
+    return CliRunner().invoke(command, arguments)
+
+
+def pytest_in(folder: Path, *arguments: str, **environment: str) -> str:
+    done = subprocess.run(
+        [sys.executable, "-m", "pytest", "-q", "-p", "no:dash", "-W", "error", *arguments],
+        cwd=folder,
+        env={"PATH": "", **environment},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stdout
+    return done.stdout
+
+
+@pytest.fixture
+def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty folder that commands are given in."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def checkout(folder: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of the engine with one plugin a kind, to write into."""
+    for kind in plugins.KINDS:
+        (folder / f"{kind}s").mkdir()
+        shutil.copy(ROOT / f"{kind}s" / "__init__.py", folder / f"{kind}s")
+    (folder / "tests").mkdir()
+    kept = shutil.ignore_patterns("methods", "datasets", "metrics", "__pycache__")
+    shutil.copytree(ROOT / "sucre_bench", folder / "sucre_bench", ignore=kept)
+    for kind in plugins.KINDS:
+        (folder / "sucre_bench" / f"{kind}s").symlink_to(Path("..") / f"{kind}s")
+    return folder
+
+
+def test_files_in_a_folder_pass_their_tests_as_they_are(folder: Path) -> None:
+    for number, (kind, more) in enumerate(KINDS):
+        done = new(kind, f"tried_{number}", *more)
+        assert done.exit_code == 0, done.output
+        assert done.stdout.splitlines()[:2] == [f"wrote    tried_{number}.py", f"wrote    test_tried_{number}.py"]
+    assert "11 passed" in pytest_in(folder)
+
+
+def test_files_in_a_checkout_go_where_they_belong_and_pass_their_tests(checkout: Path) -> None:
+    """Also with names whose classes would hide those that the files import, or words of Python's."""
+    for name, (kind, more) in zip(("restoration", "view", "score", "true"), KINDS, strict=True):
+        done = new(kind, name, *more)
+        assert done.exit_code == 0, done.output
+        assert (checkout / f"{kind}s" / f"{name}.py").is_file()
+        assert (checkout / "tests" / f"{kind}s" / f"test_{name}.py").is_file()
+    assert "7 passed" in pytest_in(checkout, PYTHONPATH=str(checkout))
+
+
+def test_this_repository_is_known_from_every_folder_of_it(tmp_path: Path) -> None:
+    assert checkout_of(ROOT) == checkout_of(ROOT / "methods" / "sucre") == ROOT
+    assert checkout_of(tmp_path) is None
+
+
+def test_a_method_is_short() -> None:
+    """At most 15 lines of code, as counted without blank lines, docstrings and comments."""
+    from sucre_bench.programs.contract.new import _filled
+
+    for depth in (False, True):
+        about = {"kind": "method", "name": "x", "cls": "X", "depth": depth, "place": "folder", "is_named": False}
+        tree = ast.parse(_filled("method.py.j2", about))
+        own = [node for node in ast.walk(tree) if isinstance(node, (ast.stmt, ast.arg)) and not is_text(node)]
+        assert len({node.lineno for node in own}) <= 15
+
+
+def test_the_documented_method_is_the_one_that_is_written(folder: Path) -> None:
+    page = (ROOT / "docs" / "plugins.md").read_text(encoding="utf-8")
+    blocks = re.findall(r"^```python\n(.*?)^```", page, flags=re.MULTILINE | re.DOTALL)
+    (block,) = [one for one in blocks if "class FadeLess" in one]
+    new("method", "fade_less", "--depth")
+    assert (folder / "fade_less.py").read_text() == block
+
+
+def is_text(node: ast.AST) -> bool:
+    return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
+
+
+def test_a_package_is_installed_and_found_under_its_name(bench: Bench, folder: Path) -> None:
+    done = new("method", "tried_out", "--package", "my-restorers")
+    assert "install  pip install -e my-restorers" in done.stdout
+    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-compile"]
+    subprocess.run([*install, "--target", "there", "./my-restorers"], check=True)
+    listed = bench("list", "methods", PYTHONPATH=str(folder / "there")).stdout
+    assert "tried_out\n    Multiply the red channel by a factor." in listed
+    assert "2 passed" in pytest_in(folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there"))
+
+
+def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
+    for name in "ab":
+        write_image(folder / "dive" / "images" / f"{name}.png", np.full((30, 40, 3), 90, np.uint8))
+    for kind in plugins.KINDS:
+        lines = dict(line.split(maxsplit=1) for line in new(kind, f"tried_{kind}").stdout.splitlines()[2:])
+        assert list(lines) == ["check", "test", "run"]
+        for line, more in ((lines["run"], "--cfg"), (lines["check"], "--quick")):
+            done = CliRunner().invoke(cli, [*line.replace("=DIR", "=dive").split()[1:], more])
+            assert done.exit_code == 0, done.output
+            assert "not looked at" not in done.stdout
+
+
+@pytest.mark.parametrize(
+    ("kind", "name", "said"),
+    [
+        ("method", "gray_world", "there is a method of that name"),
+        ("method", "MyMethod", "use small letters, my_method"),
+        ("method", "my-method", "use small letters, my_method"),
+        ("metric", "3d", "use small letters, my_metric"),
+        ("dataset", "class", "a word of Python's; use my_class"),
+        ("method", "numpy", "a file of that name would hide Python's numpy"),
+    ],
+)
+def test_names_that_cannot_be_are_refused(folder: Path, kind: str, name: str, said: str) -> None:
+    assert said in str(new(kind, name).exception)
+    assert not list(folder.iterdir())
+
+
+@pytest.mark.parametrize("title", ["my pkg ü", "3d", "class"])
+def test_a_package_gets_a_name_that_can_be_installed(folder: Path, title: str) -> None:
+    assert "call the folder like my-restorers" in str(new("method", "tried", "--package", title).exception)
+    assert not list(folder.iterdir())
+
+
+def test_nothing_is_overwritten_and_nothing_half_written(folder: Path) -> None:
+    (folder / "test_tried.py").write_text("mine")
+    assert "test_tried.py: is there already" in str(new("method", "tried").exception)
+    assert [path.name for path in folder.iterdir()] == ["test_tried.py"]
+    assert (folder / "test_tried.py").read_text() == "mine"
+
+
+def test_depth_is_for_methods(folder: Path) -> None:
+    assert new("metric", "tried", "--depth").exit_code == 2

@@ -1,0 +1,244 @@
+"""sucre-bench describe: what it says of a made scene, and that it finds what was made wrong in it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from support.colmap_folder import write_dive
+from support.made_scene import make_scene
+from support.painted_charts import TILTED, painted
+
+from sucre_bench.camera import pixel_rays
+from sucre_bench.commands.describe import describe
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.programs.describe.facts import look_at
+from sucre_bench.programs.describe.faults import Fault, find_faults
+from sucre_bench.programs.describe.overlaps import overlaps
+from sucre_bench.scene import Arrays, Chart, View
+
+
+def found(views: Sequence[View]) -> list[Fault]:
+    facts, looks = zip(*look_at(views, False), strict=True)
+    return find_faults(facts, looks, overlaps(looks))
+
+
+def with_planes(view: View, rgb: np.ndarray | None = None, depth: np.ndarray | None = None) -> View:
+    return replace(view, pixels=Arrays(view.rgb if rgb is None else rgb, view.depth if depth is None else depth))
+
+
+def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
+    views = make_scene().views
+    assert found(views) == []
+    facts = [one for one, _ in look_at(views, False)]
+    target = views[1]
+    assert (facts[1].width, facts[1].height) == (60, 44)
+    assert facts[1].coverage == pytest.approx(1 - 6 * 40 / (60 * 44))
+    known = target.distance[target.depth > 0]
+    assert facts[1].distances == pytest.approx(np.percentile(known, [1, 50, 99]), rel=1e-5)
+    assert facts[3].position == pytest.approx((-0.3, 0.1, -2.4))
+    between = overlaps([look for _, look in look_at(views, False)])
+    assert [o.partners for o in between] == [3, 3, 3, 3]
+    assert [o.seen for o in between[:2]] == [1, 1]
+    assert between[2].seen < 0.7, "the side view looks past the others"
+    assert max(o.disagreement or 0 for o in between) < 0.01
+
+
+@pytest.mark.parametrize(
+    ("spoil", "says"),
+    [
+        (lambda v: replace(v, cam_from_world=np.linalg.inv(v.cam_from_world)), "poses are inverted"),
+        (lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world), "cameras look along -z"),
+        (lambda v: with_planes(v, depth=v.depth * 2.5), "depth is 2."),
+        (lambda v: with_planes(v, depth=v.depth / 1000), "depth is 0.001 times"),
+        (lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)), "depth is distance"),
+    ],
+    ids=["inverted", "opengl", "scale", "millimetres", "distance"],
+)
+def test_what_makes_depth_and_poses_disagree_is_named(spoil: Callable[[View], View], says: str) -> None:
+    faults = found([spoil(view) for view in make_scene().views])
+    assert any(fault.what.startswith(says) for fault in faults), [str(f) for f in faults]
+
+
+def test_one_view_with_a_wrong_pose_is_named_among_good_ones() -> None:
+    views = list(make_scene().views)
+    shifted = np.array(views[2].cam_from_world)
+    shifted[2, 3] += 0.6
+    views[2] = replace(views[2], cam_from_world=shifted)
+    views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in (views[0], views[1], views[3])]
+    (fault,) = [f for f in found(views) if "disagrees with other views'" in f.what]
+    assert fault.views == ("side.png",)
+
+
+def _moved(view: View) -> Arrays:
+    """The same depth under another picture, and not to the bit."""
+    return Arrays(1 - view.rgb, view.depth * np.float32(1.0001))
+
+
+@pytest.mark.parametrize(
+    ("rgb", "says"),
+    [
+        (lambda v: np.zeros_like(v.rgb), "black image"),
+        (lambda v: np.full_like(v.rgb, 0.4), "image of one colour"),
+        (lambda v: v.rgb * np.array([0, 1, 1], np.float32), "the red channel is empty"),
+        (lambda v: (v.rgb * 3).clip(0, 1), "of pixels saturated"),
+        (lambda v: v.rgb * np.float32(0.12), "very dark"),
+    ],
+    ids=["black", "constant", "no red", "saturated", "dark"],
+)
+def test_an_image_without_much_to_see_is_named(rgb: Callable[[View], np.ndarray], says: str) -> None:
+    views = list(make_scene().views)
+    views[1] = with_planes(views[1], rgb=rgb(views[1]))
+    (fault,) = found(views)
+    assert says in fault.what
+    assert fault.views == ("a.png",)
+
+
+def test_missing_poses_and_depth_twins_and_a_narrow_range_are_named() -> None:
+    views = list(make_scene().views)
+    bare = replace(views[0], pixels=Arrays(views[0].rgb), cam_from_world=None)
+    said = " / ".join(map(str, found([bare, *views[1:]])))
+    assert "near.png: no pose" in said
+    assert "near.png: no depth map" in said
+    twin = replace(views[1], name="copy.png")
+    said = " / ".join(map(str, found([*views, twin])))
+    assert "a.png, copy.png: the same picture and depth map twice; keep one" in said
+    assert said.count("a.png, copy.png") == 1
+    twins = [replace(views[1], name=f"{n}.png", pixels=_moved(views[1])) for n in range(2)]
+    painted_alike = [
+        with_planes(view, rgb=views[1].rgb, depth=view.depth * (1 + n / 1000)) for n, view in enumerate(twins)
+    ]
+    said = " / ".join(map(str, found([*views, *painted_alike])))
+    assert "a.png, 0.png, 1.png: the same picture 3 times" in said
+    assert "depth map" not in said
+    flat = with_planes(views[1], depth=np.linspace(3, 3.3, views[1].depth.size).reshape(views[1].depth.shape))
+    (narrow,) = found([flat])
+    assert "too narrow a range to tell the water" in narrow.what
+
+
+def test_a_view_that_no_other_overlaps_and_one_with_little_depth_are_named() -> None:
+    views = list(make_scene().views)
+    away = np.array(views[0].cam_from_world)
+    away[0, 3] += 80
+    said = [str(f) for f in found([*views[1:], replace(views[0], cam_from_world=away)])]
+    assert any(text.startswith("near.png: no other view sees") for text in said), said
+    views[1] = with_planes(views[1], depth=np.where(np.arange(60) < 9, views[1].depth, 0))
+    assert any("depth on less than 20 %" in str(f) and f.views == ("a.png",) for f in found(views))
+
+
+def test_a_view_with_another_depth_is_not_called_lonely_as_well() -> None:
+    views = list(make_scene().views)
+    views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in views]
+    views[1] = with_planes(views[1], depth=views[1].depth * 1.5)
+    (fault,) = found(views)
+    assert (fault.what, fault.views) == ("depth disagrees with other views'", ("a.png",))
+
+
+def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
+    rgb = (0.1 + 0.6 * painted(KINDS["dgk"], TILTED)).astype(np.float32)
+    wrong = Chart("chart1", "dgk", np.roll(TILTED, 2, axis=0))
+    (fault,) = found(
+        [View("c.png", Arrays(rgb, np.linspace(2, 5, 300 * 420).reshape(300, 420)), None, np.eye(4), (wrong,))]
+    )
+    assert "chart1: the patches are in order if the corner marked bottom right is the top left one" in fault.what
+
+
+# -- the command -------------------------------------------------------------------------------------------------
+
+
+def run(*words: str) -> tuple[int, str]:
+    result = CliRunner().invoke(describe, list(words), catch_exceptions=False)
+    return result.exit_code, result.stdout
+
+
+def test_a_folder_is_described_with_its_broken_views_and_a_sheet(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png", "d.png"])
+    (root / "images" / "b.png").write_bytes(b"no picture")
+    cv2.imwrite(str(root / "depths" / "depth_c.png"), np.full((20, 90), 2000, np.uint16))
+    sheet = tmp_path / "sheet.png"
+    code, said = run("colmap", f"dataset.root={root}", "--sheet", str(sheet))
+    assert code == 0
+    assert "scene    dive of colmap: 4 of 4 views; has depth, poses" in said
+    assert "b.png: " in said
+    assert "cannot be read, damaged or not an image; copy it again" in said
+    assert "is 90x20, a size that cannot match its image's 40x30; make it from the undistorted image" in said
+    picture = cv2.imread(str(sheet))
+    assert picture is not None
+    assert picture.shape[1] > 1000
+    assert picture.std() > 30
+
+
+def test_a_mistake_made_in_many_files_is_one_line(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png"])
+    for number, name in enumerate("abc", 1):
+        (root / "depths" / f"depth_{name}.png").unlink()
+        np.save(root / "depths" / f"depth_{name}.npy", np.full((30, 40), -1.25 * number, np.float32))
+    said = run("colmap", f"dataset.root={root}", "--no-sheet")[1]
+    wrong = [line for line in said.splitlines() if "negative" in line]
+    first = root / "depths" / "depth_a.npy"
+    assert wrong == [
+        f"wrong    a.png, b.png, c.png: depth -1.25 m is negative (first in {first}); write 0 where there is no depth"
+    ]
+
+
+def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive")
+    words = ("colmap", f"dataset.root={root}", "--sheet", str(tmp_path / "sheet.jpg"))
+    assert "m (1, 50, 99 %)" in run(*words)[1]
+    (root / "prepare.json").write_text(json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}}))
+    said = run(*words)[1]
+    assert "scale    arbitrary: of 3; lengths are no metres" in said
+    assert "units (1, 50, 99 %)" in said
+    assert " m " not in said
+    assert (tmp_path / "sheet.jpg").read_bytes().startswith(b"\xff\xd8")
+    (scene,) = json.loads(run(*words, "--json")[1])
+    assert (scene["unit"], scene["scale"]) == ("units", {"is_metric": False, "note": "arbitrary: of 3"})
+    (root / "prepare.json").write_text("[1]")  # another program's
+    assert "m (1, 50, 99 %)" in run(*words)[1]
+
+
+@pytest.mark.parametrize(("name", "fault"), [("sheet.foo", "is not named as a picture"), ("", "is a folder")])
+def test_a_sheet_that_cannot_be_is_refused_before_anything_is_read(tmp_path: Path, name: str, fault: str) -> None:
+    result = CliRunner().invoke(describe, ["colmap", "dataset.root=nowhere", "--sheet", str(tmp_path / name)])
+    assert isinstance(result.exception, InputError)
+    assert fault in str(result.exception)
+
+
+def test_json_holds_every_view_and_fault_and_is_strict(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive")
+    code, said = run("dataset=colmap", f"dataset.root={root}", "--json", "--no-sheet", "views=[a.png]")
+    assert code == 0
+    (scene,) = json.loads(said, parse_constant=lambda word: pytest.fail(f"{word} is not JSON"))
+    assert [view["name"] for view in scene["views"]] == ["a.png"]
+    assert scene["n_views"] == 2
+    assert scene["water"] is None
+    assert scene["views"][0]["coverage"] == pytest.approx(39 / 40)
+    assert all(set(fault) == {"what", "remedy", "views", "text"} for fault in scene["faults"])
+
+
+def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive", ["a.png"])
+    (root / "images" / "a.png").write_bytes(b"no picture")
+    result = CliRunner().invoke(describe, ["colmap", f"dataset.root={root}", "--no-sheet"])
+    assert isinstance(result.exception, InputError)
+    assert "no view could be read" in str(result.exception)
+
+
+def test_views_that_a_degradation_leaves_out_around_one_are_described(tmp_path: Path) -> None:
+    root = write_dive(tmp_path / "dive", ["a.png", "b.png", "c.png", "d.png"])
+    said = run("colmap", f"dataset.root={root}", "degrade.within=1", "--no-sheet")[1]
+    assert "4 of 4 views" in said
+
+
+def test_an_image_that_is_not_its_cameras_is_named_with_both_sizes() -> None:
+    views = list(make_scene().views)
+    views[1] = replace(views[1], pixels=Arrays(np.random.default_rng(0).random((20, 60, 3)).astype(np.float32)))
+    said = " / ".join(map(str, found(views)))
+    assert "the image is 60x20, its camera 60x44; use the images that its camera was found for" in said

@@ -1,0 +1,410 @@
+"""Marking charts: the detector, the order of patches, the geometry, the file, and the page's server over HTTP."""
+
+from __future__ import annotations
+
+import http.client
+import json
+import threading
+import urllib.error
+import urllib.request
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from support.colmap_folder import write_image
+from support.made_scene import make_camera, make_pose
+from support.painted_charts import TILTED, painted
+
+import sucre_bench as sb
+from sucre_bench.arrays import Array
+from sucre_bench.commands.charts import charts
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.charts.orientation import reading_order
+from sucre_bench.imaging.charts.reading import image_from_chart, measure
+from sucre_bench.loading.view_files import Files
+from sucre_bench.programs.mark_charts.carry_over import propose
+from sucre_bench.programs.mark_charts.charts_json import ChartsFile
+from sucre_bench.programs.mark_charts.detect import detect
+from sucre_bench.programs.mark_charts.server import PageServer
+from sucre_bench.programs.mark_charts.session import Session
+from sucre_bench.scene import Arrays, Chart, View
+
+# A DGK chart of 60 x 40 cm in the world, standing on nothing: its corners in metres, slanted, 3 m along z.
+BOARD = np.array([[-0.3, -0.2, 3.0], [0.29, -0.2, 3.1], [0.29, 0.2, 3.1], [-0.3, 0.2, 3.0]])
+
+
+def board_view(
+    name: str,
+    position: tuple[float, float, float],
+    *,
+    yaw: float = 0.0,
+    wall_m: float | None = None,
+    mark: bool = False,
+) -> View:
+    """The board on its own plane, which fills the image, in water; wall_m: something flat before it at this depth."""
+    camera, pose = make_camera(240, 180, 260), make_pose(position, yaw)
+    normal = np.cross(BOARD[1] - BOARD[0], BOARD[3] - BOARD[0])
+    u, v = np.meshgrid(np.arange(240) + 0.5, np.arange(180) + 0.5)
+    rays = np.stack([u, v, np.ones_like(u)], -1) @ np.linalg.inv(camera.K).T
+    world_from_cam = np.linalg.inv(pose)
+    depth = normal @ (BOARD[0] - world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ normal)
+    corners = true_corners(camera, pose)
+    rgb = 0.1 + painted(KINDS["dgk"], corners, (180, 240)) * np.array([0.2, 0.6, 0.7])
+    if wall_m is not None:
+        depth = np.full_like(depth, wall_m)
+    marked = (Chart("left", "dgk", corners),) if mark else ()
+    return View(name, Arrays(rgb.astype(np.float32), depth.astype(np.float32)), camera, pose, marked)
+
+
+def true_corners(camera: Any, pose: Array) -> Array:
+    """In float64, by homogeneous coordinates."""
+    homogeneous = np.c_[BOARD, np.ones(4)] @ (camera.K @ pose[:3]).T
+    return np.asarray(homogeneous[:, :2] / homogeneous[:, 2:])
+
+
+# -- the order of patches ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("turn", [1, 2, 3])
+def test_a_chart_begun_at_the_wrong_corner_is_told_which_is_right(kind: str, turn: int) -> None:
+    shown = 0.2 + painted(KINDS[kind], TILTED) * np.array([0.05, 0.4, 0.5])
+    right = Chart("c", kind, TILTED)
+    assert reading_order(shown, right).fault == ""
+    wrong = replace(right, corners=np.roll(TILTED, turn, axis=0))
+    order = reading_order(shown, wrong)
+    np.testing.assert_array_equal(np.roll(wrong.corners, -order.turn, axis=0), TILTED)
+    assert "in order if the corner marked" in order.fault
+
+
+def test_a_chart_where_there_is_none_does_not_follow_its_colours() -> None:
+    noise = np.random.default_rng(0).random((300, 420, 3))
+    assert "wrong place or kind" in reading_order(noise, Chart("c", "dgk", TILTED)).fault
+    nothing = reading_order(np.full((300, 420, 3), np.nan), Chart("c", "dgk", TILTED))
+    assert np.isnan(nothing.explained)
+    assert "too few patches have a colour" in nothing.fault
+
+
+# -- the detector ------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("turn", [0, 1])
+def test_a_colorchecker_in_water_is_found_to_a_tenth_of_a_patch(turn: int) -> None:
+    corners = np.array([[200.0, 150], [620, 140], [640, 420], [190, 430]])
+    chart = painted(KINDS["colorchecker24"], corners, (600, 800))
+    scene = np.where((chart == 1).all(-1, keepdims=True), 0.35, chart)
+    around = cv2.fillConvexPoly(np.zeros((600, 800), np.uint8), np.rint(frame(corners, 0.06)).astype(int), 1) > 0
+    scene[around & (chart == 1).all(-1)] = 0.03
+    shown = np.rot90(0.1 + scene * np.array([0.3, 0.6, 0.7]), turn)
+    (found,) = detect(shown, "colorchecker24")
+    expected = corners if not turn else np.stack([corners[:, 1], 800 - corners[:, 0]], axis=1)
+    np.testing.assert_allclose(found.corners, expected, atol=7)
+    assert reading_order(shown, found).fault == ""
+    assert detect(shown, "dgk") == []
+
+
+def frame(corners: Array, margin: float) -> Array:
+    unit = np.array([[-1, -1], [1, -1], [1, 1], [-1, 1]]) * margin + [[0, 0], [1, 0], [1, 1], [0, 1]]
+    mapped = np.c_[unit, np.ones(4)] @ image_from_chart(corners).T
+    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+
+
+# -- the geometry ------------------------------------------------------------------------------------------------
+
+
+def test_a_chart_is_carried_to_where_another_camera_sees_it() -> None:
+    marked = board_view("a.png", (0.2, 0.05, -0.3), yaw=0.08, mark=True)
+    other = board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1)
+    (proposal,) = propose([(marked, marked.charts[0])], [marked, other])
+    assert (proposal.view, proposal.source, proposal.chart.name, proposal.chart.kind) == (
+        "b.png",
+        "a.png",
+        "left",
+        "dgk",
+    )
+    assert other.camera is not None
+    assert other.cam_from_world is not None
+    np.testing.assert_allclose(proposal.chart.corners, true_corners(other.camera, other.cam_from_world), atol=0.02)
+
+
+@pytest.mark.parametrize(
+    "other",
+    [
+        board_view("hidden.png", (0.4, 0, -0.8), wall_m=1.5),
+        board_view("cut.png", (1.2, 0, 0)),
+        board_view("behind.png", (0, 0, 5)),
+        board_view("far.png", (0, 0, -40)),
+        replace(board_view("no-depth.png", (0.1, 0, 0)), pixels=Arrays(np.zeros((180, 240, 3), np.float32))),
+        replace(board_view("no-pose.png", (0.1, 0, 0)), cam_from_world=None),
+    ],
+    ids=lambda view: view.name,
+)
+def test_a_chart_that_is_not_seen_whole_is_not_proposed(other: View) -> None:
+    marked = board_view("a.png", (0.2, 0.05, -0.3), yaw=0.08, mark=True)
+    assert list(propose([(marked, marked.charts[0])], [other])) == []
+
+
+def test_a_chart_marked_under_another_name_is_not_proposed_again() -> None:
+    marked, other = board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.3, 0, -0.5), mark=True)
+    renamed = replace(other.charts[0], name="mine")
+    assert list(propose([(marked, marked.charts[0]), (other, renamed)], [marked, other])) == []
+
+
+# -- the file ----------------------------------------------------------------------------------------------------
+
+
+def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) -> None:
+    path, sizes = tmp_path / "charts.json", {"a.png": (420, 300), "b.png": (420, 300)}
+    old = {"note": "by hand", "kind": "colorchecker24", "images": {"a.png": {"one": TILTED.tolist()}}}
+    path.write_text(json.dumps(old))
+    file = ChartsFile(path, sizes)
+    file.propose([_proposal("b.png", "one")])
+    file.turn_down("b.png", "two")
+    file.propose([_proposal("b.png", "two")])
+    file.confirm("b.png", [file.chart("b.png", "three", "dgk", TILTED.tolist())])
+    file.save()
+    content = json.loads(path.read_text())
+    assert (content["note"], content["images"]["a.png"]) == ("by hand", {"one": TILTED.tolist()})
+    again = ChartsFile(path, sizes)
+    assert [(c.name, c.kind) for c in again.confirmed("b.png")] == [("three", "dgk")]
+    assert [p.chart.name for p in again.proposed("b.png")] == ["one"], "two was turned down"
+    assert again.confirmed("a.png")[0].kind == "colorchecker24"
+
+
+def _proposal(view: str, name: str) -> Any:
+    from sucre_bench.programs.mark_charts.carry_over import Proposal
+
+    return Proposal(view, Chart(name, "dgk", TILTED), "a.png")
+
+
+# -- the page's server -------------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def server(tmp_path: Path) -> Iterator[PageServer]:
+    views = [board_view("a <b>.png", (0, 0, 0)), board_view("b.png", (0.4, -0.1, -0.8), yaw=-0.1)]
+    file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in views})
+    with PageServer(Session(views, file, "dgk")) as running:
+        thread = threading.Thread(target=running.serve_forever, kwargs={"poll_interval": 0.02})
+        thread.start()
+        yield running
+        running.shutdown()
+        thread.join()
+
+
+def get(url: str, body: Any = None, raw: bool = False, **headers: str) -> tuple[int, bytes]:
+    data = None if body is None else (body if raw else json.dumps(body)).encode()
+    request = urllib.request.Request(url, data, {"Content-Type": "application/json", **headers})
+    opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    try:
+        with opener.open(request, timeout=20) as reply:
+            return reply.status, reply.read()
+    except urllib.error.HTTPError as fault:
+        with fault:
+            return fault.code, fault.read()
+
+
+def test_four_corners_are_checked_saved_and_carried_over(server: PageServer, tmp_path: Path) -> None:
+    view = server.session.views[0]
+    assert view.camera is not None
+    assert view.cam_from_world is not None
+    corners = true_corners(view.camera, view.cam_from_world).tolist()
+    seen = json.loads(get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners})[1])
+    assert seen["fault"] == ""
+    assert seen["patches"][6]["expected"] == "#eb1c24"
+    assert seen["rectified"].startswith("data:image/png;base64,")
+    turned = json.loads(
+        get(server.url + "check", {"number": 0, "kind": "dgk", "corners": corners[2:] + corners[:2]})[1]
+    )
+    assert "bottom right is the top left one" in turned["fault"]
+    chart = {"name": "left", "kind": "dgk", "corners": corners}
+    status, state = get(server.url + "save", {"number": 0, "charts": [chart]})
+    assert status == 200
+    (proposed,) = json.loads(state)["views"][1]["proposed"]
+    assert (proposed["name"], proposed["from"]) == ("left", "a <b>.png")
+    content = json.loads((tmp_path / "charts.json").read_text())
+    np.testing.assert_allclose(content["images"]["a <b>.png"]["left"], corners, atol=0.006)
+    get(server.url + "save", {"number": 1, "charts": [], "turned_down": ["left"]})
+    assert json.loads(get(server.url + "state")[1])["views"][1]["proposed"] == [], "not proposed again"
+
+
+def test_the_image_comes_at_its_own_size_and_brighter_when_asked(server: PageServer) -> None:
+    plain, bright = (
+        cv2.imdecode(np.frombuffer(get(f"{server.url}image?view=0&bright={b}")[1], np.uint8), cv2.IMREAD_COLOR)
+        for b in "01"
+    )
+    assert plain is not None
+    assert bright is not None
+    assert plain.shape == (180, 240, 3)
+    assert np.percentile(bright[..., 2], 99) > 3 * np.percentile(plain[..., 2], 99), "water leaves little red"
+
+
+def test_only_this_machines_page_is_answered(server: PageServer) -> None:
+    assert server.server_address[0] == "127.0.0.1"
+    assert get(server.url)[0] == 200
+    assert get(f"http://127.0.0.1:{server.server_port}/")[0] == 403
+    assert get(f"http://127.0.0.1:{server.server_port}/guess/state")[0] == 403
+    assert get(server.url + "state", Host="evil.example")[0] == 403
+    assert get(server.url + "save", {"number": 0, "charts": []}, Origin="http://evil.example")[0] == 403
+    assert get(server.url + "image?view=7")[0] == 422
+    assert get(server.url + "../../charts.json")[0] == 404
+    assert get(server.url + "save", {"number": 0, "charts": [], "path": "/tmp/x"})[0] == 400
+    assert get(server.url + "check", "[" * 100_000, raw=True)[0] == 400, "nested too deeply"
+    status, said = get(server.url + "check", {"number": 0, "kind": "/etc/secret.csv", "corners": TILTED.tolist()})
+    assert (status, b"is not the page's" in said) == (422, True)
+
+
+def test_the_page_takes_nothing_from_elsewhere(server: PageServer) -> None:
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+    connection.request("GET", f"/{server.token}/")
+    reply = connection.getresponse()
+    page = reply.read().decode()
+    connection.close()
+    assert "default-src 'none'" in reply.headers["Content-Security-Policy"]
+    script = get(server.url + "page.js")[1].decode()
+    assert not any(word in page + script for word in ("http:", "https:", "innerHTML", "eval("))
+
+
+def test_a_wrong_chart_is_refused_and_nothing_is_written(server: PageServer, tmp_path: Path) -> None:
+    for corners in (TILTED[::-1].tolist(), [[0, 0]] * 4, "x", [[-5, 0], [9, 0], [9, 9], [0, 9]]):
+        chart = {"name": "c", "kind": "dgk", "corners": corners}
+        assert get(server.url + "save", {"number": 0, "charts": [chart]})[0] == 422
+    assert not (tmp_path / "charts.json").exists()
+
+
+# -- the command -------------------------------------------------------------------------------------------------
+
+
+def write_scene(root: Path) -> None:
+    """Two views of the board as the colmap dataset reads them, the chart marked in the first."""
+    views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
+    lines, marked = [], {}
+    for number, view in enumerate(views, 1):
+        assert view.cam_from_world is not None
+        x, y, z = view.cam_from_world[:3, 3]
+        lines += [f"{number} 1 0 0 0 {x} {y} {z} 1 {view.name}", ""]
+        write_image(root / "images" / view.name, np.rint(view.rgb * 255).astype(np.uint8))
+        (root / "depths").mkdir(exist_ok=True)
+        np.save(root / "depths" / f"depth_{view.name[0]}.npy", view.depth)
+        marked |= {view.name: {c.name: c.corners.tolist() for c in view.charts}}
+    K = make_camera(240, 180, 260).K
+    (root / "sparse").mkdir()
+    (root / "sparse" / "cameras.txt").write_text(f"1 PINHOLE 240 180 {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n")
+    (root / "sparse" / "images.txt").write_text("\n".join(lines))
+    (root / "sparse" / "points3D.txt").write_text("")
+    (root / "charts.json").write_text(json.dumps({"images": marked}))
+
+
+def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
+    assert result.exit_code == 0
+    assert "1 proposal taken, 0 left" in result.output
+    view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
+    assert view.camera is not None
+    assert view.cam_from_world is not None
+    (chart,) = view.charts
+    np.testing.assert_allclose(chart.corners, true_corners(view.camera, view.cam_from_world), atol=0.05)
+
+
+def test_where_nothing_is_marked_nothing_is_written(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    (tmp_path / "charts.json").unlink()
+    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
+    assert "none marked, nothing written" in result.output
+    assert not (tmp_path / "charts.json").exists()
+
+
+def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    dgk, rows = KINDS["dgk"], []
+    for patch in dgk.patches:
+        x0, y0, x1, y1 = np.array(patch.box) * [60, 40, 60, 40]
+        rgb = np.array(patch.srgb) * 255
+        rows.append(",".join([patch.name, *(f"{v:.3f}" for v in (x0, y0, x1, y1, *patch.lab, *rgb))]))
+    own = ["# illuminant: D50", "# frame: 60 x 40", "name,x0,y0,x1,y1,L,a,b,R,G,B", *rows]
+    (tmp_path / "own.csv").write_text("\n".join(own))
+    marked = json.loads((tmp_path / "charts.json").read_text())
+    (tmp_path / "charts.json").write_text(json.dumps({"kind": "own.csv", **marked}))
+    words = [str(tmp_path / "images" / "b.png"), "--accept", "--kind", str(tmp_path / "own.csv")]
+    result = CliRunner().invoke(charts, words, catch_exceptions=False)
+    assert "1 proposal taken" in result.output
+    view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
+    (chart,) = view.charts
+    assert chart.kind == str(tmp_path / "own.csv")
+    red = next(reading for reading in measure(view.rgb, chart) if reading.patch.name == "red")
+    np.testing.assert_allclose(red.rgb, 0.1 + np.array([235, 28, 36]) / 255 * [0.2, 0.6, 0.7], atol=0.01)
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        (["dataset=demo", "--kind", "nosuch.csv"], "nosuch.csv: no such file; give the path"),
+        (["nowhere/images/a.png"], "no such image"),
+        ([], "no view; give images"),
+        (["dataset=demo", "dataset.image_scale=0.5"], "corners are kept in pixels"),
+        (["dataset=demo", "--kind", "dkg"], "did you mean 'dgk'"),
+        (
+            ["dataset=demo", "dataset.width=64", "dataset.height=48"],
+            "dataset 'demo' has no charts.json in its root; use colmap",
+        ),
+    ],
+)
+def test_what_cannot_be_marked_is_said(words: list[str], fault: str) -> None:
+    result = CliRunner().invoke(charts, words)
+    assert isinstance(result.exception, InputError)
+    assert fault in str(result.exception)
+
+
+def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: Path) -> None:
+    """Of SQUID it lies in the folder of an image set, and its root is that of many."""
+    write_image(tmp_path / "set" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
+    write_image(tmp_path / "D5" / "Raw" / "LFT_1.png", np.full((60, 80, 3), 90, np.uint8))
+    result = CliRunner().invoke(charts, ["dataset=seathru", f"dataset.root={tmp_path}", "--accept"])
+    assert isinstance(result.exception, InputError)
+    assert "dataset 'seathru' has no charts.json in its root" in str(result.exception)
+    assert not list(tmp_path.rglob("charts.json"))
+
+
+def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    words = ["dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept"]
+    result = CliRunner().invoke(charts, words)
+    assert isinstance(result.exception, InputError)
+    assert "dataset.undistort=true: corners are kept in pixels of the images as they are stored" in str(
+        result.exception
+    )
+
+
+def test_a_chart_of_the_one_view_that_is_named_is_carried_to_all(tmp_path: Path) -> None:
+    write_scene(tmp_path)
+    result = CliRunner().invoke(charts, [str(tmp_path / "images" / "a.png"), "--accept"], catch_exceptions=False)
+    assert "1 proposal taken, 0 left" in result.output
+    assert "b.png: 1 chart" in result.output
+
+
+def test_a_view_that_cannot_be_read_does_not_end_the_others(tmp_path: Path) -> None:
+    views = [board_view("a.png", (0, 0, 0), mark=True), board_view("b.png", (0.4, -0.1, -0.8))]
+    bad = replace(board_view("bad.png", (0.3, 0, -0.5)), pixels=Files(tmp_path / "bad.png", (240, 180)))
+    file = ChartsFile(tmp_path / "charts.json", {view.name: (240, 180) for view in (*views, bad)})
+    file.confirm("a.png", views[0].charts)
+    session = Session([bad], file, "dgk", views)
+    session.prepare()
+    file.propose([replace(file.proposed("b.png")[0], view="bad.png")])
+    accepted, doubtful = session.accept()
+    assert [proposal.view for proposal in accepted] == ["b.png"]
+    assert [(proposal.view, "cannot be read" in fault) for proposal, fault in doubtful] == [("bad.png", True)]
+    assert "b.png" in json.loads((tmp_path / "charts.json").read_text())["images"]
+
+
+def test_proposals_that_are_none_are_named(tmp_path: Path) -> None:
+    path = tmp_path / "charts.json"
+    path.write_text(json.dumps({"images": {}, "proposed": {"a.png": []}}))
+    with pytest.raises(InputError, match=r"charts\.json: proposed, a\.png: not charts by name; remove it"):
+        ChartsFile(path, {"a.png": (420, 300)})

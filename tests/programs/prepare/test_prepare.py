@@ -1,0 +1,593 @@
+"""From photos to a scene: two slanted planes with a texture, photographed by a distorting camera, are the truth."""
+
+from __future__ import annotations
+
+import json
+import shutil
+import subprocess
+import sys
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from support.made_scene import make_pose
+
+import sucre_bench as sb
+from sucre_bench.arrays import Array
+from sucre_bench.camera import Camera, depth_at, pixel_rays, project
+from sucre_bench.commands.prepare import prepare as command
+from sucre_bench.errors import InputError
+from sucre_bench.loading.colmap_model import read_model
+from sucre_bench.loading.depth_maps import read_depth
+from sucre_bench.loading.lens import Lens
+from sucre_bench.programs.prepare import mapping, output, undistort
+from sucre_bench.programs.prepare.depthmaps import write_depth
+from sucre_bench.programs.prepare.fill_holes import without_small_holes
+from sucre_bench.programs.prepare.photos import find_photos
+from sucre_bench.programs.prepare.pipeline import Options, prepare
+from sucre_bench.programs.prepare.quality import quality_of
+from sucre_bench.programs.prepare.record import Prepared, Settled, given, read_record, settled_by
+from sucre_bench.programs.prepare.relief import relief_of
+from sucre_bench.programs.prepare.scale import Known, Length, Scale, find_scale
+from sucre_bench.programs.prepare.sparse_points import Shot, neighbours, read_shots
+
+WIDTH, HEIGHT = 320, 240
+CAMERA = Camera(np.array([[290.0, 0, WIDTH / 2], [0, 290, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
+DISTORTION = np.array([-0.08, 0, 0, 0])
+PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])  # n . X = 1: they meet in a valley some 2.5 m away
+PLACES = [(0, 0, 0), (0.18, 0.05, 0.05), (0.38, -0.04, 0.1), (0.55, 0.1, 0), (0.2, 0.3, 0.2), (0.45, 0.35, -0.1)]
+# Turned: cameras that only move tell the focal length from nothing, and so no depth.
+TURNS = [
+    (0.1, -0.1, 0.0),
+    (0.0, 0.05, 0.4),
+    (-0.1, 0.0, -0.3),
+    (-0.15, -0.05, 0.1),
+    (0.05, 0.15, 0.7),
+    (-0.1, 0.1, 0.2),
+]
+POSES = [make_pose(place, *turn) for place, turn in zip(PLACES, TURNS, strict=True)]
+NAMES = [f"dive 1/photo {i}.png" for i in range(len(PLACES))]
+
+
+def true_depth(pose: Array, rays: Array) -> Array:
+    """Planar depth along rays of unit depth of a camera."""
+    world_from_cam = np.linalg.inv(pose)
+    depths = (1 - PLANES @ world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ PLANES.T)
+    return depths.min(axis=-1)
+
+
+def photograph(pose: Array) -> np.ndarray:
+    """What the distorting camera sees (H, W, 3) uint8."""
+    K = CAMERA.K.copy()
+    K[:2, 2] -= 0.5
+    u, v = np.meshgrid(np.arange(WIDTH, dtype=np.float64), np.arange(HEIGHT, dtype=np.float64))
+    straight = cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION).reshape(HEIGHT, WIDTH, 2)
+    rays = np.concatenate([straight, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
+    world_from_cam = np.linalg.inv(pose)
+    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
+    random = np.random.default_rng(3)
+    texture = sum(
+        cv2.resize(random.normal(size=(side, side)), (1024, 1024), interpolation=cv2.INTER_CUBIC)
+        for side in (64, 128, 256)
+    )
+    at = ((points[..., :2] + 2.5) * 200).astype(np.float32)
+    seen = cv2.remap(np.asarray(texture), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
+    gray = 110 + 35 * seen
+    return np.clip(gray[..., None] + [30, 10, -40], 0, 255).astype(np.uint8)
+
+
+def write(path: Path, image: np.ndarray) -> None:
+    path.parent.mkdir(parents=True, exist_ok=True)
+    assert cv2.imwrite(str(path), image)
+
+
+@pytest.fixture(scope="module")
+def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Six photos of the planes, one of something else, one cut short; and masks that leave out a corner."""
+    root = tmp_path_factory.mktemp("photos")
+    for name, pose in zip(NAMES, POSES, strict=True):
+        write(root / "photos" / name, photograph(pose))
+    write(root / "photos" / "else.png", np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
+    (root / "photos" / "cut.png").write_bytes((root / "photos" / NAMES[0]).read_bytes()[:9000])
+    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
+    mask[:60, :80] = 0
+    for name in (*NAMES, "else.png", "cut.png"):
+        write(root / "masks" / f"{name}.png", mask)
+    return root
+
+
+@pytest.fixture(scope="module")
+def prepared(photos: Path) -> Prepared:
+    known = Known(distances=((NAMES[0], NAMES[3], float(np.linalg.norm(PLACES[3]))),))
+    return prepare(photos / "photos", photos / "out", Options(masks=photos / "masks"), known)
+
+
+def test_depth_of_a_known_scene_is_metric_and_right(prepared: Prepared):
+    scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
+    assert [view.name for view in scene] == NAMES
+    assert prepared.scale.is_metric
+    for view, pose in zip(scene, POSES, strict=True):
+        truth = true_depth(pose, pixel_rays(view.camera))
+        filled = view.valid
+        assert filled.mean() > 0.3
+        error = np.abs(view.depth / truth - 1)[filled]
+        assert np.median(error) < 0.01
+        assert np.quantile(error, 0.9) < 0.03
+
+
+def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: Prepared):
+    scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
+    one, other = scene[NAMES[0]], scene[NAMES[2]]
+    points = pixel_rays(one.camera) * one.depth[..., None]
+    both = other.cam_from_world @ np.linalg.inv(one.cam_from_world)
+    xy, _ = project(other.camera, points @ both[:3, :3].T + both[:3, 3])
+    xy = np.nan_to_num(xy, nan=-1).astype(np.float32) - np.float32(0.5)
+    seen = cv2.remap(other.rgb, xy[..., 0], xy[..., 1], cv2.INTER_LINEAR, borderValue=(-1, -1, -1))
+    shared = one.valid & (seen.min(axis=-1) > 0)
+    assert shared.mean() > 0.2
+    assert np.median(np.abs(seen - one.rgb)[shared]) < 0.03  # 0.1 when the pose is off by two pixels
+
+
+def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
+    scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
+    assert not any(view.valid[:50, :70].any() for view in scene)
+    assert list(prepared.damaged.items()) == [("cut.png", "cannot be read, cut short; copy it again")]
+    assert list(prepared.unplaced) == ["else.png"]
+    assert "no place found" in prepared.unplaced["else.png"]
+    record = json.loads((prepared.out / "prepare.json").read_text())
+    assert (list(record["damaged"]), list(record["unplaced"])) == (["cut.png"], ["else.png"])
+    page = (prepared.out / "quality.html").read_text()
+    assert "cut.png" in page.partition("Damaged photos")[2].partition("<h2>")[0]
+    assert "else.png" in page.partition("Photos without a place")[2].partition("<h2>")[0]
+    assert page.count("<figure>") == len(NAMES)
+    assert 'src="http' not in page
+    assert "<link" not in page
+
+
+def test_a_second_run_computes_nothing_again_and_may_change_the_scale(prepared: Prepared, photos: Path):
+    made = [*prepared.out.rglob("images/*/*.png"), *(prepared.out / ".prepare").rglob("*.npy")]
+    before = {path: path.stat().st_mtime_ns for path in made}
+    assert len(before) == 2 * len(NAMES)
+    depth = read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png")
+    twice = prepare(
+        photos / "photos",
+        prepared.out,
+        Options(masks=photos / "masks"),
+        Known(factor=2 * prepared.scale.metres_per_unit),
+    )
+    assert {path: path.stat().st_mtime_ns for path in made} == before
+    assert read_depth(prepared.out / "depths" / "dive 1" / "depth_photo 0.png") == pytest.approx(2 * depth, abs=0.0021)
+    scene = next(iter(sb.load_scenes("colmap", root=twice.out)))
+    centres = [np.linalg.inv(scene[name].cam_from_world)[:3, 3] for name in (NAMES[0], NAMES[3])]
+    assert np.linalg.norm(centres[0] - centres[1]) == pytest.approx(2 * np.linalg.norm(PLACES[3]), rel=1e-6)
+
+
+def test_other_options_are_refused_for_a_folder_made_before(prepared: Prepared, photos: Path):
+    with pytest.raises(InputError, match=r"was prepared with depth_size=800, not 300.*--again"):
+        prepare(photos / "photos", prepared.out, Options(masks=photos / "masks", depth_size=300))
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ((), "holds no photos; put two"),
+        (("a.png",), "holds one photo; put two"),
+        (("a.png", "text.jpg"), r"holds one photo that can be read \(text\.jpg cannot be read, .*not an image\); put"),
+        (
+            ("cut.jpg", "text.png"),
+            r"holds no photos .*\(cut\.jpg cannot be read, .*truncated.*; text\.png cannot .*\);",
+        ),
+        (("a.png", "cut.png"), r"holds one photo that can be read \(cut\.png cannot be read, cut short\); put"),
+        (("cut.png", "cut.jpg", "cut 2.jpg"), r"holds no photos that can be read \(cut 2\.jpg .*; cut\.png .*\); put"),
+    ],
+)
+def test_too_few_photos_are_an_error_that_names_the_damaged(tmp_path: Path, names: tuple[str, ...], message: str):
+    (tmp_path / "photos").mkdir()
+    for name in names:
+        file = tmp_path / "photos" / name
+        write(file, photograph(POSES[0]))
+        if not name.startswith("a"):
+            file.write_bytes(b"no image" if name.startswith("text") else file.read_bytes()[:1000])
+    with pytest.raises(InputError, match=message):
+        prepare(tmp_path / "photos", tmp_path / "out")
+    assert not (tmp_path / "out" / "images").exists()
+
+
+def test_photos_that_share_nothing_are_named_with_what_they_share(tmp_path: Path):
+    for seed in range(2):
+        noise = np.random.default_rng(seed).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+        write(tmp_path / "photos" / f"{seed}.png", noise)
+    with pytest.raises(InputError, match=r"no two photos could be related: .*match.*share more than half"):
+        prepare(tmp_path / "photos", tmp_path / "out")
+
+
+def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds other files already"):
+        prepare(photos / "photos", tmp_path)
+    with pytest.raises(InputError, match="holds the photos themselves"):
+        prepare(photos / "photos", photos)
+
+
+def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
+    (tmp_path / "masks").mkdir()
+    with pytest.raises(InputError, match=r"cut\.png\.png: is not there; make a mask"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+    write(tmp_path / "masks" / "cut.png", np.zeros((HEIGHT, HEIGHT), np.uint8))
+    with pytest.raises(InputError, match=r"cut\.png: is 240x240, its photo 320x240; make the mask"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+
+
+# -- the scale, as the command takes it ----------------------------------------------------------------------------
+
+FAR = 10.0  # the made scene may as well be ten times as large
+
+
+def given_again(prepared: Prepared, photos: Path, out: Path, *words: str) -> tuple[float, dict[str, float], str]:
+    """A copy of the result with the scale given by these words: metres by metres of truth, the record, what is said."""
+    if not out.exists():
+        shutil.copytree(prepared.out, out)
+    line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), *words]
+    result = CliRunner().invoke(command, line, catch_exceptions=False)
+    assert result.exit_code == 0
+    view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]
+    truth = true_depth(POSES[1], pixel_rays(view.camera))
+    record = json.loads((out / "prepare.json").read_text())
+    return float(np.median((view.depth / truth)[view.valid])), record["scale"], result.output
+
+
+def words_of_scale(how: str, tmp_path: Path, prepared: Prepared) -> list[str]:
+    """What a user who knows the true scene, FAR times as large, would give."""
+    if how == "distance":
+        return ["--distance", NAMES[0], NAMES[3], str(FAR * np.linalg.norm(PLACES[3]))]
+    if how == "scale":
+        return ["--scale", str(FAR * prepared.scale.metres_per_unit)]
+    if how == "length":
+        view = next(iter(sb.load_scenes("colmap", root=prepared.out)))[NAMES[1]]
+        at = [(180, 120), (230, 150)]
+        rays = pixel_rays(view.camera)
+        ends = [rays[v, u] * true_depth(POSES[1], rays)[v, u] for u, v in at]
+        pixels = [str(p + 0.5) for point in at for p in point]
+        return ["--length", NAMES[1], *pixels, str(FAR * np.linalg.norm(ends[0] - ends[1]))]
+    down = np.array([0.3, 0.6, -0.74162])  # of length 1
+    rows = [f"{name},{40 + FAR * place @ down:.4f}" for name, place in zip(NAMES, np.array(PLACES), strict=True)]
+    (tmp_path / "track.csv").write_text("\n".join(["image,depth", *rows]))
+    return ["--depth-track", str(tmp_path / "track.csv")]
+
+
+@pytest.mark.parametrize("how", ["distance", "length", "scale", "depth-track"])
+def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, photos: Path, tmp_path: Path):
+    words = words_of_scale(how, tmp_path, prepared)
+    ratio, scale, said = given_again(prepared, photos, tmp_path / "out", *words)
+    assert ratio == pytest.approx(FAR, rel=0.02)
+    assert scale["is_metric"]
+    factor = scale["metres_per_unit"]
+    assert factor == pytest.approx(FAR * prepared.scale.metres_per_unit, rel=0.02)
+    assert f"{factor:.3g}"[:4] in said.partition("scale    ")[2].partition("\n")[0]
+    assert f"left out {'cut.png'}: cannot be read, cut short; copy it again" in said
+    assert "left out else.png: no place found" in said
+
+
+def test_without_a_scale_the_one_of_before_is_kept_and_nothing_is_done_twice(
+    prepared: Prepared, photos: Path, tmp_path: Path
+):
+    out = tmp_path / "out"
+    before = given_again(prepared, photos, out, "--distance", NAMES[0], NAMES[3], "7")
+    stamps = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
+    again = given_again(prepared, photos, out)
+    assert again[:2] == before[:2]
+    assert "kept from before" in again[2]
+    assert "nothing to do" in again[2]
+    given_again(prepared, photos, out, "--distance", NAMES[0], NAMES[3], "7")
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == stamps
+    (out / "depths" / "dive 1" / "depth_photo 0.png").unlink()
+    assert "nothing to do" not in given_again(prepared, photos, out)[2]
+    assert (out / "depths" / "dive 1" / "depth_photo 0.png").is_file()
+
+
+def test_a_scale_outlives_its_model_where_it_can(prepared: Prepared):
+    lengths = Known(lengths=(Length("0.png", ((1.5, 2.0), (3.0, 4.0)), 0.25),))
+    other = ("another", "model")
+    metric = prepared.scale
+    for known in (lengths, Known(factor=2.0), Known(distances=(("a", "b", 3.0),))):
+        before = replace(prepared, known=json.loads(json.dumps(given(known))))
+        assert settled_by(before, Known(), prepared.keys) == Settled(metric, known, True)
+        assert settled_by(before, known, prepared.keys).scale == metric
+        assert settled_by(before, Known(factor=3.0), prepared.keys) == Settled(None, Known(factor=3.0))
+        moved = settled_by(before, Known(), other)
+        assert moved.scale is None
+        if known.distances:
+            assert (moved.known, moved.is_kept, moved.warnings) == (known, True, ())
+        else:
+            assert (moved.known, moved.is_kept) == (Known(), False)
+            assert "was of another model; give it again" in moved.warnings[0]
+
+
+def test_the_record_holds_values_as_they_are(prepared: Prepared):
+    record = json.loads((prepared.out / "prepare.json").read_text())
+    assert record["options"]["max_size"] == 0
+    assert record["options"]["masks"].endswith("masks")
+    (camera,) = record["cameras"].values()
+    assert (camera["model"], camera["width"], camera["order"]) == ("SIMPLE_RADIAL", WIDTH, ["f", "cx", "cy", "k"])
+    assert camera["params"][0] == pytest.approx(290, rel=0.03)
+    assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
+    assert read_record(prepared.out) is not None
+    with pytest.raises(InputError, match=r"--length: -1 is not above 0"):
+        Known(lengths=(Length("a", ((0, 0), (1, 1)), -1.0),))
+
+
+# -- parts ---------------------------------------------------------------------------------------------------------
+
+
+def make_shots(places: Array) -> list[Shot]:
+    """Cameras that look along z, with points on the planes z = 2 + x / 10."""
+    random = np.random.default_rng(1)
+    xy = random.uniform(-3, 3, (400, 2))
+    points = np.column_stack([xy, 2 + xy[:, 0] / 10])
+    shots = []
+    for i, place in enumerate(places):
+        pose = np.eye(4)
+        pose[:3, 3] = -place
+        shots.append(Shot(f"{i}.png", CAMERA, pose, np.arange(400), points, np.zeros((400, 2)), np.full(400, 3)))
+    return shots
+
+
+def test_a_depth_track_gives_the_scale_where_cameras_leave_every_plane(tmp_path: Path):
+    random = np.random.default_rng(0)
+    places = random.uniform(-1, 1, (12, 3))
+    down = np.array([0.6, 0.0, 0.8])
+    depths = 7 + 1.7 * places @ down  # a unit is 1.7 m
+    write_track(tmp_path / "track.csv", depths)
+    found = find_scale(Known(depth_track=tmp_path / "track.csv"), make_shots(places), same_names(12), no_depth)
+    assert found.metres_per_unit == pytest.approx(1.7, rel=1e-6)
+    flat = places * [1, 1, 0.001]  # what the depths tell of the direction they do not leave in is noise
+    write_track(tmp_path / "flat.csv", 7 + 1.7 * flat @ down)
+    with pytest.raises(InputError, match="cameras move too little"):
+        find_scale(Known(depth_track=tmp_path / "flat.csv"), make_shots(flat), same_names(12), no_depth)
+
+
+def write_track(path: Path, depths: Array) -> None:
+    path.write_text("image,depth\n" + "".join(f"{i}.png,{depth:.6f}\n" for i, depth in enumerate(depths)))
+
+
+def same_names(count: int) -> dict[str, str]:
+    return {f"{i}.png": f"{i}.png" for i in range(count)}
+
+
+def no_depth(name: str) -> Array:
+    raise AssertionError(name)
+
+
+def test_a_length_that_is_seen_gives_the_scale():
+    shots = make_shots(np.zeros((1, 3)))
+    ends = ((100.0, 100.0), (100.0 + 145.0, 100.0))  # half a unit of tangent, at a depth of 2 units: 1 unit long
+    found = find_scale(
+        Known(lengths=(Length("0.png", ends, 0.25),)),
+        shots,
+        same_names(1),
+        lambda name: np.full((HEIGHT, WIDTH), 2.0, np.float32),
+    )
+    assert found.metres_per_unit == pytest.approx(0.25)
+    assert found.is_metric
+
+
+def test_without_a_known_length_the_scale_is_called_arbitrary_and_two_are_refused():
+    shots = make_shots(np.array([[0.0, 0, 0], [1, 0, 0]]))
+    found = find_scale(Known(), shots, same_names(2), no_depth)
+    assert isinstance(found, Scale)
+    assert not found.is_metric
+    with pytest.raises(InputError, match="more than one"):
+        find_scale(Known(factor=1, distances=(("0.png", "1.png", 1.0),)), shots, same_names(2), no_depth)
+    with pytest.raises(InputError, match=r"9\.png is not a photo"):
+        find_scale(Known(distances=(("0.png", "9.png", 1.0),)), shots, same_names(2), no_depth)
+
+
+def test_the_relief_of_points_on_a_plane_is_that_plane():
+    shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
+    rays = pixel_rays(CAMERA)
+    truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)  # z = 2 + x / 10, from the camera's place
+    depth = relief_of(shots).depth(shots[0])
+    assert (depth > 0).mean() > 0.95
+    assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
+    odd = shots[0].points.copy()
+    odd[7, 2] -= 1  # one wrong point makes no spike
+    spiked = relief_of([replace(shots[0], points=odd)]).depth(shots[0])
+    assert spiked[spiked > 0] == pytest.approx(truth[spiked > 0], rel=1e-5)
+
+
+def test_holes_are_filled_where_their_rim_is_one_plane_only():
+    rays = pixel_rays(CAMERA)
+    plane = (1 / (rays @ np.array([0.1, 0.2, 0.4]))).astype(np.float32)
+    holed = plane.copy()
+    holed[100:120, 100:120] = 0
+    holed[:10, 50:60] = 0  # at the border nobody knows what goes on
+    step = np.where(np.arange(WIDTH) < 205, 1, np.float32(1.5))
+    holed[100:120, 200:210] = 0
+    filled = without_small_holes((holed * step).astype(np.float32))
+    assert filled[100:120, 100:120] == pytest.approx(plane[100:120, 100:120], rel=1e-5)
+    assert (filled[:10, 50:60] == 0).all()
+    assert (filled[100:120, 200:210] == 0).all()
+
+
+@pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])
+def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: float, suffix: str):
+    assert write_depth(tmp_path, "sub/a.png", np.full((4, 6), metres, np.float32))
+    assert read_depth(tmp_path / "sub" / f"depth_a{suffix}") == pytest.approx(metres, rel=1e-6)
+    assert not write_depth(tmp_path, "sub/b.png", np.zeros((4, 6), np.float32))
+    assert len(list((tmp_path / "sub").iterdir())) == 1
+
+
+def test_the_command_imports_nothing_heavy():
+    code = "import sys, sucre_bench.commands.prepare\nprint(*sorted({m.split('.')[0] for m in sys.modules}))"
+    said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
+    assert not {"cv2", "pycolmap", "open3d", "numba", "scipy", "torch"} & set(said.split())
+
+
+def test_equal_photos_give_an_equal_model(tmp_path: Path):
+    for i, pose in enumerate(POSES[:4]):
+        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
+    models = []
+    for out in (tmp_path / "one", tmp_path / "two"):
+        prepare(tmp_path / "photos", out, Options(surface="sparse"))
+        models.append([(out / "sparse" / name).read_bytes() for name in ("cameras.bin", "images.bin", "points3D.bin")])
+    assert models[0] == models[1]
+
+
+# -- stopped half-way ----------------------------------------------------------------------------------------------
+
+
+class _StoppedError(Exception):
+    """What stands for a Ctrl-C."""
+
+
+def _stopping(real: Any, after: int) -> Callable[..., Any]:
+    """A function that works so often, and then is stopped."""
+    left = [after]
+
+    def stopping(*given: Any, **named: Any) -> Any:
+        if not left[0]:
+            raise _StoppedError
+        left[0] -= 1
+        return real(*given, **named)
+
+    return stopping
+
+
+def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    import pycolmap
+
+    monkeypatch.setattr(mapping, "_BATCH", 2)
+    monkeypatch.setattr(mapping, "usable_cores", lambda: 1)
+    for i, pose in enumerate(POSES[:4]):
+        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
+    photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
+    rules = mapping.Rules("auto", "SIMPLE_RADIAL", "single")
+    straight = mapping.map_photos(photos, tmp_path / "one", rules)
+    counts = []
+    for name, calls in (("extract_features", 4 + 2), ("extract_features", 1), ("match_image_pairs", 1)):
+        with monkeypatch.context() as stop:
+            stop.setattr(pycolmap, name, _stopping(getattr(pycolmap, name), calls))
+            with pytest.raises(_StoppedError):
+                mapping.map_photos(photos, tmp_path / "two", rules)
+        with pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as opened:
+            found = sum(opened.num_keypoints_for_image(image.image_id) > 1 for image in opened.read_all_images())
+            counts.append((found, opened.num_matched_image_pairs()))
+    assert [found for found, _ in counts] == [2, 2, 4], "features that were found stay"
+    assert counts[-1][1] == 2
+    resumed = mapping.map_photos(photos, tmp_path / "two", rules)
+    assert resumed.registered == straight.registered
+    with (
+        pycolmap.Database.open(tmp_path / "one" / "usual" / "database.db") as one,
+        pycolmap.Database.open(tmp_path / "two" / "usual" / "database.db") as two,
+    ):
+        images = one.read_all_images()
+        assert [image.name for image in images] == [image.name for image in two.read_all_images()]
+        for image in images:
+            np.testing.assert_array_equal(one.read_keypoints(image.image_id), two.read_keypoints(image.image_id))
+        # Not to the match: neighbours are sought by an approximate index, on several threads.
+        counts_of = [dict(zip(*base.read_two_view_geometry_num_inliers(), strict=True)) for base in (one, two)]
+        assert counts_of[0] == pytest.approx(counts_of[1], abs=10)
+    monkeypatch.setattr(pycolmap, "incremental_mapping", None)  # what was mapped is not mapped again
+    assert mapping.map_photos(photos, tmp_path / "two", rules) == resumed
+
+
+def test_a_command_stopped_while_writing_leaves_one_scale(
+    prepared: Prepared, photos: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    out = tmp_path / "out"
+    before, scale_before, _ = given_again(prepared, photos, out)
+    line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), "--scale", "7"]
+    with monkeypatch.context() as stop:
+        stop.setattr(output, "write_depth", _stopping(output.write_depth, 3))
+        with pytest.raises(_StoppedError):
+            CliRunner().invoke(command, line, catch_exceptions=False)
+    view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]
+    other = next(iter(sb.load_scenes("colmap", root=prepared.out)))[NAMES[1]]
+    assert np.array_equal(view.depth, other.depth)
+    np.testing.assert_array_equal(view.cam_from_world, other.cam_from_world)
+    after, scale, said = given_again(prepared, photos, out, "--scale", "7")
+    assert scale["metres_per_unit"] == 7
+    assert after / before == pytest.approx(7 / scale_before["metres_per_unit"], rel=0.01)
+    assert "nothing to do" not in said
+    assert not list((out / ".prepare").rglob("old-*"))
+
+
+def test_without_its_notes_a_prepared_folder_is_refused_in_words(prepared: Prepared, photos: Path, tmp_path: Path):
+    shutil.copytree(prepared.out, tmp_path / "out", ignore=shutil.ignore_patterns(".prepare"))
+    with pytest.raises(InputError, match=r"and no \.prepare/ to go on from; name a new folder"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=photos / "masks"))
+
+
+# -- more parts ----------------------------------------------------------------------------------------------------
+
+
+def test_masks_among_the_photos_are_no_photos_and_bitmaps_are(tmp_path: Path):
+    for name in ("a.png", "b.bmp", "c.webp"):
+        write(tmp_path / name, np.zeros((24, 32, 3), np.uint8))
+        write(tmp_path / "masks" / f"{name}.png", np.full((24, 32), 255, np.uint8))
+    found, damaged = find_photos(tmp_path, tmp_path / "masks", 0, tmp_path / "out")
+    assert [photo.name for photo in found] == ["a.png", "b.bmp", "c.webp"]
+    assert not damaged
+
+
+def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
+    prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    model = next((prepared.out / ".prepare").glob("model-*/*/model"))
+    posed = {p.name: p for p in read_model(model, prepared.out / "images", distorted=True)}
+    rays = Lens.rays
+
+    def folded(lens: Lens, pixels: Array) -> Array:  # as of a lens that images nothing further out
+        return np.where(np.hypot(*(pixels - (WIDTH / 2, HEIGHT / 2)).T)[:, None] < 90, rays(lens, pixels), np.nan)
+
+    for lens in {id(p.lens): p.lens for p in posed.values()}.values():
+        assert lens is not None
+        assert lens.pinhole.width == WIDTH  # found before
+    undistort._write_pinhole(posed, model, tmp_path / "all")
+    monkeypatch.setattr(Lens, "rays", folded)
+    undistort._write_pinhole(posed, model, tmp_path / "some")
+    every, some = read_shots(tmp_path / "all"), read_shots(tmp_path / "some")
+    for shot, whole in zip(some, every, strict=True):
+        assert 0 < len(shot.points) < len(whole.points)
+        assert np.isfinite(shot.xy).all()
+        assert (shot.tracks >= 2).all()
+        figures = quality_of(shot, np.ones((HEIGHT, WIDTH), np.float32), 1.0)
+        assert figures.reprojection_px < 2
+    import pycolmap
+
+    known = pycolmap.Reconstruction(tmp_path / "some")
+    assert all(np.isfinite(p.xy).all() for number in known.reg_image_ids() for p in known.image(number).points2D)
+
+
+def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
+    depth = np.array([[1.0, 2], [3, 0]], np.float32)
+    xy = np.array([[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5], [2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]])
+    assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
+
+
+def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
+    random = np.random.default_rng(4)
+    shots = []
+    for shot in make_shots(random.uniform(-2, 2, (9, 3)) * [1, 1, 0.3]):
+        kept = np.sort(random.choice(400, 150, replace=False))
+        shots.append(replace(shot, point_ids=3 * kept + 7, points=shot.points[kept]))
+    for i, near in enumerate(neighbours(shots, 3)):
+        scores = {}
+        for j, other in enumerate(shots):
+            own = [k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)]
+            to_one, to_other = shots[i].centre - shots[i].points[own], other.centre - shots[i].points[own]
+            one, two = np.linalg.norm(to_one, axis=1), np.linalg.norm(to_other, axis=1)
+            angle = np.degrees(np.arccos(np.clip((to_one * to_other).sum(axis=1) / one / two, -1, 1)))
+            weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(-0.5 * np.log2(one / two) ** 2)
+            if j != i:
+                scores[j] = weight.sum()
+        assert near == sorted(scores, key=lambda j: -scores[j])[:3]
+    apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
+    assert neighbours([apart, shots[1]], 3) == [[], []]

@@ -1,0 +1,388 @@
+"""The results page in a real browser, without a network: what one does with it, and what it says then.
+
+SUCRE_BENCH_TEST_BROWSER=1 makes it a failure that there is no Chromium, rather than a reason to skip.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.browser import Browser, chromium
+from support.made_results import DE00, PATCHES, PSNR, made_results
+
+from sucre_bench.reports import page as report
+
+HOSTILE = "</script><img src=x onerror=console.error('run')>"
+
+
+@pytest.fixture(scope="module")
+def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("page")
+    rows = made_results(folder, datasets=("reef", "reef,noise=0.1", "reef,noise=0.2"), size=(1200, 800))
+    np.savez(
+        folder / "restored/reef/clever/v0.npz", image=np.zeros((800, 1200, 3)), confidence=np.ones((800, 1200)) * 0.1
+    )
+    report.write(folder, rows)
+    return folder
+
+
+@pytest.fixture(scope="module")
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    program = chromium()
+    if program is None:
+        said = "no Chromium or Chrome here; install Debian's package chromium"
+        if os.environ.get("SUCRE_BENCH_TEST_BROWSER") == "1":
+            pytest.fail(said)
+        pytest.skip(said)
+    browser = Browser(program, tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()
+
+
+@pytest.fixture
+def page(chrome: Browser, out: Path) -> Iterator[Browser]:
+    """The page, freshly opened; at the end it must not have complained of anything, nor asked for anything."""
+    chrome.complaints.clear()
+    chrome.size(1440, 900)
+    chrome.prefer("light")
+    opened(chrome, out)
+    yield chrome
+    assert chrome.complaints == []
+
+
+def opened(browser: Browser, out: Path, place: str = "") -> None:
+    browser.open(f"file://{out}/report/index.html{place}")
+    browser.ask("localStorage.clear()")
+
+
+def texts(page: Browser, selector: str) -> list[str]:
+    found: list[str] = page.ask(
+        f"[...document.querySelectorAll({json.dumps(selector)})].map((e) => e.innerText.trim())"
+    )
+    return found
+
+
+def methods(page: Browser) -> list[str]:
+    return texts(page, "#scores-sheet tbody th")
+
+
+def transform(page: Browser, selector: str) -> list[float]:
+    """Scale, and where the left top corner is, in widths and heights of the frame."""
+    script = f"""(() => {{ const e = document.querySelector({json.dumps(selector)}), frame = e.parentElement;
+        const m = new DOMMatrix(getComputedStyle(e).transform);
+        return [m.a, m.e / frame.clientWidth, m.f / frame.clientHeight]; }})()"""
+    page.ask("new Promise((done) => setTimeout(done, 120))")  # it glides there
+    found: list[float] = page.ask(script)
+    return found
+
+
+def state(page: Browser, key: str) -> Any:
+    return page.ask(f"state.{key}")
+
+
+def test_a_table_is_sorted_by_a_click_on_its_head_and_back_by_another(page: Browser):
+    assert methods(page) == ["plain", "clever", "broken"]
+    head = "#scores-sheet [data-key='psnr:masked']"
+    page.click(f"{head} button")
+    assert methods(page) == ["clever", "plain", "broken"]  # higher is better: best first
+    assert page.ask(f'document.querySelector("{head}").ariaSort') == "descending"
+    page.click(f"{head} button")
+    assert methods(page) == ["broken", "plain", "clever"]
+    assert state(page, "metric") == "psnr:masked"
+
+
+def test_cells_say_mean_interval_and_rank(page: Browser):
+    at = page.ask("data.columns.findIndex((c) => c.key === 'psnr:masked')") + 1
+    cells = page.ask(
+        f"[...document.querySelectorAll('#scores-sheet tbody tr')].map((r) => [r.children[{at}].className,"
+        f" r.children[{at}].querySelector('.mean').innerText, r.children[{at}].title])"
+    )
+    assert [cell[1] for cell in cells] == ["21.0", "26.0", "18.5"]  # over the two views that all have
+    assert [cell[0] for cell in cells] == ["second", "best", ""]
+    assert "95 % interval" in cells[0][2]
+
+
+def test_the_filter_keeps_rows_with_every_word(page: Browser):
+    page.click("[data-rows=view]")
+    assert len(methods(page)) == 9
+    page.ask("document.activeElement.blur()")
+    page.press("/")
+    page.write("v1 clev")
+    assert page.until("document.querySelectorAll('#scores-sheet tbody tr').length === 1")
+    assert "clever" in texts(page, "#scores-sheet tbody tr")[0]
+    page.press("Escape")
+    assert page.until("document.querySelectorAll('#scores-sheet tbody tr').length === 9")
+    page.click("#filter")
+    page.write("boom")
+    page.until("document.querySelectorAll('#scores-sheet tbody tr').length === 1")  # what failed, by its reason
+    page.ask("document.querySelector('#filter').value = 'nowhere'; choose({filter: 'nowhere'})")
+    assert "Nothing matches" in texts(page, "#scores-sheet")[0]
+
+
+def test_methods_and_metrics_are_hidden_and_shown_by_their_boxes(page: Browser):
+    page.click("details.menu summary")
+    page.click("#methods-menu input[value=plain]")
+    assert methods(page) == ["clever", "broken"]
+    assert "plain" not in texts(page, "#grid .caption b")
+    page.click("#methods-menu input[value=plain]")
+    keys = "[...document.querySelectorAll('#scores-sheet th[data-key]')].map((e) => e.dataset.key)"
+    assert page.ask(keys) == ["method", "psnr:masked", "de00:lab", "seconds:wall"]  # nothing that only describes
+    page.ask("choose({unshown: new Set(['seconds:wall'])})")
+    assert "chart_distance:median" in page.ask(keys)
+    assert "seconds:wall" not in page.ask(
+        "[...document.querySelectorAll('#scores-sheet th')].map((e) => e.dataset.key)"
+    )
+
+
+def test_the_divider_follows_mouse_and_keys(page: Browser):
+    left, top, width, height = page.place("#stage")
+    page.drag([(left + width / 2, top + height / 2), (left + width * 0.6, top + 20), (left + width * 0.8, top + 20)])
+    assert page.ask("divided") == pytest.approx(80, abs=1)
+    after = "getComputedStyle(document.querySelector('.side.after')).clipPath"
+    assert "80" in page.ask(after)
+    page.ask("document.querySelector('#divider').focus()")
+    page.press("ArrowLeft")
+    page.press("ArrowLeft", shift=True)
+    assert page.ask("divided") == pytest.approx(69, abs=1)
+    page.press("Home")
+    assert page.ask("document.querySelector('#divider').getAttribute('aria-valuenow')") == "0"
+
+
+def test_zoom_and_pan_are_the_same_in_slider_and_grid(page: Browser):
+    left, top, width, height = page.place("#stage")
+    page.wheel((left + width * 0.25, top + height * 0.5), -300, ctrl=True)
+    scale, x, y = transform(page, "#left")
+    assert scale > 1.5
+    assert 0.25 * (1 - scale) == pytest.approx(x, abs=0.01)  # the point below the mouse stays
+    assert 0.5 * (1 - scale) == pytest.approx(y, abs=0.01)
+    left, top, width, height = page.place("#stage")
+    page.drag([(left + width * 0.7, top + 100), (left + width * 0.6, top + 100)])
+    moved = transform(page, "#right")
+    assert moved[1] == pytest.approx(max(x - 0.1, 1 - scale), abs=0.01)
+    for tile in range(1, 4):
+        assert transform(page, f"#grid .tile:nth-child({tile}) img") == pytest.approx(moved, abs=0.01)
+    page.press("0")
+    assert transform(page, "#left") == pytest.approx([1, 0, 0])
+
+
+def test_a_plain_wheel_scrolls_the_page_and_does_not_zoom(page: Browser):
+    left, top, width, height = page.place("#stage")
+    before = page.ask("scrollY")
+    page.wheel((left + width / 2, top + height / 2), 200)
+    page.until(f"scrollY > {before}")
+    assert page.ask("zoom.scale") == 1
+
+
+def test_from_nearby_the_full_picture_takes_the_thumbnails_place(page: Browser):
+    assert page.until("document.querySelector('#left').naturalWidth === 960")
+    page.ask("zoomAt(3)")
+    page.until("document.querySelector('#left').naturalWidth === 1200")
+    page.until("[...document.querySelectorAll('#grid img')].every((i) => i.naturalWidth === 1200)")
+
+
+def test_a_picture_is_chosen_in_the_grid_by_keys_and_by_the_lists(page: Browser):
+    page.click("#grid [data-which=plain]")
+    assert state(page, "method") == "plain"
+    assert texts(page, "#right-name") == ["plain"]
+    page.click("#grid [data-which=clever]", alt=True)
+    assert state(page, "before") == "clever"
+    page.press("x")
+    assert [state(page, "before"), state(page, "method")] == ["plain", "clever"]
+    page.press("]")
+    assert state(page, "view") == "v1.png"
+    page.press("3", code="Digit3")
+    page.press("]")
+    assert "failed: ValueError: boom" in texts(page, "#right-name")[0]
+    assert "boom" in texts(page, "#detail")[0]
+    page.ask("document.querySelector('#before').value = REFERENCE;"
+             "document.querySelector('#before').dispatchEvent(new Event('change'))")  # fmt: skip
+    assert texts(page, "#left-name") == ["reference, without water"]
+
+
+def test_holes_and_confidence_are_shown_where_there_are_some(page: Browser):
+    page.ask("choose({method: 'clever', layer: 'holes'})")
+    page.until("!document.querySelector('#right-holes').hidden")
+    assert page.ask("document.querySelector('#left-holes').hidden")
+    page.ask("choose({layer: 'confidence'})")
+    assert "0.1 (dark)" in texts(page, "#detail")[0]
+    assert page.ask("document.querySelectorAll('#grid .pale').length") == 4  # all but the one that has it
+
+
+def test_a_link_opens_what_it_names_and_the_address_follows_what_is_chosen(page: Browser, out: Path):
+    opened(page, out, "#" + "/".join(["reef%2Cnoise%3D0.1", "v1.png", "plain", "de00:lab"]))
+    chosen = [state(page, key) for key in ("dataset", "view", "method", "metric")]
+    assert chosen == ["reef,noise=0.1", "v1.png", "plain", "de00:lab"]
+    assert page.ask("document.querySelector('#stage').getBoundingClientRect().top < innerHeight")
+    page.click("#grid [data-which=clever]")
+    assert page.ask("decodeURIComponent(location.hash)") == "#reef,noise=0.1/v1.png/clever/de00:lab"
+    page.ask("location.hash = '#reef/v0.png/plain/psnr'")
+    page.until("state.dataset === 'reef' && state.metric === 'psnr:masked'")
+    opened(page, out, "#nowhere/%E0%A4%A")
+    assert state(page, "dataset") == "reef"
+
+
+def test_datasets_are_chosen_in_the_overview_and_have_their_own_numbers(page: Browser):
+    page.click("#sweep-sheet tbody tr:nth-child(3) button")
+    assert state(page, "dataset") == "reef,noise=0.2"
+    assert texts(page, "h1") == ["reef,noise=0.2"]
+    psnr = page.ask("data.views[0].results[0].scores['psnr:masked']")
+    assert psnr == PSNR["plain"][0] - 3
+
+
+def test_patches_show_measured_and_expected_colour_and_their_difference(page: Browser):
+    rows = page.ask(
+        "[...document.querySelectorAll('#swatches tbody tr')].map((r) => [...r.querySelectorAll('.swatch')].map((s) =>"
+        " [getComputedStyle(s).backgroundColor, s.firstChild && getComputedStyle(s.firstChild).backgroundColor]))"
+    )
+    for n, (measured, expected) in enumerate(PATCHES.values()):
+        assert rows[0][n][0] == f"rgb({', '.join(map(str, expected))})"
+        assert rows[1][n] == [f"rgb({', '.join(map(str, c))})" for c in (measured, expected)]
+    assert texts(page, "#swatches thead th")[2:] == ["white", "red", "blue"]  # in the chart's order: 1, 2, 10
+    assert [float(t) for t in texts(page, "#swatches tbody tr:nth-child(2) small")] == pytest.approx(
+        list(DE00.values()), abs=0.06
+    )
+
+
+def test_plots_draw_the_numbers_of_the_table(page: Browser):
+    page.place("#cost-plot")
+    page.until("document.querySelector('#cost-plot').data?.length === 3")
+    drawn = page.ask("document.querySelector('#cost-plot').data.map((t) => [t.name, t.x[0], t.y[0]])")
+    assert drawn == [["plain", 1.0, 21.0], ["clever", 1.0, 26.0], ["broken", 1.0, 18.5]]
+    page.place("#distance-plot")
+    page.until("document.querySelector('#distance-plot').data?.length === 3")
+    assert page.ask("document.querySelector('#distance-plot').data[0].x") == [2, 4, 8]
+    page.place("#water-plot")
+    page.until("document.querySelector('#water-plot').data?.length === 18")  # 3 parameters x 3 channels, and the truth
+    assert page.ask("document.querySelector('#water-plot').data.find((t) => t.name === 'true').y") == [0.1, 0.1, 0.1]
+    page.place("#hue-plot")
+    page.until("document.querySelector('#hue-plot').data?.length === 3")
+    assert page.ask("document.querySelector('#hue-plot').data[0].y") == [370, 370, 370]  # 20 degrees past 350
+
+
+def test_the_command_is_of_the_score_that_is_looked_at(page: Browser):
+    page.ask("choose({method: 'clever', metric: 'psnr:masked'})")
+    whole = texts(page, "#again code")[0]
+    assert whole.startswith("sucre-bench run dataset=demo")
+    assert "views=[v0.png]" in whole
+    assert "de00" in whole
+    page.click("#again .choice button:last-child")
+    assert texts(page, "#again code")[0].endswith("metrics=[psnr]'")
+
+
+def test_each_methods_command_names_the_views_and_metrics_of_its_rows(page: Browser):
+    said = texts(page, "#commands code")
+    assert len(said) == len(methods(page))
+    assert all("'views=[v0.png,v1.png,v2.png]' 'metrics=[psnr," in command for command in said)
+
+
+def test_a_run_that_failed_as_a_whole_has_reasons_and_commands_and_no_dead_links(chrome: Browser, tmp_path: Path):
+    rows = made_results(tmp_path)
+    rows = rows[rows["metric"] == "seconds"].assign(status="failed", value=np.nan, reason="ValueError: boom")
+    report.write(tmp_path, rows)
+    opened(chrome, tmp_path)
+    shown = chrome.ask(
+        "[...document.querySelectorAll('nav a')].filter((a) => a.checkVisibility()).map((a) => a.innerText)"
+    )
+    assert shown == ["Missing", "Origin"]
+    assert not chrome.ask("['scores', 'pictures', 'cost'].some((id) => $(id).checkVisibility())")
+    assert len(texts(chrome, "#commands code")) == 3
+    assert chrome.complaints == []
+
+
+def test_light_and_dark_follow_the_browser_until_the_switch_is_used(page: Browser, out: Path):
+    paper = "getComputedStyle(document.body).backgroundColor"
+    light = page.ask(paper)
+    page.prefer("dark")
+    dark = page.ask(paper)
+    assert dark != light
+    page.click("#theme")
+    assert page.ask(paper) == light
+    page.press("d")
+    assert page.ask(paper) == dark
+
+
+def test_the_list_of_keys_opens_and_closes(page: Browser):
+    page.press("?")
+    assert page.ask("document.querySelector('#keys').open")
+    page.press("Escape", code="Escape")
+    page.click("#help")
+    assert page.ask("document.querySelector('#keys').open")
+    page.click("#keys button")
+    assert not page.ask("document.querySelector('#keys').open")
+
+
+@pytest.mark.parametrize("width", [390, 820])
+def test_a_phone_shows_it_all_without_scrolling_sideways(page: Browser, out: Path, width: int):
+    page.size(width, 844, phone=True)
+    opened(page, out)
+    for plot in ("#sweep-plot", "#distance-plot", "#water-plot", "#cost-plot"):
+        page.place(plot)
+        page.until(f"document.querySelector('{plot}').data?.length > 0")
+    assert page.ask("document.documentElement.scrollWidth") == width
+    left, top, w, h = page.place("#stage")
+    page.touch(*[[(left + w / 2 + side * d, top + h / 2) for d in (20, 40, 60)] for side in (-1, 1)])
+    assert page.ask("zoom.scale") == pytest.approx(3, abs=0.3)  # two fingers, three times as far apart
+
+
+def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
+    nameless = page.ask(
+        "[...document.querySelectorAll('button, select, input, [role=slider]')].filter((e) => e.checkVisibility() &&"
+        " !(e.ariaLabel || e.innerText?.trim() || e.closest('label')?.innerText.trim() || e.title))"
+        ".map((e) => e.outerHTML)"
+    )
+    assert nameless == []
+    assert page.ask("[...document.querySelectorAll('img')].every((i) => i.hasAttribute('alt'))")
+    reached = set()
+    for _ in range(60):
+        page.press("Tab", code="Tab")
+        reached.add(page.ask("document.activeElement.id || document.activeElement.dataset.which"))
+    assert {"theme", "filter", "view", "before", "after", "divider", "clever"} <= reached
+
+
+def test_printing_shows_tables_and_pictures_without_controls(page: Browser, tmp_path: Path):
+    ink = "getComputedStyle(document.body).color"
+    light = page.ask(ink)
+    page.prefer("dark")
+    page.press("d")
+    page.press("d")
+    assert page.ask(ink) != light
+    page.call("Emulation.setEmulatedMedia", media="print")
+    try:
+        assert page.ask(ink) == light, "dark is for screens"
+        assert page.ask("[...document.querySelectorAll('.bar, .controls')].every((e) => !e.checkVisibility())")
+        assert page.ask("document.querySelector('#scores-sheet table').checkVisibility()")
+    finally:
+        page.call("Emulation.setEmulatedMedia", media="")
+    page.printed(tmp_path / "page.pdf")
+    assert (tmp_path / "page.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_hostile_names_run_nothing(page: Browser, tmp_path: Path):
+    rows = made_results(tmp_path)
+    rows["method"] = rows["method"] + HOSTILE
+    rows["view"] = rows["view"].str.replace("v2.png", HOSTILE)
+    report.write(tmp_path, rows)
+    opened(page, tmp_path)
+    assert HOSTILE in methods(page)[0]
+    page.click("[data-rows=view]")
+    for plot in ("#distance-plot", "#cost-plot"):
+        page.place(plot)
+        page.until(f"document.querySelector('{plot}').data?.length > 0")
+    assert page.ask("document.querySelectorAll(\"img[src='x']\").length") == 0
+
+
+def test_a_page_moved_away_from_its_pictures_still_shows_thumbnails(page: Browser, out: Path, tmp_path: Path):
+    (tmp_path / "report").mkdir()
+    (tmp_path / "report/index.html").write_bytes((out / "report/index.html").read_bytes())
+    opened(page, tmp_path)
+    page.until("document.querySelector('#left').naturalWidth === 960")
+    page.ask("zoomAt(3)")
+    page.ask("new Promise((done) => setTimeout(done, 300))")
+    assert page.ask("document.querySelector('#left').naturalWidth") == 960
+    page.complaints[:] = [said for said in page.complaints if "ERR_FILE_NOT_FOUND" not in said]

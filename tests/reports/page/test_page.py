@@ -1,0 +1,316 @@
+from __future__ import annotations
+
+import base64
+import json
+import math
+import re
+import shlex
+import shutil
+from collections.abc import Callable
+from dataclasses import replace
+from html.parser import HTMLParser
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
+
+from sucre_bench import plugins, results
+from sucre_bench.engine import sweep
+from sucre_bench.jobs import command
+from sucre_bench.jobs.rerun import Command
+from sucre_bench.reports import page as report
+from sucre_bench.reports.page import gallery as pictures
+from sucre_bench.results.rows import Row
+
+HOSTILE = "</script><img src=x onerror=alert(1)>"
+
+
+class Page(HTMLParser):
+    """What a browser makes of the page: script blocks by id, elements with attributes, text outside of scripts."""
+
+    def __init__(self, path: Path) -> None:
+        super().__init__()
+        self.tags: list[tuple[str, dict[str, str | None]]] = []
+        self.scripts: list[tuple[dict[str, str | None], str]] = []
+        self.text = ""
+        self.source = path.read_text()
+        self.feed(self.source)
+
+    def handle_starttag(self, tag: str, attributes: list[tuple[str, str | None]]) -> None:
+        self.tags.append((tag, dict(attributes)))
+        if tag == "script":
+            self.scripts.append((dict(attributes), ""))
+
+    def handle_data(self, data: str) -> None:
+        if self.scripts and self.tags[-1][0] == "script" and self.lasttag == "script":
+            self.scripts[-1] = (self.scripts[-1][0], self.scripts[-1][1] + data)
+        else:
+            self.text += data
+
+    def handle_endtag(self, tag: str) -> None:
+        self.tags.append((f"/{tag}", {}))
+
+    @property
+    def datasets(self) -> list[dict[str, Any]]:
+        return [json.loads(text) for attributes, text in self.scripts if attributes.get("class") == "dataset"]
+
+    def blocks(self, kind: str) -> dict[str, dict[str, str | None]]:
+        return {str(a["id"]): a for a, _ in self.scripts if a.get("data-kind") == kind}
+
+    def picture(self, name: str) -> np.ndarray:
+        (text,) = [text for attributes, text in self.scripts if attributes.get("id") == name]
+        return np.asarray(cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+def made(out: Path, **how: Any) -> Page:
+    return Page(report.write(out, made_results(out, **how)))
+
+
+def ran(out: Path, *overrides: str) -> Page:
+    base = ["dataset=toy", "metrics=[redness]", "tracking.uri=off", f"out={out}"]
+    return Page(report.write(out, sweep.run([*base, *overrides], True).rows))
+
+
+def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(toys: str, tmp_path: Path):
+    page = ran(tmp_path, "method=gain,faulty,needs_charts")
+    for said in ("ValueError: boom", "needs charts", "5 restorations ok, 1 failed, 3 skipped", "sucre-bench run"):
+        assert said in page.text
+    (dataset,) = page.datasets
+    states = [[r["status"] for r in view["results"]] for view in dataset["views"]]
+    assert [m["label"] for m in dataset["methods"]] == ["gain", "faulty", "needs_charts"]
+    assert states == [["ok", "ok", "skipped"], ["ok", "failed", "skipped"], ["ok", "ok", "skipped"]]
+    assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
+
+
+def test_the_table_holds_the_means_over_what_all_methods_have(tmp_path: Path):
+    (dataset,) = made(tmp_path).datasets
+    at = [c["key"] for c in dataset["columns"]].index("psnr:masked")
+    means = {m["label"]: dataset["cells"][n][at]["mean"] for n, m in enumerate(dataset["methods"])}
+    assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}  # the third is a hole
+    assert dataset["columns"][at]["views"] == 2
+    assert {m: dataset["cells"][n][at]["look"] for n, m in enumerate(PSNR)}["clever"] == "best"
+
+
+def test_views_have_their_scores_coverage_water_and_truth(tmp_path: Path):
+    (dataset,) = made(tmp_path).datasets
+    view = dataset["views"][1]
+    clever = view["results"][1]
+    assert clever["scores"]["psnr:masked"] == PSNR["clever"][1]
+    assert clever["covers"] == {"psnr:masked": 0.75}  # what is of charts, or took time, covers nothing
+    assert {k: clever["water"][k] for k in ESTIMATE} == ESTIMATE
+    assert view["truth"] == TRUTH
+    assert clever["told"] == {"steps": 7, "write_seconds": 0.1}
+    assert view["results"][0]["water"] is None
+
+
+def test_charts_have_every_score_of_their_patches_by_method(tmp_path: Path):
+    (dataset,) = made(tmp_path).datasets
+    near = dataset["views"][2]["charts"]["near"]
+    assert near["scores"]["chart_distance:median"] == [8, 8, None]
+    assert {p: s["de00:lab"] for p, s in near["patches"].items()} == {p: [v, v, None] for p, v in DE00.items()}
+    assert near["patches"]["2-red"]["patch_colour:red"][0] == pytest.approx(120 / 255, abs=1e-5)
+
+
+def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(tmp_path: Path):
+    page = made(tmp_path)
+    (policy,) = [a["content"] for tag, a in page.tags if tag == "meta" and "http-equiv" in a]
+    assert policy is not None
+    assert policy.startswith("default-src 'none'")
+    assert "http" not in policy
+    for _, attributes in page.tags:
+        for name in ("src", "href"):
+            assert not re.match(r"\s*(https?:)?//", attributes.get(name) or "")
+    links = re.findall(r'"link":"([^"]+)"', page.source)
+    assert len(links) == 3 + 3 + 8
+    assert all((tmp_path / "report" / link).resolve().is_file() for link in links)
+
+
+def test_names_and_reasons_are_never_read_as_markup(tmp_path: Path):
+    rows = made_results(tmp_path)
+    for column in ("method", "reason", "dataset", "view", "region", "metric"):
+        plain = rows[column]
+        rows[column] = plain.where(plain.isin(["image", "seconds", ""]), plain + HOSTILE)
+    rows["options"] = json.dumps({"name": HOSTILE, "dataset": {"name": HOSTILE}})
+    (tmp_path / "config.yaml").write_text(f"a: '{HOSTILE}'")
+    page = Page(report.write(tmp_path, rows))
+    assert not [a for tag, a in page.tags if tag == "img" and a.get("src") == "x"]
+    assert f"ValueError: boom <b>bold</b>{HOSTILE}" in page.text
+    assert page.datasets[0]["methods"][0]["label"] == f"plain{HOSTILE}"  # the text itself is kept
+
+
+def test_numbers_that_json_lacks_stay_apart(tmp_path: Path):
+    rows = made_results(tmp_path)
+    rows.loc[rows["metric"] == "psnr", "value"] = math.inf
+    (dataset,) = Page(report.write(tmp_path, rows)).datasets  # json.loads takes no NaN when asked so
+    assert dataset["views"][0]["results"][0]["scores"]["psnr:masked"] > 1e300
+    assert "NaN" not in json.dumps(dataset)
+    assert "Infinity" not in json.dumps(dataset)
+
+
+def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
+    rows = made_results(tmp_path)
+    (tmp_path / "restored/reef/clever/v0.png").write_bytes(b"\x89PNG not")
+    (tmp_path / "restored/reef/clever/v0.json").write_text("{")
+    page = Page(report.write(tmp_path, rows))
+    result = page.datasets[0]["views"][0]["results"][1]
+    assert result["picture"]["id"] not in page.blocks("image/webp")
+    assert result["water"] is None
+
+
+def test_restored_pictures_are_shown_where_the_views_themselves_are_lost(tmp_path: Path):
+    rows = made_results(tmp_path)
+    shutil.rmtree(tmp_path / "views")
+    view = Page(report.write(tmp_path, rows)).datasets[0]["views"][0]
+    assert view["original"] is None
+    assert all(result["picture"] for result in view["results"])
+
+
+def test_more_views_than_a_command_line_has_room_for_are_not_named(tmp_path: Path):
+    row = Row("reef", "cove", method="m", value=1.0, options='{"name": "gray_world", "dataset": {"name": "demo"}}')
+    rows = [replace(row, view=f"v{n}.png") for n in range(101)]
+    assert Page(report.write(tmp_path, results.frame(rows))).datasets[0]["methods"][0]["views"] == ""
+    (said,) = Page(report.write(tmp_path, results.frame(rows[:2]))).datasets[0]["methods"]
+    assert said["views"] == "'views=[v0.png,v1.png]'"
+
+
+def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
+    rows = results.frame([Row("reef", method="m", value=math.nan, status="failed", reason="no such folder")])
+    page = Page(report.write(tmp_path, rows))
+    assert "no such folder" in page.text
+    assert len(page.source) < 200_000  # no plotting library for no plot
+
+
+# -- pictures ----------------------------------------------------------------------------------------------
+
+
+def test_thumbnails_show_the_picture_and_are_no_wider_than_is_needed(tmp_path: Path):
+    page = made(tmp_path, size=(1200, 800))
+    picture = page.datasets[0]["views"][0]["results"][0]["picture"]["id"]
+    assert page.picture(picture).shape[:2] == (640, 960)
+    small = made(tmp_path / "small", size=(96, 64))
+    assert small.picture(small.datasets[0]["views"][0]["results"][0]["picture"]["id"]).shape[:2] == (64, 96)
+
+
+def test_holes_are_marked_where_pixels_are_black_and_nothing_was_kept(tmp_path: Path):
+    page = made(tmp_path)
+    ids = [result["picture"]["id"] for result in page.datasets[0]["views"][0]["results"]]
+    holes = page.picture(f"{ids[1]}-holes")[..., 3] > 0
+    assert holes[:, :24].all()
+    assert not holes[:, 24:].any()
+    assert f"{ids[0]}-holes" not in page.blocks("image/png")  # its coverage is 1
+
+
+def test_kept_numbers_tell_holes_and_confidence_exactly(tmp_path: Path):
+    rows = made_results(tmp_path)
+    image = np.zeros((64, 96, 3), np.float32)  # black is a colour
+    image[:10] = np.nan
+    confidence = np.tile(np.linspace(2, 4, 96, dtype=np.float32), (64, 1))
+    np.savez(tmp_path / "restored/reef/clever/v0.npz", image=image, confidence=confidence)
+    page = Page(report.write(tmp_path, rows))
+    name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
+    holes = page.picture(f"{name}-holes")[..., 3] > 0
+    assert holes[:10].all()
+    assert not holes[10:].any()
+    about = page.blocks("image/webp")[f"{name}-confidence"]
+    assert [float(str(about[k])) for k in ("data-low", "data-high")] == pytest.approx([2.04, 3.96], abs=0.025)
+    shown = page.picture(f"{name}-confidence").astype(int)
+    assert shown[32, 90].sum() > shown[32, 4].sum()  # bright where it is large
+
+
+def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr(pictures, "_WIDTHS", ((5, 960), (14, 40)))
+    datasets = ["reef", "wreck"]  # 2 x (3 views, 3 references, 8 restorations): half of them may be kept
+    page = made(tmp_path, datasets=datasets)
+    kept = [[bool((v["original"] or {}).get("id")) for v in d["views"]] for d in page.datasets]
+    assert [sum(k) for k in kept] == [1, 1]
+    assert all(v["original"]["link"] for d in page.datasets for v in d["views"])
+    assert {page.picture(name).shape[1] for name in page.blocks("image/webp")} == {40}
+
+
+def test_pages_of_the_same_results_are_the_same(tmp_path: Path):
+    rows = made_results(tmp_path)
+    first = report.write(tmp_path, rows).read_bytes()
+    assert report.write(tmp_path, rows).read_bytes() == first
+
+
+# -- commands ----------------------------------------------------------------------------------------------
+
+
+def composed(words: list[str]) -> Any:
+    assert words[:2] == ["sucre-bench", "run"]
+    return command.jobs(shlex.split(shlex.join(words))[2:], False).jobs[0]
+
+
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        ["dataset=toy", "method=gain"],
+        ["dataset=toy", "dataset.views=2", "dataset.tag='a, \"b\" $(c)'", "dataset.label='my reef'", "method=gain"],
+        ["dataset=toy", "method=gain", "method.gain=1e-7", "method.mode=fancy", "method.label='it\\'s true'"],
+        ["dataset=toy", "method=gain", "method.log='/tmp/dive ünï/[x]{y}=z'", "method.display=stretch-2-98"],
+        ["dataset=toy", "dataset.tag='true'", "method=gain"],
+        ["dataset=toy", "dataset.tag='3'", "method=gain"],
+        ["dataset=toy", "method=gain", "degrade.within=2", "degrade.noise=0.02", "degrade.seed=4"],
+        ["dataset=toy", "dataset.label=mine", "method=gain", "degrade.depth_noise=0.1"],
+        ["dataset=demo", "dataset.water=turbid", "seed=5", "method=sucre", "method.physical=true", "replicate=2"],
+    ],
+)
+def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: list[str]):
+    from sucre_bench.engine.tasks import base_row
+
+    job = command.jobs(overrides, False).jobs[0]
+    row = base_row(job)
+    again = composed(Command(row.dataset, row.method, json.loads(row.options), row.seed).words())
+    assert json.loads(base_row(again).options) == json.loads(row.options)
+    assert (again.dataset.label, again.method.label, again.degrade) == (row.dataset, row.method, job.degrade)
+    assert (base_row(again).seed, base_row(again).options_id) == (row.seed, row.options_id)
+
+
+def test_a_command_says_only_what_is_not_as_by_default(toys: str):
+    own = {"name": "gain", "gain": 2.0, "mode": "plain", "log": None, "pause": 0.0, "display": "none"}
+    words = Command("toy", "gain", {**own, "dataset": {"name": "toy", "views": 3, "tag": ""}}, 0).words()
+    assert words == ["sucre-bench", "run", "dataset=toy", "method=gain", "method.gain=2.0", "out=again"]
+
+
+def test_a_command_names_everything_where_the_plugin_is_not_there():
+    options = {"name": "gone", "a": 1, "dataset": {"name": "lost", "b": [1, 2]}}
+    words = Command("d", "m", options, 3, ("own.py",)).words()
+    assert words[2:] == [
+        "--plugin", "own.py", "dataset=lost", "dataset.b=[1,2]", "dataset.label=d", "method=gone", "method.a=1",
+        "method.label=m", "seed=3", "out=again",
+    ]  # fmt: skip
+
+
+def test_rows_that_do_not_tell_their_dataset_have_no_command():
+    assert Command("d", "m", {"name": "sucre"}, 0).words() == []
+
+
+def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path, bench: Callable[..., Any]):
+    out = tmp_path / "first run"
+    base = ["dataset=toy", "metrics=[redness]", "metrics.redness.variants=[double]", "tracking.uri=off", f"out='{out}'"]
+    rows = sweep.run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
+    (dataset,) = Page(report.write(out, rows)).datasets
+    parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metric_words"]["redness:double"]]
+    said = shlex.split(" ".join(parts))
+    assert "--plugin" in said
+    done = bench(*said[1:], "tracking.uri=off", "report=false")
+    assert done.returncode == 0, done.stderr
+    again = results.read(tmp_path / "again")
+    keys = ["view", "method", "metric", "variant", "value", "options_id"]
+    wanted = rows[(rows["metric"] == "redness") & (rows["view"] == "v1.png")][keys]
+    pd.testing.assert_frame_equal(
+        again[again["metric"] == "redness"][keys].reset_index(drop=True), wanted.reset_index(drop=True)
+    )
+
+
+def test_every_score_that_is_in_the_rows_can_be_asked_for(tmp_path: Path):
+    (dataset,) = made(tmp_path).datasets
+    job = command.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metric_words"][""])], False).jobs[0]
+    asked = {(m.plugin.name, variant) for m in job.metrics for variant in m.variants}
+    rows = made_results(tmp_path)
+    assert asked == set(rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(index=False, name=None))
+    assert plugins.find("metric", "psnr")  # by their real names

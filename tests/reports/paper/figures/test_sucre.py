@@ -1,0 +1,219 @@
+"""The figures residuals, scaling and seams, against the rows and files that they are drawn from."""
+
+from __future__ import annotations
+
+import json
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from support.made_observations import made, parameters
+from support.made_scene import WATER
+
+from sucre_bench.errors import InputError, NotApplicableError
+from sucre_bench.methods.sucre.residuals import residuals
+from sucre_bench.methods.sucre.solvers import colours_for_water
+from sucre_bench.reports.paper import Study
+from sucre_bench.reports.paper.figures import residuals as residuals_figure
+from sucre_bench.reports.paper.figures import scaling, seams
+from sucre_bench.results.layout import Place
+from sucre_bench.results.restorations import told
+from sucre_bench.results.rows import Row, frame
+
+STUDY = Study("trial")
+WATER_ROWS = np.stack([WATER.veiling_light, WATER.attenuation, WATER.backscatter])
+
+
+def row(**about: Any) -> Row:
+    return Row(**{"dataset": "made", "scene": "s", "view": "a.png", "method": "m", "value": 1.0, **about})
+
+
+def keep(out: Path, row: Row, info: dict[str, Any], picture: np.ndarray | None = None) -> None:
+    """The files that a run keeps of a restoration."""
+    place = Place(row.dataset, Path(row.view).with_suffix(""))  # type: ignore[arg-type]
+    path = place.restored(out, row.method)
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.with_suffix(".json").write_text(json.dumps(info))
+    original = place.original(out)
+    original.parent.mkdir(parents=True, exist_ok=True)
+    if not original.exists():
+        original.write_bytes(b"")
+    if picture is not None:
+        cv2.imwrite(str(path), np.rint(picture[..., ::-1] * 255).astype(np.uint8))
+
+
+@pytest.fixture
+def fitted(tmp_path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
+    """One restoration of normal noise with what it leaves, and its row."""
+    observations, _ = made(3_000, noise=0.01)
+    J = colours_for_water(observations, parameters(WATER), None, "numpy", "cpu").J
+    left = residuals(observations, J, parameters(WATER))
+    info = {"n_observations": len(observations), "residuals": left} | dict(
+        zip(("B", "beta", "gamma"), WATER_ROWS.tolist(), strict=True)
+    )
+    keep(tmp_path, row(), info)
+    return frame([row()]), info
+
+
+def drawn(rows: pd.DataFrame, out: Path) -> dict[str, Any]:
+    return dict(residuals_figure.draw(rows, STUDY, out))
+
+
+def test_residuals_are_drawn_as_four_figures_of_three_channels(
+    fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
+) -> None:
+    figures = drawn(fitted[0], tmp_path)
+    assert list(figures) == [f"{what}-made-m-a" for what in ("histogram", "normal", "fits", "distance")]
+    for figure in figures.values():
+        assert [axis.get_title() for axis in figure.axes] == ["red", "green", "blue"]
+
+
+def test_the_histogram_holds_all_and_its_normal_curve_has_area_1(
+    fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
+) -> None:
+    axis = drawn(fitted[0], tmp_path)["histogram-made-m-a"].axes[1]
+    values, edges, _ = axis.patches[0].get_data()
+    assert (values * np.diff(edges)).sum() == pytest.approx(1)
+    x, y = axis.lines[0].get_data()
+    assert np.trapezoid(y, x) == pytest.approx(1, abs=1e-3)
+    assert x[np.argmax(y)] == pytest.approx(0, abs=1e-3)
+    assert y.max() == pytest.approx(1 / (0.01 * np.sqrt(2 * np.pi)), rel=0.05)
+
+
+def test_the_normal_plot_holds_the_quantiles_and_their_line(
+    fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
+) -> None:
+    rows, info = fitted
+    for c, axis in enumerate(drawn(rows, tmp_path)["normal-made-m-a"].axes):
+        line, points = axis.lines
+        np.testing.assert_array_equal(points.get_ydata(), info["residuals"]["normal"]["quantiles"][c])
+        x, y = line.get_data()
+        assert np.polyfit(x, y, 1)[0] == pytest.approx(0.01, rel=0.05)
+
+
+def test_the_density_has_residuals_upwards_and_fits_to_the_right(
+    fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
+) -> None:
+    rows, info = fitted
+    axis = drawn(rows, tmp_path)["fits-made-m-a"].axes[2]
+    known = info["residuals"]["against_fit"]["blue"]
+    (mesh,) = axis.collections
+    np.testing.assert_array_equal(mesh.get_array().filled(0), np.transpose(known["counts"]))
+    corners = mesh.get_coordinates()
+    assert corners[0, [0, -1], 0].tolist() == pytest.approx(known["fit"])
+    assert corners[[0, -1], 0, 1].tolist() == pytest.approx(known["residual"])
+
+
+def test_curves_over_distance_are_the_models(fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path) -> None:
+    axis = drawn(fitted[0], tmp_path)["distance-made-m-a"].axes[0]
+    dotted = [line for line in axis.lines if line.get_linestyle() == ":"]
+    B, beta, gamma = WATER_ROWS[:, 0]
+    assert len(dotted) == 6
+    for line in dotted:
+        z, I = line.get_data()  # noqa: E741
+        J = (I[0] - B * (1 - np.exp(-gamma * z[0]))) / np.exp(-beta * z[0])
+        np.testing.assert_allclose(I, J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), rtol=1e-9)
+
+
+def test_of_many_views_those_with_most_observations_are_drawn(
+    fitted: tuple[pd.DataFrame, dict[str, Any]], tmp_path: Path
+) -> None:
+    rows = [row(view=f"{k}.png") for k in range(4)]
+    for k, one in enumerate(rows):
+        keep(tmp_path, one, fitted[1] | {"n_observations": [5, 70, 6, 80][k]})
+    figures = drawn(frame(rows), tmp_path)
+    assert [name for name in figures if name.startswith("normal")] == ["normal-made-m-3", "normal-made-m-1"]
+
+
+@pytest.mark.parametrize("info", [{}, {"residuals": {"observations": 0, "single_share": 1.0}}])
+def test_without_residuals_the_figure_says_what_to_do(info: dict[str, Any], tmp_path: Path) -> None:
+    keep(tmp_path, row(), info)
+    with pytest.raises(NotApplicableError, match=r"method\.residuals=true"):
+        drawn(frame([row()]), tmp_path)
+
+
+def test_a_damaged_file_is_named(tmp_path: Path) -> None:
+    keep(tmp_path, row(), {})
+    (path,) = tmp_path.rglob("*.json")
+    path.write_text("{")
+    with pytest.raises(InputError, match=r"a\.json: cannot be read"):
+        told(row(), tmp_path)
+
+
+def timed(out: Path, n: float, seconds: float, **about: Any) -> list[Row]:
+    own = row(view=f"{n:.0f}.png", **about)
+    keep(out, own, {"stage_seconds": {"pair": 0.25 * seconds, "solve": 0.75 * seconds}})
+    counted = row(view=own.view, metric="observations", variant="all", **{**about, "value": n})
+    return [row(view=own.view, **{**about, "value": seconds}), counted]
+
+
+def test_a_line_of_seconds_over_observations_is_found() -> None:
+    n = np.geomspace(1e4, 1e7, 12)
+    a, b, error = scaling.line(n, (0.5 + 3e-6 * n) * np.tile([1.02, 0.98], 6))
+    assert (a, b) == pytest.approx((0.5, 3e-6), rel=0.05)
+    assert 0 < error < 0.05 * b
+
+
+def test_a_line_never_starts_below_zero() -> None:
+    n = np.geomspace(1e4, 1e6, 8)
+    a, b, _ = scaling.line(n, 1e-6 * n * (n / 1e6) ** 0.2)
+    assert a == 0
+    assert b > 0
+
+
+def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path) -> None:
+    n = np.geomspace(1e5, 4e6, 6)
+    rows = [r for k in n for r in timed(tmp_path, k, 0.1 + 2e-6 * k * (1 + 0.01 * np.sin(k)))]
+    ((suffix, figure),) = scaling.draw(frame(rows), STUDY, tmp_path)
+    assert suffix == ""
+    assert [axis.get_title() for axis in figure.axes] == ["whole restoration", "pairing", "solving"]
+    points = next(line for line in figure.axes[0].lines if line.get_linestyle() == "None")
+    np.testing.assert_allclose(np.sort(points.get_xdata()), np.sort(n))
+    np.testing.assert_allclose(figure.axes[2].lines[-1].get_ydata(), 0.75 * np.array(points.get_ydata()))
+    (label,) = [text.get_text() for text in figure.axes[0].get_legend().get_texts()]
+    assert label.startswith("m: 2 ± ")
+    assert label.endswith("s per million")
+
+
+def test_without_counts_scaling_says_what_is_missing(tmp_path: Path) -> None:
+    rows = frame([r for r in timed(tmp_path, 1e5, 1.0) if r.metric == "seconds"])
+    with pytest.raises(NotApplicableError, match="add the metric observations"):
+        list(scaling.draw(rows, STUDY, tmp_path))
+
+
+@pytest.fixture
+def stitched(tmp_path: Path) -> pd.DataFrame:
+    """A view, a method that leaves it alone, and one with an upright seam at two thirds of the width."""
+    rng = np.random.default_rng(0)
+    photograph = np.clip(0.4 + 0.1 * cv2.GaussianBlur(rng.standard_normal((120, 180, 3)), (0, 0), 3) * 10, 0.05, 0.8)
+    seam = photograph + (np.arange(180) >= 120)[None, :, None] * 0.15
+    rows = []
+    for method, picture, value in (("same", photograph, 0.0), ("seam", seam, 0.03)):
+        own = row(method=method, metric="seams", variant="visible", value=value)
+        keep(tmp_path, own, {}, picture)
+        rows.append(own)
+    original = Place("made", Path("a")).original(tmp_path)  # type: ignore[arg-type]
+    cv2.imwrite(str(original), np.rint(photograph[..., ::-1] * 255).astype(np.uint8))
+    return frame(rows)
+
+
+def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched: pd.DataFrame, tmp_path: Path) -> None:
+    ((suffix, figure),) = seams.draw(stitched, STUDY, tmp_path)
+    assert suffix == "made-a"
+    axes = np.array(figure.axes[:6]).reshape(3, 2)
+    assert [axis.get_title() for axis in axes[0]] == ["photograph\n", "seam\nseams 3.00%"]
+    (box,) = axes[0, 1].patches
+    assert box.get_x() < 120 < box.get_x() + box.get_width()
+    steps = axes[2, 1].images[0].get_array()
+    assert np.nanmax(steps[20:-20, 118:122]) > 0.1
+    assert np.nanmax(steps[20:-20, 20:90]) < 0.05
+
+
+def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
+    stitched: pd.DataFrame, tmp_path: Path
+) -> None:
+    with pytest.raises(NotApplicableError, match="seams"):
+        list(seams.draw(stitched[stitched["method"] == "same"], STUDY, tmp_path))

@@ -1,0 +1,1 @@
+"""What several tests need: made scenes and folders, a browser, a cluster, places."""
