@@ -16,7 +16,17 @@ __version__ = "0.1.0"
 
 # Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
 _HOME = {
-    "sucre_bench.engine.one_view": ("load_scenes", "restore", "score"),
+    "sucre_bench.engine.one_view": (
+        "Restored",
+        "list_datasets",
+        "list_experiments",
+        "list_methods",
+        "list_metrics",
+        "load_scenes",
+        "restore",
+        "score",
+    ),
+    "sucre_bench.results.wide": ("wide",),
     "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
     "sucre_bench.programs.contract": ("breaches",),
@@ -33,6 +43,11 @@ if TYPE_CHECKING:
     from sucre_bench.camera import Camera as Camera
     from sucre_bench.degrade import Degradation as Degradation
     from sucre_bench.degrade import degraded as degraded
+    from sucre_bench.engine.one_view import Restored as Restored
+    from sucre_bench.engine.one_view import list_datasets as list_datasets
+    from sucre_bench.engine.one_view import list_experiments as list_experiments
+    from sucre_bench.engine.one_view import list_methods as list_methods
+    from sucre_bench.engine.one_view import list_metrics as list_metrics
     from sucre_bench.engine.one_view import load_scenes as load_scenes
     from sucre_bench.engine.one_view import restore as restore
     from sucre_bench.engine.one_view import score as score
@@ -47,6 +62,7 @@ if TYPE_CHECKING:
     from sucre_bench.plugins.decorators import metric as metric
     from sucre_bench.plugins.registry import load_file as load_file
     from sucre_bench.programs.contract import breaches as breaches
+    from sucre_bench.results.wide import wide as wide
     from sucre_bench.scene import Arrays as Arrays
     from sucre_bench.scene import Chart as Chart
     from sucre_bench.scene import Pixels as Pixels
@@ -55,6 +71,10 @@ if TYPE_CHECKING:
     from sucre_bench.scene import Score as Score
     from sucre_bench.scene import View as View
     from sucre_bench.scene import Water as Water
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)
 
 
 def __getattr__(name: str) -> Any:

@@ -74,6 +74,10 @@ class Camera:
     """A pinhole camera without distortion.
 
     K: (3, 3) float64 intrinsic matrix in pixels, pixel centres at +0.5; width, height: image size in pixels.
+
+    >>> camera = Camera(np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), 640, 480)
+    >>> pixel_rays(camera)[240, 320].tolist()  # the pixel right and below the principal point
+    [0.0010000000474974513, 0.0010000000474974513, 1.0]
     """
 
     K: Array

@@ -1,4 +1,4 @@
-"""What can go wrong for a user. A message reads ``place: fault; remedy`` and fits on one line."""
+"""The errors that a user meets. A message is one line: ``place: fault; remedy``."""
 
 from __future__ import annotations
 
@@ -19,35 +19,65 @@ __all__ = [
 
 
 class SucreBenchError(Exception):
-    """The base of every error that is the user's to mend; the command line prints it as one line."""
+    """The base of every error that the user can mend; the command line prints it as one line.
+
+    >>> issubclass(InputError, SucreBenchError)
+    True
+    """
 
 
 class InputError(SucreBenchError):
-    """A file, folder, option or name that was given is wrong."""
+    """A file, folder, option or name is wrong.
+
+    >>> import sucre_bench as sb
+    >>> try:
+    ...     next(sb.load_scenes("demmo"))
+    ... except sb.InputError as fault:
+    ...     print("did you mean 'demo'" in str(fault))
+    True
+    """
 
 
 class OutputError(SucreBenchError):
-    """Results cannot be written: nothing can go on, and nothing that was written is harmed."""
+    """Results cannot be written. The command stops; what was written before stays whole."""
 
 
 class PluginError(SucreBenchError):
-    """A method, dataset or metric does not import, or does not keep its side of the contract."""
+    """A plugin does not import, or breaks the contract.
+
+    >>> import sucre_bench as sb
+    >>> try:
+    ...     sb.load_file("no_such_plugin.py")
+    ... except sb.PluginError as fault:
+    ...     print(str(fault).endswith("give the path of a .py file"))
+    True
+    """
 
 
 class SolveError(SucreBenchError):
-    """An estimation has no meaningful answer on this input."""
+    """An estimation has no meaningful answer on this input.
+
+    >>> raise SolveError("a.png: no pixel has two observations; add views")
+    Traceback (most recent call last):
+    sucre_bench.errors.SolveError: a.png: no pixel has two observations; add views
+    """
 
 
 class NotApplicableError(SolveError):
-    """A method has nothing to say about a view, and nothing is wrong: the view is skipped, with the reason."""
+    """A method does not apply to a view, and nothing is wrong: the view is skipped, with this reason.
+
+    >>> raise NotApplicableError("a.png: has no depth; run `sucre-bench prepare`")
+    Traceback (most recent call last):
+    sucre_bench.errors.NotApplicableError: a.png: has no depth; run `sucre-bench prepare`
+    """
 
 
-# What foreign code may do to us: sys.exit in a plugin must not end the bench, Ctrl-C must.
+# What a plugin may raise: its sys.exit must not end the bench, Ctrl-C must.
 ANY_FAULT = (Exception, SystemExit)
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return ``"did you mean 'x'? "`` when a known name is near, and always what there is."""
+    """Return "did you mean 'x'? " if a known name is near, and in any case the known names."""
     names = sorted(known)
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
@@ -55,7 +85,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def one_line(fault: BaseException) -> str:
-    """Return an exception as one line: our own as they are, others with their type."""
+    """Return an exception as one line: its text, with its type in front unless it is one of ours."""
     text = " ".join(str(fault).split())
     if isinstance(fault, SucreBenchError):
         return text

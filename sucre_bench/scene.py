@@ -39,12 +39,24 @@ class Water:
 
     veiling_light: (3,) B, in image intensity; attenuation: (3,) beta, 1/m; backscatter: (3,) gamma, 1/m. RGB; NaN for
     what a method does not estimate. encoding: of the intensities that it explains; None where those are the view's.
+
+    >>> Water(np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13]))
+    Water           red   green    blue
+      B           0.060   0.220   0.300
+      beta 1/m    0.420   0.140   0.100
+      gamma 1/m   0.300   0.170   0.130
     """
 
     veiling_light: Array
     attenuation: Array
     backscatter: Array
     encoding: Encoding | None = None
+
+    def __repr__(self) -> str:
+        named = {"B": self.veiling_light, "beta 1/m": self.attenuation, "gamma 1/m": self.backscatter}
+        lines = ["Water           red   green    blue"]
+        lines += [f"  {name:9}" + "".join(f"{value:8.3f}".rjust(8) for value in row) for name, row in named.items()]
+        return "\n".join(lines + ([f"  of {self.encoding} intensities"] if self.encoding else []))
 
 
 @dataclass(frozen=True, eq=False)
@@ -55,6 +67,9 @@ class Chart:
     kind: the layout and reference colours: "dgk", "colorchecker24", "colorchecker_sg", or the path of a CSV file;
     corners: (4, 2) float64 pixels, the chart's frame: top left, top right, bottom right, bottom left,
     as the chart is read (not as it lies in the image).
+
+    >>> Chart("near", "dgk", np.array([[10, 10], [90, 10], [90, 60], [10, 60]])).name
+    'near'
     """
 
     name: str
@@ -63,7 +78,14 @@ class Chart:
 
 
 class Pixels(Protocol):
-    """Where a view's pixels come from; asked only when they are needed."""
+    """Where a view's pixels come from; asked only when they are needed.
+
+    >>> class Black:
+    ...     def load(self, plane):
+    ...         return np.zeros((48, 64, 3), np.float32) if plane == "rgb" else None
+    >>> View("black.png", Black()).rgb.shape
+    (48, 64, 3)
+    """
 
     def load(self, plane: Plane) -> Array | None:
         """Return "rgb" (H, W, 3), "depth" (H, W) metres or "reference" (H, W, 3), float32; None if there is none.
@@ -75,7 +97,11 @@ class Pixels(Protocol):
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """Pixels already in memory: rgb (H, W, 3) in [0, 1]; optional depth (H, W) metres; optional reference (H, W, 3)."""
+    """Pixels already in memory: rgb (H, W, 3) in [0, 1]; optional depth (H, W) metres; optional reference (H, W, 3).
+
+    >>> View("a.png", Arrays(np.full((48, 64, 3), 0.5))).rgb.dtype
+    dtype('float32')
+    """
 
     rgb: Array
     depth: Array | None = None
@@ -96,6 +122,12 @@ class View:
     charts: the colour charts seen in it; encoding: of rgb and reference, "gamma" (sRGB-like) or "linear".
 
     The image planes below are float32, read-only, decoded when asked for and kept only for a while.
+
+    >>> view = View("a.png", Arrays(np.zeros((48, 64, 3)), depth=np.ones((48, 64))))
+    >>> view
+    View 'a.png': gamma-encoded, no camera, no pose, no charts
+    >>> bool(view.valid.all())
+    True
     """
 
     name: str
@@ -104,6 +136,12 @@ class View:
     cam_from_world: Array | None = None
     charts: Sequence[Chart] = ()
     encoding: Encoding = "gamma"
+
+    def __repr__(self) -> str:  # of what is known without decoding a file
+        size = f"{self.camera.width}x{self.camera.height} pixels" if self.camera else "no camera"
+        pose = "a pose" if self.cam_from_world is not None else "no pose"
+        charts = f"charts {', '.join(chart.name for chart in self.charts)}" if self.charts else "no charts"
+        return f"View '{self.name}': {self.encoding}-encoded, {size}, {pose}, {charts}"
 
     @property
     def rgb(self) -> Array:
@@ -164,6 +202,16 @@ class Scene:
     name: unique in its dataset; views: in capture order; water: the true water, where known;
     has: what the scene offers, of "depth", "poses", "reference", "charts", "truth" (at least one view has it);
     data_id: a short hash of the data, equal exactly where the data are equal.
+
+    A scene is a sequence of views, and finds one by its name too:
+
+    >>> views = [View(name, Arrays(np.zeros((48, 64, 3)))) for name in ("a.png", "b.png")]
+    >>> scene = Scene("reef", views, frozenset())
+    >>> scene
+    Scene 'reef': 2 views, a.png to b.png
+      has only images
+    >>> scene[0] is scene["a.png"]
+    True
     """
 
     name: str
@@ -172,7 +220,20 @@ class Scene:
     water: Water | None = None
     data_id: str = ""
 
-    def __getitem__(self, name: str) -> View:
+    def __repr__(self) -> str:
+        names = [view.name for view in self.views]
+        span = f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
+        lines = [f"Scene '{self.name}': {len(names)} view{'' if len(names) == 1 else 's'}{span}"]
+        lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")
+        return "\n".join(lines + ([repr(self.water)] if self.water else []))
+
+    def __getitem__(self, name: str | int) -> View:
+        """Return a view by its name, or by its place (from 0; negative from the end).
+
+        Raises InputError for a name that no view has, IndexError for a place beyond the last.
+        """
+        if isinstance(name, int):
+            return self.views[name]
         for view in self.views:
             if view.name == name:
                 return view
@@ -202,12 +263,25 @@ class Restoration:
     image: (H, W, 3) float in the view's encoding; may leave [0, 1]; NaN where the method gives no colour;
     water: as estimated; confidence: (H, W), posterior standard deviation or the method's own measure;
     info: anything worth keeping: cost, iterations, "device".
+
+    >>> image = np.full((48, 64, 3), 0.5)
+    >>> image[:24] = np.nan
+    >>> Restoration(image)
+    Restoration: 64x48 pixels, 50 % with colour, values 0.5 to 0.5
     """
 
     image: Array
     water: Water | None = None
     confidence: Array | None = None
     info: dict[str, Any] = field(default_factory=dict)
+
+    def __repr__(self) -> str:
+        height, width = self.image.shape[:2]
+        valid = self.valid
+        values = self.image[valid]
+        span = f", values {values.min():.3g} to {values.max():.3g}" if values.size else ""
+        line = f"{type(self).__name__}: {width}x{height} pixels, {100 * valid.mean():.0f} % with colour{span}"
+        return "\n".join([line, *([repr(self.water)] if self.water else [])])
 
     @property
     def valid(self) -> Mask:
@@ -221,6 +295,9 @@ class Score:
 
     region: "image", a chart's name, or "<chart>/<patch>"; n_pixels: how many pixels it is made of;
     coverage: the share of the region's pixels that it is made of, 0 to 1.
+
+    >>> Score(0.93, region="near/red", n_pixels=120)
+    Score(value=0.93, region='near/red', n_pixels=120, coverage=1.0)
     """
 
     value: float

@@ -19,6 +19,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.made import MadeScene
 from sucre_bench.datasets.demo.water import LAMP
 from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Chart
 
@@ -54,18 +55,12 @@ def write(made: MadeScene, folder: Path) -> None:
     for kind in ("images", "reference", "depths", "sparse"):
         (folder / kind).mkdir(parents=True)
     for i, name in enumerate(track(made.names, "writing the demo scene")):
-        _write_png(folder / "images" / name, made.rgb[i][..., ::-1])
-        _write_png(folder / "reference" / name, to_8bit(made.reference[i])[..., ::-1])
-        _write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
+        write_png(folder / "images" / name, made.rgb[i][..., ::-1])
+        write_png(folder / "reference" / name, to_8bit(made.reference[i])[..., ::-1])
+        write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
     _write_model(made, folder / "sparse")
     _write_json(folder / "charts.json", {"images": dict(zip(made.names, map(_charts, made.charts), strict=True))})
     _write_json(folder / _LAST, _water(made))
-
-
-def _write_png(path: Path, picture: np.ndarray) -> None:
-    import cv2
-
-    path.write_bytes(cv2.imencode(".png", picture)[1].tobytes())  # unlike cv2.imwrite, this raises when it fails
 
 
 def _write_json(path: Path, content: Any) -> None:

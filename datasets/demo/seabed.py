@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
@@ -11,6 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.noise import Grid, Noise, smoothstep
 from sucre_bench.datasets.demo.terrain import Terrain
 from sucre_bench.datasets.demo.texture import Texture, make_texture
+from sucre_bench.machine.cores import usable_cores
 
 __all__ = ["paint_seabed"]
 
@@ -32,7 +32,7 @@ def paint_seabed(terrain: Terrain, noise: Noise, grid: Grid) -> Texture:
     """
     shade = _shade(terrain)
     bands = list(grid.bands(_BAND_ROWS))
-    with ThreadPoolExecutor(os.cpu_count()) as pool:
+    with ThreadPoolExecutor(usable_cores()) as pool:
         painted = list(pool.map(lambda band: _paint(terrain, shade, noise, band), bands))
     return make_texture(np.concatenate(painted), grid.cell, np.array([grid.x0, grid.y0]), np.eye(2, 3))
 

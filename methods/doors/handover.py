@@ -13,6 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import converted
+from sucre_bench.imaging.image_files import write_png
 from sucre_bench.methods.doors.pattern import inside
 from sucre_bench.methods.doors.picture import FileEncoding, encoding_of
 from sucre_bench.scene import View
@@ -63,7 +64,7 @@ class Handover:
             image = converted(view.rgb, view.encoding, encoding_of(self.encoding, view))
             levels = 2**self.bits - 1
             rounded = (image.clip(0, 1) * levels + 0.5).astype(np.uint8 if self.bits == 8 else np.uint16)
-            _write_png(paths["input"], rounded[..., ::-1])
+            write_png(paths["input"], rounded[..., ::-1])
         if "depth" in self.planes:
             self._write_depth(paths["depth"], view.depth, view.name)
         if "distance" in self.planes:
@@ -85,12 +86,4 @@ class Handover:
             fault = f"depth up to {depth.max():.1f} m does not fit into 16-bit millimetres"
             raise InputError(f"{name}: {fault}; give method.depth_format=npy or tif")
         else:
-            _write_png(path, (depth * 1000 + 0.5).astype(np.uint16))
-
-
-def _write_png(path: Path, values: np.ndarray) -> None:
-    import cv2
-
-    written, encoded = cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, 1])  # it is read once
-    assert written
-    path.write_bytes(encoded.tobytes())
+            write_png(path, (depth * 1000 + 0.5).astype(np.uint16))

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import math
 import shutil
 import textwrap
 from dataclasses import MISSING
@@ -14,7 +13,7 @@ import click
 from sucre_bench import plugins
 from sucre_bench.commands.common import json_option, load_plugins, plugin_option
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.schema import CONF_FOLDER
+from sucre_bench.jobs.catalogue import entries, entry, option_entry, presets
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
@@ -46,22 +45,22 @@ def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
 def _as_json(what: str) -> str:
     """Everything that is known of each plugin, or the experiments, as a JSON array."""
     if what == "degradations":
-        return json.dumps({o.name: _option(o) for o in options_of(Degradation)}, indent=1)
+        return json.dumps({o.name: option_entry(o) for o in options_of(Degradation)}, indent=1)
     if what == "experiments":
-        return json.dumps(_configured("experiment"), indent=1)
+        return json.dumps(presets("experiment"), indent=1)
     kind = _kind(what)
-    return json.dumps([*map(_about, plugins.discover(kind).values()), *_configured(kind)], indent=1)
+    return json.dumps(entries(kind), indent=1)
 
 
 def _as_text(what: str, colour: bool) -> str:
     """Each with its needs, licence, options and whether it can run here, wrapped to the terminal."""
     if what == "experiments":
-        return "\n".join(f"{e['name']}  {e['description']}" for e in _configured("experiment"))
+        return "\n".join(f"{e['name']}  {e['description']}" for e in presets("experiment"))
     if what == "degradations":
         return "\n".join(line for option in options_of(Degradation) for line in _option_lines(option))
     kind = _kind(what)
     entries = [_entry(plugin, colour) for plugin in plugins.discover(kind).values()]
-    for told in _configured(kind):
+    for told in presets(kind):
         entries.append("\n".join([_styled(told["name"], colour, bold=True), *_wrapped("", told["description"])]))
     if what == "metrics":
         entries.append("metric:variant, * computed unless others are asked for")
@@ -71,7 +70,7 @@ def _as_text(what: str, colour: bool) -> str:
 def _entry(plugin: Plugin | Broken, colour: bool) -> str:
     if isinstance(plugin, Broken):
         return _styled(f"{plugin.name}  cannot be used: {plugin.reason}", colour, fg="red")
-    about, lines = _about(plugin), [_styled(plugin.name, colour, bold=True)]
+    about, lines = entry(plugin), [_styled(plugin.name, colour, bold=True)]
     if about["install"]:
         lines[0] += _styled(f"  not installed: {about['install']}", colour, fg="red")
     lines += _wrapped("", plugin.summary)
@@ -112,48 +111,3 @@ def _plain_default(value: Any) -> str:
 
 def _kind(what: str) -> Kind:
     return next(kind for kind in plugins.KINDS if what == f"{kind}s")
-
-
-def _about(plugin: Plugin | Broken) -> dict[str, Any]:
-    if isinstance(plugin, Broken):
-        return {"name": plugin.name, "broken": plugin.reason}
-    about: dict[str, Any] = {
-        "name": plugin.name,
-        "description": plugin.summary,
-        "needs": sorted(plugin.needs),
-        "has": sorted(plugin.has),
-        "source": plugin.source,
-        "licence": plugin.licence,
-        "cites": plugin.cites,
-        "options": {o.name: _option(o) for o in options_of(plugin.cls)},
-        "installed": not plugins.missing_packages(plugin),
-        "install": plugins.missing_packages(plugin),
-        "variants": dict(plugin.variants),
-    }
-    if plugin.kind == "method":
-        about["display"] = plugin.display
-    if plugin.kind == "metric":
-        low, high = (x if math.isfinite(x) else None for x in plugin.range)
-        about |= {"unit": plugin.unit, "better": plugin.better, "range": [low, high], "default": list(plugin.default)}
-    return about
-
-
-def _option(option: Option) -> dict[str, Any]:
-    default = "must be given" if option.default is MISSING else option.default
-    about: dict[str, Any] = {"default": default if isinstance(default, (int, float, str, bool)) else _text(default)}
-    if option.is_closed:
-        about["choices"] = list(option.choices)
-    return about | ({"help": option.help} if option.help else {})
-
-
-def _text(value: Any) -> str | None:
-    return None if value is None else str(value)
-
-
-def _configured(group: str) -> list[dict[str, str]]:
-    """What a file of conf/ chooses: experiments, methods with options set. Its first comment says what it is."""
-    found = []
-    for path in sorted((CONF_FOLDER / group).glob("*.yaml")):
-        said = [line[1:].strip() for line in path.read_text(encoding="utf-8").splitlines() if line.startswith("#")]
-        found.append({"name": path.stem, "description": next((s for s in said if not s.startswith("@")), "")})
-    return found

@@ -30,11 +30,18 @@ __all__ = ["Degradation", "around", "degraded", "degraded_whole"]
 
 
 def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
-    """Return a scene with a degradation, or with the options of one; pixels are degraded when they are loaded.
+    """Return a scene with a degradation applied; pixels are degraded when they are loaded.
 
-    target: the view that is to be restored, by name; `within` and `keep` choose the views around it, and need it.
-    To degrade a scene twice at random, give another seed. Raises InputError for an unknown option, a value that is
-    none, a missing target, or a scene that lacks what is to be degraded.
+    options: those of a `Degradation`, in place of one; target: the name of the view to restore, which `within` and
+    `keep` need to choose the views around it. Another seed gives other random draws.
+    Raises InputError for an unknown option, a value out of range, a missing target, or a scene that lacks what is to
+    be degraded.
+
+    >>> import numpy as np
+    >>> from sucre_bench.scene import Arrays, View
+    >>> scene = Scene("reef", [View("a.png", Arrays(np.full((48, 64, 3), 0.5)))], frozenset())
+    >>> bool(degraded(scene, noise=0.02)[0].rgb.std() > 0.01)
+    True
     """
     if degradation is not None and options:
         raise InputError(f"degraded: options {', '.join(options)} beside a Degradation; give them when making it")

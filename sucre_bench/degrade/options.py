@@ -47,7 +47,11 @@ _OF = {"depth_noise_px": ("depth_noise",), "depth_hole_px": ("depth_holes",), "s
 
 @dataclass(frozen=True)
 class Degradation:
-    """What is done to a dataset; nothing by default."""
+    """How a dataset is made worse; by default it is not.
+
+    >>> Degradation(noise=0.02, jpeg_quality=50).noise
+    0.02
+    """
 
     within: int | None = None
     """Only views at most so many frames before or after the target, in capture order."""

@@ -1,42 +1,114 @@
-"""The bench from Python: load scenes, restore a view, score the result."""
+"""The bench from Python: load scenes, restore a view, score the restoration, list what there is."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, fields
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import Array
 from sucre_bench.engine.restore import measured_restore
 from sucre_bench.engine.score import score_rows
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_files import SUFFIXES, write_image
+from sucre_bench.jobs import catalogue
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import create
-from sucre_bench.results.restorations import Measured
-from sucre_bench.scene import Restoration, Scene, View
+from sucre_bench.results.restorations import Measured, write_arrays
+from sucre_bench.scene import Encoding, Restoration, Scene, View
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["load_scenes", "restore", "score"]
+__all__ = [
+    "Restored",
+    "list_datasets",
+    "list_experiments",
+    "list_methods",
+    "list_metrics",
+    "load_scenes",
+    "restore",
+    "score",
+]
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Restored(Restoration):
+    """A restoration by `restore`, which knows how it is shown.
+
+    display: the name of the normalisation that makes the restored image of it; encoding: the view's.
+
+    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> restore("stitching", scene, 0).display
+    'stretch-1-99'
+    """
+
+    display: str = "none"
+    encoding: Encoding = "gamma"
+
+    @property
+    def shown(self) -> Array:
+        """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = a hole: the restored image that is scored and saved."""
+        return display(self.image, self.display, self.encoding)
+
+    def save(self, path: str | Path) -> None:
+        """Write the restored image with 8 bits, holes black; as .npz the arrays: image (H, W, 3), B, beta, gamma.
+
+        Raises InputError for a suffix that is neither an image's nor .npz, OutputError if the file cannot be written.
+        """
+        path = Path(path)
+        if path.suffix.lower() == ".npz":
+            write_arrays(path, self)
+        elif path.suffix.lower() in SUFFIXES:
+            write_image(path, to_8bit(self.shown)[..., ::-1])
+        else:
+            raise InputError(f"{path}: cannot be written as '{path.suffix}'; end it in .npz or {', '.join(SUFFIXES)}")
+
+    def show(self) -> None:
+        """Show the restored image: in the notebook, or else with the system's viewer."""
+        from PIL import Image
+
+        picture = Image.fromarray(to_8bit(self.shown))
+        try:
+            from IPython import get_ipython
+            from IPython.display import display as display_in_notebook
+        except ImportError:
+            get_ipython = None
+        if get_ipython is not None and get_ipython() is not None:
+            display_in_notebook(picture)
+        else:
+            picture.show()
 
 
 def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
     """Yield the scenes of a dataset. options: as in Hydra, e.g. root="dive/".
 
     Raises InputError for an unknown name or option, and for data that are not as expected.
+
+    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> len(scene)
+    2
     """
     yield from create(plugins.find("dataset", name), options).scenes()
 
 
-def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Restoration:
-    """Restore a view. method: a name with its options, or a method object.
+def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
+    """Restore a view. method: a name with its options, or a method object; view: a view, its name, or its place.
 
     `info` of the result also says how it came about: method, options, display, seconds, peak_mb.
-    Raises InputError where the scene lacks what the method needs, PluginError for a result that breaks the contract,
-    SolveError where an estimation has no answer, of that NotApplicableError where the method has nothing to say.
+    Raises InputError if the scene lacks what the method needs or has no such view, PluginError for a result that
+    breaks the contract, SolveError if an estimation has no answer, NotApplicableError (a SolveError) if the method
+    does not apply to the view.
+
+    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> result = restore("gray_world", scene, 0)
+    >>> result.shown.shape
+    (120, 160, 3)
     """
     if isinstance(method, str):
         method = create(plugins.find("method", method), options)
@@ -45,6 +117,7 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
     plugin: plugins.Plugin = method.__plugin__
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
+    view = view if isinstance(view, View) else scene[view]
     measured = measured_restore(method, scene, view)
     about = {
         "method": plugin.name,
@@ -57,7 +130,8 @@ def restore(method: str | Any, scene: Scene, view: View, **options: Any) -> Rest
         "code": source_hash(plugin),
     }
     restoration = measured.restoration
-    return replace(restoration, info={**restoration.info, **about})
+    known = {field.name: getattr(restoration, field.name) for field in fields(Restoration)}
+    return Restored(**{**known, "info": {**restoration.info, **about}}, display=plugin.display, encoding=view.encoding)
 
 
 def score(
@@ -66,7 +140,13 @@ def score(
     """Score a restoration: the long table's columns (`sucre_bench.results.rows.Row`), a row a score.
 
     metrics: "name", "name:variant" or "name:all"; how: the display normalisation, default the method's own.
-    A metric the view cannot give is a row with status "skipped" and the reason.
+    A metric the view cannot give is a row with status "skipped" and the reason. `sucre_bench.wide` makes a table with
+    a column a metric of the rows.
+
+    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> rows = score(restore("gray_world", scene, 0), scene[0], metrics=["psnr", "uciqe"])
+    >>> sorted(set(rows["metric"]) & {"psnr", "uciqe"})
+    ['psnr', 'uciqe']
     """
     info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
     how = how or info.get("display", "none")
@@ -90,3 +170,50 @@ def score(
     )
     measured = Measured(result, base.seconds, base.peak_mb)
     return results.frame(score_rows(measured, shown, view, metric_choices(metrics), base))
+
+
+def list_methods() -> pd.DataFrame:
+    """Return the methods by name: what each does, what it needs, whether it is installed.
+
+    >>> list_methods().loc["gray_world", "needs"]
+    []
+    """
+    return _table("method", "needs")
+
+
+def list_datasets() -> pd.DataFrame:
+    """Return the datasets by name: what each holds, what its scenes may offer, where to get it.
+
+    >>> "depth" in list_datasets().loc["demo", "has"]
+    True
+    """
+    return _table("dataset", "has", "source")
+
+
+def list_metrics() -> pd.DataFrame:
+    """Return the metrics by name: what each measures, its unit, which way is better, its variants.
+
+    >>> list_metrics().loc["psnr", "better"]
+    'higher'
+    """
+    return _table("metric", "needs", "unit", "better", "variants")
+
+
+def list_experiments() -> pd.DataFrame:
+    """Return the experiments by name, with what each does.
+
+    >>> "demo" in list_experiments().index
+    True
+    """
+    import pandas as pd
+
+    return pd.DataFrame(catalogue.presets("experiment")).set_index("name")
+
+
+def _table(kind: plugins.Kind, *columns: str) -> pd.DataFrame:
+    import pandas as pd
+
+    known = [entry for entry in catalogue.entries(kind) if "installed" in entry]
+    table = pd.DataFrame(known).set_index("name")
+    table["variants"] = [list(variants) for variants in table["variants"]]
+    return table[["description", *columns, "installed"]]

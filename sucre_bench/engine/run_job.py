@@ -21,7 +21,7 @@ from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.multiview.cache import sharing
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.results.layout import file_name, log_path, pairs_path
-from sucre_bench.results.restorations import Measured, keep, keep_whole, kept_whole
+from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
 
@@ -89,11 +89,11 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
         if "depth" in job.method.plugin.needs and not view.has_depth:
             return [without(task.base, "skipped", f"{view.name} has no depth map")]
         whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
-        if job.overwrite != "always" and (kept := kept_whole(whole, task.base)):
+        if job.overwrite != "always" and (kept := read_full(whole, task.base)):
             return _scored(job, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
         measured = measured_restore(method, scene, view)
         if job.save == "full":
-            keep_whole(whole, measured, task.base)
+            write_full(whole, measured, task.base)
         else:
             whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
         return _scored(job, task, measured)
@@ -109,7 +109,7 @@ def _scored(job: Job, task: Task, measured: Measured) -> list[Row]:
     """Keep the picture, and score it."""
     restoration, view = measured.restoration, task.view
     shown = display(restoration.image, job.method.display, view.encoding)
-    keep(job.out, task.place, job.method.label, view, restoration, shown)
+    write_pictures(job.out, task.place, job.method.label, view, restoration, shown)
     base = replace(
         task.base,
         seconds=measured.seconds,

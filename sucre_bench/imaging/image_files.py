@@ -15,7 +15,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["SUFFIXES", "decode", "image_size", "read_rgb", "same_shape", "write_png"]
+__all__ = ["SUFFIXES", "decode", "encode_png", "image_size", "read_rgb", "same_shape", "write_image", "write_png"]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
 
@@ -87,8 +87,23 @@ def decode(path: Path, flags: int) -> np.ndarray:
     return np.asarray(decoded)
 
 
-def write_png(path: Path, values: npt.NDArray[Any]) -> None:
-    """Write gray or BGR values, 8 or 16 bit."""
+def encode_png(values: npt.NDArray[Any], compression: int = 3) -> bytes:
+    """Return gray, BGR or BGRA values, 8 or 16 bit, as a PNG file. compression: 0 (fast) to 9 (small)."""
     import cv2
 
-    write_atomically(path, cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, 3])[1].tobytes())
+    return bytes(cv2.imencode(".png", values, [cv2.IMWRITE_PNG_COMPRESSION, compression])[1])
+
+
+def write_png(path: Path, values: npt.NDArray[Any], compression: int = 3) -> None:
+    """Write gray, BGR or BGRA values, 8 or 16 bit. compression: 0 (fast) to 9 (small).
+
+    Raises OutputError if the file cannot be written.
+    """
+    write_atomically(path, encode_png(values, compression))
+
+
+def write_image(path: Path, values: npt.NDArray[Any]) -> None:
+    """Write gray or BGR values, 8 bit, in the format of the path's suffix, see `SUFFIXES`."""
+    import cv2
+
+    write_atomically(path, bytes(cv2.imencode(path.suffix, values)[1]))

@@ -1,7 +1,7 @@
-"""Progress that any plugin may report, and the command line may show.
+"""Progress that a plugin reports and the command line shows.
 
-``for x in track(items, "pairing")`` costs nothing unless somebody is watching: the command line installs a
-watcher, a library user or a test has none.
+``for x in track(items, "pairing")`` costs nothing without a watcher. The command line installs one; a script or a test
+has none.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ T = TypeVar("T")
 
 
 class Watcher(Protocol):
-    """Shows progress: `started` begins a line of work, `advanced` moves it on, `finished` ends it; `said` is text."""
+    """Shows progress: `started` begins a line, `advanced` moves it on, `finished` ends it, `said` prints text."""
 
     def started(self, what: str, total: int | None) -> int: ...
     def advanced(self, line: int) -> None: ...
@@ -31,7 +31,7 @@ _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
 
 @contextmanager
 def watched_by(watcher: Watcher) -> Iterator[None]:
-    """Show the progress of everything inside."""
+    """Show the progress of the work in this block."""
     token = _watcher.set(watcher)
     try:
         yield
@@ -40,12 +40,12 @@ def watched_by(watcher: Watcher) -> Iterator[None]:
 
 
 def is_watched() -> bool:
-    """Whether somebody is watching."""
+    """Whether progress is shown."""
     return _watcher.get() is not None
 
 
 def say(text: str) -> None:
-    """Tell whoever is watching, at once."""
+    """Print a line at once, if progress is shown."""
     watcher = _watcher.get()
     if watcher is not None:
         watcher.said(text)
@@ -53,7 +53,7 @@ def say(text: str) -> None:
 
 @contextmanager
 def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
-    """Show a line of work inside this block; call what it gives for each step that is done."""
+    """Show a line of work during this block. Call the function it yields once for each step done."""
     watcher = _watcher.get()
     if watcher is None:
         yield lambda: None
@@ -66,7 +66,11 @@ def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
 
 
 def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items, reporting each one that is done. what: a word or two; total: when items has no len()."""
+    """Yield the items and report each that is done. what: a word or two; total: needed if items has no len().
+
+    >>> list(track([1, 2, 3], "counting"))
+    [1, 2, 3]
+    """
     with line(what, len(items) if isinstance(items, Sized) else total) as step:
         for item in items:
             yield item

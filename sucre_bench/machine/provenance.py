@@ -5,12 +5,13 @@ from __future__ import annotations
 import functools
 import importlib.metadata
 import json
-import os
 import platform
 import subprocess
 import sys
 from pathlib import Path
 from typing import Any
+
+from sucre_bench.machine.cores import usable_cores
 
 __all__ = ["PACKAGES", "distribution_of", "environment", "gpu", "read", "source_commit", "version_of", "write"]
 
@@ -57,7 +58,7 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
         "machine": {
             "system": platform.platform(),
             "processor": _processor(),
-            "cores": len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count(),
+            "cores": usable_cores(),
             "memory_gb": _memory_gb(),
             "gpu": gpu(),
         },

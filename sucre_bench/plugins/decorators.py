@@ -51,6 +51,20 @@ def method(
     encoding: "gamma" when it assumes gamma-encoded intensities: it then gets a linear view encoded (sRGB), and what it
     returns is decoded again; reads: options that name a file, a folder or another method that its results rest on, e.g.
     weights: when that changes, views are restored again.
+
+    >>> from dataclasses import dataclass
+    >>> import numpy as np
+    >>> import sucre_bench as sb
+    >>> @sb.method(cites="nobody")
+    ... @dataclass(frozen=True)
+    ... class LessBlue:
+    ...     '''Scale the blue channel.'''
+    ...     factor: float = 0.5
+    ...     def restore(self, scene, view):
+    ...         return sb.Restoration(view.rgb * np.float32([1, 1, self.factor]))
+    >>> view = sb.View("a.png", sb.Arrays(np.full((48, 64, 3), 0.4)))
+    >>> sb.restore(LessBlue(0.25), sb.Scene("reef", [view], frozenset()), "a.png").image[0, 0].tolist()
+    [0.4000000059604645, 0.4000000059604645, 0.10000000149011612]
     """
     check_display(display)
     needs = frozenset(needs)
@@ -71,8 +85,23 @@ def dataset(
 ) -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``scenes()`` a dataset.
 
-    licence: of the data; source: where to get them, and how large they are; has: what its scenes may offer, of "depth",
-    "poses", "reference", "charts", "truth".
+    name: default the class's in snake_case; requires: import names of packages it uses when it runs; cites: the
+    publication; licence: of the data; source: where to get the data, and their size; has: what its scenes may offer, of
+    "depth", "poses", "reference", "charts", "truth".
+
+    >>> from collections.abc import Iterator
+    >>> from dataclasses import dataclass
+    >>> import numpy as np
+    >>> import sucre_bench as sb
+    >>> @sb.dataset(licence="CC0")
+    ... @dataclass(frozen=True)
+    ... class GreenTank:
+    ...     '''One green picture.'''
+    ...     def scenes(self) -> Iterator[sb.Scene]:
+    ...         view = sb.View("tank.png", sb.Arrays(np.full((48, 64, 3), [0.1, 0.4, 0.3])))
+    ...         yield sb.Scene("tank", [view], frozenset())
+    >>> GreenTank.__plugin__.name
+    'green_tank'
     """
     about: dict[str, Any] = {"source": source, "has": frozenset(has)}
     return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
@@ -94,8 +123,21 @@ def metric(
     """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
 
     variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
-    unit: as printed; better: "higher", "lower", or "none" for what describes and nobody wins by; range: of possible
-    values.
+    unit: as printed; better: "higher", "lower", or "none" for a metric that only describes; range: of possible values;
+    name: default the class's in snake_case; needs: what a scene must offer, and "restoration" for a metric that does
+    not apply to just any picture; requires: import names of packages it uses; cites, licence: of its definition.
+
+    >>> from dataclasses import dataclass
+    >>> import sucre_bench as sb
+    >>> @sb.metric(variants={"mean": "mean of the red channel"}, unit="", better="none", range=(0, 1))
+    ... @dataclass(frozen=True)
+    ... class Redness:
+    ...     '''How red the restored image is.'''
+    ...     def score(self, restored, shown, view, variant):
+    ...         red = shown[..., 0][restored.valid]
+    ...         yield sb.Score(float(red.mean()), n_pixels=red.size)
+    >>> Redness.__plugin__.default
+    ('mean',)
     """
     if better not in get_args(Better):
         raise PluginError(f"metric: better='{better}'; it is 'higher', 'lower' or 'none'")

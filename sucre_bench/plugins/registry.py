@@ -26,7 +26,12 @@ _files: dict[Path, ModuleType] = {}
 
 
 def load_file(path: str | Path) -> None:
-    """Add the plugins of one Python file. PluginError when it is not there or does not import."""
+    """Add the plugins of one Python file. Raises PluginError if it does not exist or does not import.
+
+    >>> from pathlib import Path
+    >>> import sucre_bench as sb
+    >>> sb.load_file(Path(sb.__file__).parent / "methods" / "gray_world.py")  # loaded already: nothing happens
+    """
     path = Path(path).resolve()
     if path in _files:
         return

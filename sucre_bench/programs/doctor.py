@@ -16,6 +16,7 @@ from typing import Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.machine import provenance, terminal
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.plugins.plugin import Broken
 
 __all__ = ["OPEN3D_LIBRARIES", "Examined", "Feature", "as_object", "examine", "show"]
@@ -114,7 +115,7 @@ def _machine(out: Path, gpu: str | None) -> dict[str, str]:
     import psutil
 
     memory, disk = psutil.virtual_memory(), _disk(out)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count()
+    cores = usable_cores()
     return {
         "cores": str(cores),
         "memory": f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GB free",

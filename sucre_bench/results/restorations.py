@@ -1,6 +1,6 @@
-"""What is kept of a restoration: its picture, what the method told of it, and with save=full the whole of it.
+"""What a results folder stores of a restoration: its picture, its record (.json), and with save=full its arrays (.npz).
 
-What is kept whole is scored again without being restored again, by metrics that were asked for later.
+With save=full, a metric that is added later is computed from the stored restoration; the method does not run again.
 """
 
 from __future__ import annotations
@@ -19,6 +19,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
@@ -29,132 +30,91 @@ from sucre_bench.scene import Restoration, View, Water
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Measured", "keep", "keep_whole", "kept_arrays", "kept_whole", "restorations", "told"]
+__all__ = [
+    "Measured",
+    "read_full",
+    "read_full_arrays",
+    "read_record",
+    "restorations",
+    "write_arrays",
+    "write_full",
+    "write_pictures",
+]
 
 
-def keep(out: Path, place: Place, method: str, view: View, restoration: Restoration, shown: Array) -> None:
-    """Keep the restored picture, and the view and its reference to look at beside it.
+@dataclass(frozen=True)
+class Measured:
+    """A restoration, and what it took: wall seconds, MB of memory above what was held before."""
 
-    method: the label; shown: the picture made of the restoration.
+    restoration: Restoration
+    seconds: float
+    peak_mb: float
+
+
+def write_pictures(out: Path, place: Place, method: str, view: View, restoration: Restoration, shown: Array) -> None:
+    """Write the restored image, its record, and the view and its reference to look at beside it.
+
+    method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole.
     """
     path, started = place.restored(out, method), time.perf_counter()
-    _write_image(place.original(out), display(view.rgb, "none", view.encoding))
+    _write_shown(place.original(out), display(view.rgb, "none", view.encoding))
     if view.reference is not None:
-        _write_image(place.reference(out), display(view.reference, "none", view.encoding))
-    _write_image(path, shown)
-    write_atomically(path.with_suffix(".json"), _as_json(restoration, time.perf_counter() - started))
+        _write_shown(place.reference(out), display(view.reference, "none", view.encoding))
+    _write_shown(path, shown)
+    write_atomically(path.with_suffix(".json"), _record(restoration, time.perf_counter() - started))
 
 
-def keep_whole(path: Path, measured: Measured, base: Row) -> None:
-    """Write all of a restoration: J, the water, the confidence, and what else `kept_whole` gives back.
+def write_full(path: Path, measured: Measured, base: Row) -> None:
+    """Write all of a restoration as .npz: J, the water, the confidence, and what else `read_full` gives back.
 
-    base: what its rows say, which tells whence it is. Of a method that tells what no file brings back as it was,
-    objects of its own say, only the arrays are kept.
+    base: identifies options, data and code. If `info` cannot be stored losslessly as JSON, only the arrays are written.
     """
-    restoration, buffer = measured.restoration, io.BytesIO()
+    info = {name: value for name, value in measured.restoration.info.items() if name != "true_water"}
+    about = {"of": _identity(base), "seconds": measured.seconds, "peak_mb": measured.peak_mb, "info": info}
+    text = _json_if_lossless(about)
+    write_arrays(path, measured.restoration, **({"about": np.array(text)} if text else {}))
+
+
+def write_arrays(path: Path, restoration: Restoration, **more: Any) -> None:
+    """Write a restoration's arrays as .npz: image (H, W, 3), and where known B, beta, gamma (3,), confidence (H, W)."""
+    buffer = io.BytesIO()
     arrays: dict[str, Any] = {"image": restoration.image}
     if restoration.water is not None:
         arrays |= _water_record(restoration.water)
     if restoration.confidence is not None:
         arrays["confidence"] = restoration.confidence
-    info = {name: value for name, value in restoration.info.items() if name != "true_water"}
-    about = {"of": _whence(base), "seconds": measured.seconds, "peak_mb": measured.peak_mb, "info": info}
-    if text := _lasting(about):
-        arrays["about"] = np.array(text)
-    np.savez_compressed(buffer, **arrays)
+    np.savez_compressed(buffer, **arrays, **more)
     write_atomically(path, buffer.getvalue())
 
 
-def kept_whole(path: Path, base: Row) -> Measured | None:
-    """Read a restoration that was kept whole; None unless there is one, of the same options, data and code."""
-    arrays = kept_arrays(path)
+def read_full(path: Path, base: Row) -> Measured | None:
+    """Read a restoration that `write_full` wrote; None unless the file is of the same options, data and code."""
+    arrays = read_full_arrays(path)
     if "about" not in arrays:
         return None
     about = json.loads(str(arrays["about"]), object_hook=_array)
-    if about["of"] != _whence(base):
+    if about["of"] != _identity(base):
         return None
     restoration = Restoration(arrays["image"], water_of(arrays, path), arrays.get("confidence"), about["info"])
     return Measured(restoration, about["seconds"], about["peak_mb"])
 
 
-def kept_arrays(path: Path, *names: str) -> Mapping[str, Any]:
-    """Return the arrays that `keep_whole` wrote, by name; none of a file that is not there or is damaged.
+def read_full_arrays(path: Path, *names: str) -> Mapping[str, Any]:
+    """Return the arrays that `write_full` wrote, by name; none if the file does not exist or is damaged.
 
-    names: of those that are wanted, as far as there are such; all where none is given.
+    names: the wanted ones, as far as the file has them; default all.
     """
     try:
         with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files if not names or name in names}
-    except ANY_FAULT:  # of damaged bytes, unpacking raises whatever it comes upon
+    except ANY_FAULT:  # unpacking damaged bytes raises errors of many kinds
         return {}
 
 
-_ARRAY = "array of"
+def read_record(row: Any, out: Path) -> dict[str, Any]:
+    """Return the record (.json) of the restoration that a row stands for; empty if there is none.
 
-
-def _lasting(told: Mapping[str, Any]) -> str:
-    """What is told as JSON; empty where it would not come back as it was."""
-
-    def listed(value: Any) -> Any:
-        if isinstance(value, (np.ndarray, np.generic)) and value.dtype.kind in "biuf":
-            return {_ARRAY: value.dtype.str, "values": value.tolist()}
-        raise TypeError(f"{type(value)} is kept by no file")
-
-    try:
-        text = json.dumps(told, default=listed)
-        np.testing.assert_equal(json.loads(text, object_hook=_array), dict(told))
-    except (TypeError, ValueError, AssertionError):
-        return ""
-    return text
-
-
-def _array(found: dict[str, Any]) -> Any:
-    return np.array(found["values"], dtype=found[_ARRAY]) if _ARRAY in found else found
-
-
-def _whence(base: Row) -> list[str]:
-    return [base.options_id, base.data_id, base.code]
-
-
-def _write_image(path: Path, shown: Array) -> None:
-    import cv2
-
-    written, encoded = cv2.imencode(path.suffix, to_8bit(shown)[..., ::-1])
-    assert written
-    write_atomically(path, encoded.tobytes())
-
-
-def _water_record(water: Water) -> dict[str, Any]:
-    """A water by the names that `sucre_bench.results.water_file` reads."""
-    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
-    return parameters | {"encoding": water.encoding}
-
-
-def _as_json(restoration: Restoration, write_seconds: float) -> bytes:
-    """The water, what the method tells of its work, the true water where known, and how long writing took."""
-    water = restoration.water
-    known = {} if water is None else _water_record(water)
-    told = known | restoration.info | known | {"write_seconds": write_seconds}  # what is known of the water comes first
-    text = json.dumps(told, default=_plain, skipkeys=True)
-    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
-
-
-def _plain(value: Any) -> Any:
-    """An array as lists, a water by its parameters, anything else in words: a method may tell what it likes."""
-    if isinstance(value, Water):
-        return _water_record(value)
-    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
-
-
-def restorations(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return one row for each restoration that rows tell of and that ended well: the row of its seconds."""
-    return rows[(rows["metric"] == "seconds") & (rows["status"] == "ok") & (rows["view"] != "")]
-
-
-def told(row: Any, out: Path) -> dict[str, Any]:
-    """Return what is kept of the restoration a row is of (as `DataFrame.itertuples` gives rows); empty when nothing is.
-
-    Raises InputError where the file is damaged.
+    row: as `DataFrame.itertuples` gives it. Raises InputError if the file is damaged.
     """
     place = layout.find(row.dataset, row.scene, row.view, out)
     path = place.restored(out, row.method).with_suffix(".json") if place else None
@@ -167,10 +127,59 @@ def told(row: Any, out: Path) -> dict[str, Any]:
     return content
 
 
-@dataclass(frozen=True)
-class Measured:
-    """A restoration, and what it took: wall seconds, MB of memory above what was held before."""
+def restorations(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that stand for restorations that ended well: one a view and method, of metric "seconds"."""
+    return rows[(rows["metric"] == "seconds") & (rows["status"] == "ok") & (rows["view"] != "")]
 
-    restoration: Restoration
-    seconds: float
-    peak_mb: float
+
+_ARRAY = "array of"
+
+
+def _json_if_lossless(values: Mapping[str, Any]) -> str:
+    """The values as JSON, or "" if decoding it would not give the same values."""
+
+    def as_list(value: Any) -> Any:
+        if isinstance(value, (np.ndarray, np.generic)) and value.dtype.kind in "biuf":
+            return {_ARRAY: value.dtype.str, "values": value.tolist()}
+        raise TypeError(f"{type(value)} is not an array of numbers")
+
+    try:
+        text = json.dumps(values, default=as_list)
+        np.testing.assert_equal(json.loads(text, object_hook=_array), dict(values))
+    except (TypeError, ValueError, AssertionError):
+        return ""
+    return text
+
+
+def _array(value: dict[str, Any]) -> Any:
+    return np.array(value["values"], dtype=value[_ARRAY]) if _ARRAY in value else value
+
+
+def _identity(base: Row) -> list[str]:
+    return [base.options_id, base.data_id, base.code]
+
+
+def _write_shown(path: Path, shown: Array) -> None:
+    write_png(path, to_8bit(shown)[..., ::-1])
+
+
+def _water_record(water: Water) -> dict[str, Any]:
+    """A water by the names that `sucre_bench.results.water_file` reads."""
+    parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
+    return parameters | {"encoding": water.encoding}
+
+
+def _record(restoration: Restoration, write_seconds: float) -> bytes:
+    """The water, the method's `info`, the true water where known, and the seconds of writing, as JSON."""
+    water = restoration.water
+    known = {} if water is None else _water_record(water)
+    values = known | restoration.info | known | {"write_seconds": write_seconds}  # the water first
+    text = json.dumps(values, default=_plain, skipkeys=True)
+    return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
+
+
+def _plain(value: Any) -> Any:
+    """An array as lists, a water by its parameters, anything else as text: `info` may hold any object."""
+    if isinstance(value, Water):
+        return _water_record(value)
+    return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)

@@ -12,7 +12,7 @@ import pytest
 from support.toy_runs import calls, run
 
 from sucre_bench.plugins.registry import find
-from sucre_bench.results.restorations import Measured, keep_whole, kept_arrays, kept_whole
+from sucre_bench.results.restorations import Measured, read_full, read_full_arrays, write_full
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, Water
 
@@ -29,12 +29,12 @@ INFO = {
 
 def kept(folder: Path, info: dict[str, Any] | None = None) -> Path:
     restoration = Restoration(IMAGE, WATER, np.abs(IMAGE[..., 0]), INFO if info is None else info)
-    keep_whole(folder / "a.npz", Measured(restoration, 12.5, float("nan")), BASE)
+    write_full(folder / "a.npz", Measured(restoration, 12.5, float("nan")), BASE)
     return folder / "a.npz"
 
 
 def test_all_of_it_comes_back_bit_by_bit(tmp_path: Path) -> None:
-    found = kept_whole(kept(tmp_path), BASE)
+    found = read_full(kept(tmp_path), BASE)
     assert found is not None
     assert (found.seconds, np.isnan(found.peak_mb)) == (12.5, True)
     restoration = found.restoration
@@ -51,14 +51,14 @@ def test_all_of_it_comes_back_bit_by_bit(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("other", [{"options_id": "o2"}, {"data_id": "d2"}, {"code": "c2"}])
 def test_of_other_options_data_or_code_it_is_none(tmp_path: Path, other: dict[str, str]) -> None:
-    assert kept_whole(kept(tmp_path), replace(BASE, **other)) is None  # type: ignore[arg-type]
+    assert read_full(kept(tmp_path), replace(BASE, **other)) is None  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("info", [{"path": Path("a")}, {1: "a whole number for a name"}, {"own": object()}])
 def test_what_would_come_back_otherwise_is_kept_as_arrays_alone(tmp_path: Path, info: dict[Any, Any]) -> None:
     path = kept(tmp_path, info)
-    assert kept_whole(path, BASE) is None
-    np.testing.assert_array_equal(kept_arrays(path)["image"], IMAGE)
+    assert read_full(path, BASE) is None
+    np.testing.assert_array_equal(read_full_arrays(path)["image"], IMAGE)
 
 
 def test_of_damaged_bytes_nothing_is_read_and_nothing_raised(tmp_path: Path) -> None:
@@ -67,16 +67,16 @@ def test_of_damaged_bytes_nothing_is_read_and_nothing_raised(tmp_path: Path) -> 
     unread = 0
     for place in range(10, len(whole), len(whole) // 60):
         path.write_bytes(whole[:place] + bytes([whole[place] ^ 16]) + whole[place + 1 :])
-        found = kept_whole(path, BASE)
+        found = read_full(path, BASE)
         if found is None:
             unread += 1
         else:  # in what no array rests on, such as the times of members
             np.testing.assert_array_equal(found.restoration.image, IMAGE)
         path.write_bytes(whole[:place])
-        assert kept_whole(path, BASE) is None
+        assert read_full(path, BASE) is None
     assert unread > 40
     path.unlink()
-    assert kept_whole(path, BASE) is None
+    assert read_full(path, BASE) is None
 
 
 # -- in a run ----------------------------------------------------------------------------------------------

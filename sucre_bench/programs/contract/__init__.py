@@ -1,8 +1,7 @@
-"""The plugin kit: templates for a method, a dataset or a metric of one's own, and the contract that every one keeps.
+"""The contract that every plugin keeps, and templates for a plugin of your own.
 
-`sucre-bench new` writes them, `sucre-bench check` runs the contract. A plugin's own test does it in a line:
-
-    assert not breaches("method", "my_method")
+`sucre-bench new` writes a template, `sucre-bench check` tests a plugin against the contract. A plugin's own test does
+the same in a line: ``assert not sucre_bench.breaches("method", "my_method")``.
 """
 
 from __future__ import annotations
@@ -17,7 +16,7 @@ __all__ = ["Finding", "Outcome", "Rule", "Subject", "breaches", "check", "rules"
 
 
 def __getattr__(name: str) -> Any:
-    """Import when asked for: the command line brings this package with every command."""
+    """Import a name when it is first used."""
     if name not in __all__:
         raise AttributeError(f"module 'sucre_bench.programs.contract' has no attribute '{name}'")
     return getattr(import_module("sucre_bench.programs.contract.contract"), name)

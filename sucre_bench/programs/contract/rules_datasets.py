@@ -11,7 +11,7 @@ from typing import get_args
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import Camera
 from sucre_bench.engine.tasks import open_scenes
 from sucre_bench.errors import InputError, one_line
@@ -36,7 +36,7 @@ def _opened(subject: Subject) -> list[Scene]:
 
 def _some(scene: Scene, most: int = _MANY) -> Sequence[View]:
     """Views evenly chosen, the first and the last among them."""
-    chosen = np.linspace(0, len(scene) - 1, min(most, len(scene))).round().astype(int)
+    chosen = evenly(len(scene), most)
     return [scene.views[k] for k in chosen]
 
 

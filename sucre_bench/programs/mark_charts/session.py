@@ -18,6 +18,7 @@ from sucre_bench.imaging.charts.orientation import reading_order
 from sucre_bench.imaging.charts.reading import image_from_chart, measure
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.machine import progress
 from sucre_bench.programs.mark_charts.carry_over import Proposal, overlap, propose
 from sucre_bench.programs.mark_charts.charts_json import ChartsFile
@@ -138,14 +139,14 @@ class Session:
         homography = centres @ to_image @ np.linalg.inv(centres)
         how = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
         flat = np.asarray(cv2.warpPerspective(shown, homography, (width, height), flags=how), dtype=np.float32)
-        png = cv2.imencode(".png", to_8bit(flat)[..., ::-1])[1]
+        png = encode_png(to_8bit(flat)[..., ::-1])
         patches = [
             {"name": patch.name, "box": patch.box, "measured": _css(rgb), "expected": _css(np.array(patch.srgb))}
             for patch, rgb in ((reading.patch, reading.rgb) for reading in measure(shown, chart))
         ]
         order = reading_order(shown, chart)
         return {
-            "rectified": "data:image/png;base64," + base64.b64encode(png.tobytes()).decode(),
+            "rectified": "data:image/png;base64," + base64.b64encode(png).decode(),
             "patches": patches,
             "fault": order.fault,
             "explained": None if np.isnan(order.explained) else round(order.explained, 2),

@@ -16,7 +16,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.rerun import Command, metric_words, shell, value_of
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.results import layout
-from sucre_bench.results.restorations import told
+from sucre_bench.results.restorations import read_record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -215,7 +215,7 @@ class Section:
 def _told(row: Any, out: Path) -> Mapping[str, Any]:
     """What a method told of its work; nothing where the file is damaged: the page shows the rest."""
     try:
-        own = told(row, out)
+        own = read_record(row, out)
     except InputError:
         return {}
     return own if isinstance(own, dict) else {}

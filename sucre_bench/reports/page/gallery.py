@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import base64
 import io
-import os
 from collections.abc import Iterable, Iterator, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
@@ -20,8 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import decode
-from sucre_bench.results.restorations import kept_arrays
+from sucre_bench.imaging.image_files import decode, encode_png
+from sucre_bench.machine.cores import usable_cores
+from sucre_bench.results.restorations import read_full_arrays
 
 __all__ = ["Block", "Gallery"]
 
@@ -54,7 +54,7 @@ class Gallery:
         self._out = out
         self.width = next((width for most, width in _WIDTHS if planned <= most), _WIDTHS[-1][1])
         self.share = min(1.0, _WIDTHS[-1][0] / max(planned, 1))  # of the views that keep their pictures in the page
-        self._pool = ThreadPoolExecutor(os.cpu_count())
+        self._pool = ThreadPoolExecutor(usable_cores())
         self._encoded: list[Future[list[Block]]] = []
 
     def picture(self, path: Path, kept: bool, has_holes: bool = False) -> dict[str, Any] | None:
@@ -87,7 +87,7 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
         return []
     small = _webp(_narrowed(image, width))
     wanted = ("confidence", *(["image"] if has_holes else []))
-    arrays = kept_arrays(path.with_suffix(".npz"), *wanted) if path.suffix == ".png" else {}
+    arrays = read_full_arrays(path.with_suffix(".npz"), *wanted) if path.suffix == ".png" else {}
     return [Block(name, "image/webp", small), *_maps(name, image, arrays, has_holes)]
 
 
@@ -144,6 +144,4 @@ def _webp(image: Any) -> str:
 
 
 def _png(image: Any) -> str:
-    import cv2
-
-    return base64.b64encode(cv2.imencode(".png", image)[1].tobytes()).decode()
+    return base64.b64encode(encode_png(image)).decode()

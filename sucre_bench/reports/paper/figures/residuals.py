@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results.layout import file_name
-from sucre_bench.results.restorations import restorations, told
+from sucre_bench.results.restorations import read_record, restorations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -44,7 +44,7 @@ def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Fig
     done = restorations(rows)
     drawn = False
     for (_, method), those in done.groupby(["dataset", "method"], sort=False):
-        tellers = [(row, told(row, out)) for row in those.itertuples()]
+        tellers = [(row, read_record(row, out)) for row in those.itertuples()]
         tellers = [(row, known) for row, known in tellers if known.get("residuals", {}).get("tracks")]
         tellers.sort(key=lambda teller: -teller[1].get("n_observations", 0))
         for row, known in tellers[:_VIEWS]:
@@ -134,7 +134,7 @@ def _edges(ends: Sequence[float], n: int) -> Array:
 
 def _distance(known: Mapping[str, Any], title: str) -> Figure:
     points = known["residuals"]["tracks"]
-    chosen = [points[k] for k in np.unique(np.linspace(0, len(points) - 1, _POINTS).round().astype(int))]
+    chosen = [points[k] for k in evenly(len(points), _POINTS)]
     figure, axes = _panels(f"{title}: points over distance, and the model (dotted)", "distance, m", "intensity")
     nearest, farthest = (pick(at for point in chosen for at in point["distance"]) for pick in (min, max))
     z = np.linspace(nearest, farthest, 100)

@@ -17,7 +17,7 @@ import numpy as np
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.results.restorations import restorations, told
+from sucre_bench.results.restorations import read_record, restorations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -74,7 +74,7 @@ def times(rows: pd.DataFrame, out: Path) -> pd.DataFrame:
     for row in restorations(rows).itertuples():
         count = n.get(tuple(getattr(row, name) for name in key))
         if count:
-            stages = told(row, out).get("stage_seconds", {})
+            stages = read_record(row, out).get("stage_seconds", {})
             took = {stage: float(stages.get(stage, np.nan)) for stage in ("pair", "solve")}
             lines.append({"method": row.method, "n": count, "seconds": row.value, **took})
     return pd.DataFrame(lines, columns=["method", "n", *_STAGES])

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.compare.text import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.results.restorations import told
+from sucre_bench.results.restorations import read_record
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -98,7 +98,7 @@ def _truth(estimates: pd.DataFrame, out: Path) -> dict[str, Any]:
 
     Empty where it is not known, where scenes differ in it, and where it explains other intensities than the estimate.
     """
-    one = [told(row, out) for row in estimates.drop_duplicates(["dataset", "scene"]).itertuples()]
+    one = [read_record(row, out) for row in estimates.drop_duplicates(["dataset", "scene"]).itertuples()]
     true = [record.get("true_water") or {} for record in one]
     fits = all(t and t["encoding"] == record.get("encoding") for t, record in zip(true, one, strict=True))
     return true[0] if fits and all(t == true[0] for t in true) else {}

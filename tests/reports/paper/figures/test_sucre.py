@@ -20,7 +20,7 @@ from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import residuals as residuals_figure
 from sucre_bench.reports.paper.figures import scaling, seams
 from sucre_bench.results.layout import Place
-from sucre_bench.results.restorations import told
+from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import Row, frame
 
 STUDY = Study("trial")
@@ -140,7 +140,7 @@ def test_a_damaged_file_is_named(tmp_path: Path) -> None:
     (path,) = tmp_path.rglob("*.json")
     path.write_text("{")
     with pytest.raises(InputError, match=r"a\.json: cannot be read"):
-        told(row(), tmp_path)
+        read_record(row(), tmp_path)
 
 
 def timed(out: Path, n: float, seconds: float, **about: Any) -> list[Row]:

@@ -1,0 +1,66 @@
+"""What there is: plugins with their options and needs, presets and experiments, as plain data."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import MISSING
+from typing import Any
+
+from sucre_bench import plugins
+from sucre_bench.jobs.schema import CONF_FOLDER
+from sucre_bench.plugins.options import Option, options_of
+from sucre_bench.plugins.plugin import Broken, Kind, Plugin
+
+__all__ = ["entries", "entry", "option_entry", "presets"]
+
+
+def entries(kind: Kind) -> list[dict[str, Any]]:
+    """Return what is known of each plugin of a kind, and after them the presets of conf/ for that kind."""
+    return [*map(entry, plugins.discover(kind).values()), *presets(kind)]
+
+
+def entry(plugin: Plugin | Broken) -> dict[str, Any]:
+    """Return what is known of a plugin: name, description, needs, options ... or "broken": why it cannot be used."""
+    if isinstance(plugin, Broken):
+        return {"name": plugin.name, "broken": plugin.reason}
+    install = plugins.missing_packages(plugin)
+    about: dict[str, Any] = {
+        "name": plugin.name,
+        "description": plugin.summary,
+        "needs": sorted(plugin.needs),
+        "has": sorted(plugin.has),
+        "source": plugin.source,
+        "licence": plugin.licence,
+        "cites": plugin.cites,
+        "options": {option.name: option_entry(option) for option in options_of(plugin.cls)},
+        "installed": not install,
+        "install": install,
+        "variants": dict(plugin.variants),
+    }
+    if plugin.kind == "method":
+        about["display"] = plugin.display
+    if plugin.kind == "metric":
+        low, high = (limit if math.isfinite(limit) else None for limit in plugin.range)
+        about |= {"unit": plugin.unit, "better": plugin.better, "range": [low, high], "default": list(plugin.default)}
+    return about
+
+
+def option_entry(option: Option) -> dict[str, Any]:
+    """Return an option's default, its choices if there are no others, and its help."""
+    default = "must be given" if option.default is MISSING else option.default
+    if default is not None and not isinstance(default, (int, float, str, bool)):
+        default = str(default)
+    about: dict[str, Any] = {"default": default}
+    if option.is_closed:
+        about["choices"] = list(option.choices)
+    return about | ({"help": option.help} if option.help else {})
+
+
+def presets(group: str) -> list[dict[str, Any]]:
+    """Return name and description (its first comment) of each file in a folder of conf/, experiments say."""
+    found = []
+    for path in sorted((CONF_FOLDER / group).glob("*.yaml")):
+        lines = path.read_text(encoding="utf-8").splitlines()
+        comments = [line[1:].strip() for line in lines if line.startswith("#")]
+        found.append({"name": path.stem, "description": next((c for c in comments if not c.startswith("@")), "")})
+    return found

@@ -1,0 +1,38 @@
+"""The score table with a column a metric: one number for each view and method."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["wide"]
+
+_INDEX = ["dataset", "scene", "view", "method"]
+
+
+def wide(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return scores with one row for each view and method, and one column for each metric.
+
+    rows: the long table, of `sb.score`, `results.read` or scores.parquet. A metric of charts counts as the mean over
+    the view's charts; its scores of single patches are left out. A column is called "metric", or "metric:variant" if
+    the rows hold several variants of it. NaN: no score. In the long table a plain
+    ``groupby(["method", "metric"]).value.mean()`` would mix charts with their patches; this does not.
+
+    >>> import pandas as pd
+    >>> rows = pd.DataFrame({
+    ...     "dataset": "dive", "scene": "reef", "view": "a.png", "method": "sucre", "metric": "psi",
+    ...     "variant": "colour", "region": ["near", "far", "near/red"], "value": [4.0, 6.0, 90.0], "status": "ok"})
+    >>> float(wide(rows)["psi"].iloc[0])
+    5.0
+    """
+    scores = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
+    several = rows.groupby("metric")["variant"].nunique() > 1
+    full = scores["metric"] + ":" + scores["variant"]
+    name = full.where(scores["metric"].map(several).astype(bool), scores["metric"])
+    order = list(dict.fromkeys(name))
+    table = scores.assign(_name=name).groupby([*_INDEX, "_name"], sort=False)["value"].mean().unstack("_name")
+    every = rows.loc[rows["view"] != "", _INDEX].drop_duplicates()
+    table = table.reindex(index=every.set_index(_INDEX).index, columns=order)
+    return table.rename_axis(columns=None)

@@ -1,0 +1,74 @@
+"""The bench from Python, beyond what the examples in docstrings show."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+
+import sucre_bench as sb
+
+
+@pytest.fixture
+def scene() -> sb.Scene:
+    """Two views, the second half without depth."""
+    rng = np.random.default_rng(1)
+    depth = np.ones((48, 64), np.float32)
+    depth[:, :32] = 0
+    arrays = [sb.Arrays(rng.uniform(0.2, 0.8, (48, 64, 3)), depth=depth) for _ in range(2)]
+    return sb.Scene("reef", [sb.View(f"{n}.png", a) for n, a in zip("ab", arrays, strict=True)], frozenset({"depth"}))
+
+
+def test_a_view_is_given_by_object_name_or_place(scene: sb.Scene):
+    by = [sb.restore("gray_world", scene, which).image for which in (scene["b.png"], "b.png", 1, -1)]
+    assert all(np.array_equal(image, by[0]) for image in by)
+    with pytest.raises(sb.InputError, match=r"c\.png"):
+        sb.restore("gray_world", scene, "c.png")
+
+
+def test_the_saved_picture_is_the_restored_image_in_8_bits(scene: sb.Scene, tmp_path: Path):
+    result = sb.restore("histogram_stretch", scene, 0)
+    result.save(tmp_path / "a.png")
+    stored = cv2.imread(str(tmp_path / "a.png"))[..., ::-1]
+    assert np.abs(stored / 255 - np.nan_to_num(result.shown)).max() <= 0.5 / 255 + 1e-6
+    result.save(tmp_path / "a.npz")
+    with np.load(tmp_path / "a.npz", allow_pickle=False) as arrays:
+        assert np.array_equal(arrays["image"], result.image, equal_nan=True)
+    with pytest.raises(sb.InputError, match=r"\.npz"):
+        result.save(tmp_path / "a.gif")
+
+
+def test_scores_are_of_what_is_shown(scene: sb.Scene):
+    result = sb.restore("histogram_stretch", scene, 0)
+    shown = sb.Restoration(result.shown)
+    ours, again = (sb.score(r, scene[0], "uciqe", how=how) for r, how in ((result, None), (shown, "none")))
+    values = [rows.loc[rows["metric"] == "uciqe", "value"].item() for rows in (ours, again)]
+    assert values[0] == pytest.approx(values[1], rel=1e-9)
+
+
+def test_wide_counts_charts_and_never_their_patches():
+    rows = pd.DataFrame(
+        [
+            ("a.png", "sucre", "psi", "colour", "near", 4.0, "ok"),
+            ("a.png", "sucre", "psi", "colour", "far", 6.0, "ok"),
+            ("a.png", "sucre", "psi", "colour", "near/red", 90.0, "ok"),
+            ("a.png", "sucre", "uciqe", "yang2015", "image", 0.5, "ok"),
+            ("a.png", "sucre", "uciqe", "ratio", "image", 2.0, "ok"),
+            ("b.png", "sucre", "psi", "colour", "image", np.nan, "skipped"),
+        ],
+        columns=["view", "method", "metric", "variant", "region", "value", "status"],
+    ).assign(dataset="d", scene="s")
+    table = sb.wide(rows)
+    assert list(table.columns) == ["psi", "uciqe:yang2015", "uciqe:ratio"]
+    assert table.loc[("d", "s", "a.png", "sucre")].tolist() == [5.0, 0.5, 2.0]
+    assert table.loc[("d", "s", "b.png", "sucre")].isna().all()
+
+
+def test_lists_name_every_plugin_once():
+    for table in (sb.list_methods(), sb.list_datasets(), sb.list_metrics(), sb.list_experiments()):
+        assert table.index.is_unique
+        assert (table["description"].str.len() > 0).all()
+    assert {"sucre", "gray_world"} <= set(sb.list_methods().index)
