@@ -18,8 +18,10 @@ docs: setup
 	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet --strict
 	@echo outputs/site/index.html
 
-# What CI runs beside the tests: style and types.
+# What CI runs beside the tests: style, types, the layers of the house, and whether docs/cli.md is up to date.
 check: setup
 	@.venv/bin/ruff check .
 	@.venv/bin/ruff format --check .
 	@.venv/bin/mypy
+	@.venv/bin/lint-imports
+	@.venv/bin/python docs/site/cli_reference.py --check
