@@ -1,7 +1,7 @@
 """Writes docs/cli.md from the program itself: the help of each command, and the keys of `sucre-bench run`.
 
-    python docs/site/cli_reference.py            write docs/cli.md
-    python docs/site/cli_reference.py --check    exit with 1 if docs/cli.md is not what this would write
+python docs/site/cli_reference.py            write docs/cli.md
+python docs/site/cli_reference.py --check    exit with 1 if docs/cli.md is not what this would write
 """
 
 from __future__ import annotations
