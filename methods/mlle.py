@@ -12,12 +12,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.bounds import check_ranges
-from sucre_bench.colour import stretch
-from sucre_bench.scene import Array
-from sucre_bench.steps.guided_filter import box_mean
-from sucre_bench.steps.lab import from_lab, to_lab
-from sucre_bench.steps.white_balance import stretched_together
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.display import stretch
+from sucre_bench.imaging.filters.guided_filter import box_mean
+from sucre_bench.imaging.filters.lab import from_lab, to_lab
+from sucre_bench.imaging.filters.white_balance import stretched_together
+from sucre_bench.plugins.ranges import check_ranges
 
 __all__ = ["Mlle", "balanced_chroma", "colour_transfer", "corrected", "enhanced_lightness"]
 

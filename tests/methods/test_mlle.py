@@ -4,9 +4,9 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from made_haze import UNWANTED, restored
 from scipy.ndimage import gaussian_filter
 from skimage.color import lab2rgb, rgb2lab
+from support.made_haze import UNWANTED, restored
 
 from sucre_bench.methods.mlle import Mlle, balanced_chroma, colour_transfer, corrected, enhanced_lightness
 
