@@ -104,5 +104,5 @@ def balanced_chroma(chroma: Array) -> Array:
     The means x and y, and the product, count from 128 below gray, as in 8-bit L*a*b*.
     """
     a, b = (chroma.mean(axis=(0, 1), dtype=np.float64) + _ZERO).tolist()
-    gain = np.float32([1 + max(0.0, b - a) / (a + b), 1 + max(0.0, a - b) / (a + b)])
+    gain = np.array([1 + max(0.0, b - a) / (a + b), 1 + max(0.0, a - b) / (a + b)], dtype=np.float32)
     return (chroma + np.float32(_ZERO)) * gain - np.float32(_ZERO)
