@@ -74,8 +74,9 @@ pytorch_index_answers() {
 with_uv() {
   "$venv/bin/python" -m pip --disable-pip-version-check install --quiet -c "$pins" uv 2>/dev/null || return 1
   if [ ${#backend[@]} -gt 0 ] && ! pytorch_index_answers; then backend=(); fi
-  # Compiled now, once: Docker images often forbid it later (PYTHONDONTWRITEBYTECODE), and every start would be slower.
-  uv --compile-bytecode "${backend[@]}" "$torch" -e '.[dev]'
+  # Python compiles a package when it is first imported. Where that is not kept (PYTHONDONTWRITEBYTECODE, as in many
+  # Docker images) every start would take seconds longer, so all is compiled now.
+  uv ${PYTHONDONTWRITEBYTECODE:+--compile-bytecode} "${backend[@]}" "$torch" -e '.[dev]'
 }
 # torch before all else, so that no dependency brings another one.
 with_pip() {
