@@ -1,27 +1,34 @@
-# make demo   set-up, then the main job on the built-in scene
-# make test   set-up, then the whole test suite
-# make docs   set-up, then the documentation as a site, outputs/site/index.html
-# make setup  .venv with exact versions; seconds when nothing changed
+# make demo        set-up, then the main job on the built-in scene
+# make test        set-up, then the whole test suite
+# make test-short  set-up, then the tests marked `short`; with another Python: make test-short PYTHON=python3.13 VENV=.venv-3.13
+# make docs        set-up, then the documentation as a site, outputs/site/index.html
+# make setup       .venv with exact versions; seconds when nothing changed
 
-.PHONY: demo test setup check docs
+VENV ?= .venv
+bin = $(VENV)/bin
+
+.PHONY: demo test test-short setup check docs
 
 setup:
-	@scripts/setup.sh
+	@VENV=$(VENV) scripts/setup.sh
 
 demo: setup
-	@.venv/bin/sucre-bench run -m experiment=demo
+	@$(bin)/sucre-bench run -m experiment=demo
 
 test: setup
-	@.venv/bin/python -m pytest -n auto
+	@$(bin)/python -m pytest -n auto
+
+test-short: setup
+	@$(bin)/python -m pytest -n auto -m short
 
 docs: setup
-	@NO_MKDOCS_2_WARNING=1 .venv/bin/mkdocs build --quiet --strict
+	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo outputs/site/index.html
 
 # What CI runs beside the tests: style, types, the layers of the house, and whether docs/cli.md is up to date.
 check: setup
-	@.venv/bin/ruff check .
-	@.venv/bin/ruff format --check .
-	@.venv/bin/mypy
-	@.venv/bin/lint-imports
-	@.venv/bin/python docs/site/cli_reference.py --check
+	@$(bin)/ruff check .
+	@$(bin)/ruff format --check .
+	@$(bin)/mypy
+	@$(bin)/lint-imports
+	@$(bin)/python docs/site/cli_reference.py --check
