@@ -1,25 +1,45 @@
-"""The log of what went wrong: tracebacks, for whoever mends a plugin; people are told in one line elsewhere."""
+"""The log of tracebacks, and the clock whose times rows carry."""
 
 from __future__ import annotations
 
+import threading
 import traceback
 from contextlib import suppress
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-__all__ = ["keep_traceback", "now"]
+__all__ = ["keep_traceback", "not_before", "now"]
+
+_lock = threading.Lock()
+_latest = datetime.min.replace(tzinfo=UTC)
 
 
 def keep_traceback(log: Path | None, where: str) -> None:
     """Append the exception being handled to a log, if there is one."""
     if log is None:
         return
-    with suppress(OSError):  # the log is a courtesy: the row has the reason
+    with suppress(OSError):  # the row has the reason, too
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("a", encoding="utf-8") as file:
             file.write(f"--- {now()} {where}\n{traceback.format_exc()}\n")
 
 
 def now() -> str:
-    """The time as rows keep it."""
-    return datetime.now(UTC).isoformat(timespec="microseconds")
+    """Return the time as rows have it: UTC, ISO 8601, microseconds.
+
+    Each call of a process returns a later time than the one before, and than every time given to `not_before`, even if
+    the computer's clock was set back in between.
+    """
+    global _latest
+    with _lock:
+        clock = datetime.now(UTC)
+        _latest = max(clock, _latest + timedelta(microseconds=1))
+        return _latest.isoformat(timespec="microseconds")
+
+
+def not_before(time: str) -> None:
+    """Let `now` return only times later than this one, in its format; anything else changes nothing."""
+    global _latest
+    with suppress(ValueError), _lock:
+        given = datetime.fromisoformat(time)
+        _latest = max(_latest, given if given.tzinfo else given.replace(tzinfo=UTC))

@@ -5,16 +5,18 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from collections.abc import Iterable, Mapping
-from dataclasses import asdict, dataclass, field, fields
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass, field, fields
+from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench.machine.log import now
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow
 
-__all__ = ["COLUMNS", "COSTS", "By", "Row", "Status", "fingerprint", "frame", "replicated", "unreplicated"]
+__all__ = ["COLUMNS", "COSTS", "By", "Row", "Status", "as_arrow", "fingerprint", "frame", "replicated", "unreplicated"]
 
 Status = Literal["ok", "failed", "skipped"]
 
@@ -68,12 +70,15 @@ def unreplicated(scene: str) -> tuple[str, int]:
 
 
 COLUMNS = tuple(f.name for f in fields(Row))
-
-
 _RESTORATION = ["dataset", "scene", "view", "method"]
-
-
-_NUMBERS = {"value": "float64", "n_pixels": "int64", "coverage": "float64", "seconds": "float64", "peak_mb": "float64"}
+_NUMBERS = {
+    "value": "float64",
+    "n_pixels": "int64",
+    "coverage": "float64",
+    "seconds": "float64",
+    "peak_mb": "float64",
+    "seed": "int64",
+}
 
 
 def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
@@ -83,12 +88,23 @@ def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
 
 
 def frame(rows: Iterable[Row]) -> pd.DataFrame:
-    """Rows as a table with all columns, their types the same however few the rows."""
+    """Return rows as a table with all columns; the columns' types do not depend on the rows."""
     import pandas as pd
 
-    table = pd.DataFrame([asdict(row) for row in rows], columns=list(COLUMNS))
-    text = {name: "str" for name in COLUMNS if name not in _NUMBERS and name != "seed"}
-    return table.astype({**_NUMBERS, "seed": "int64", **text})
+    rows = list(rows)
+    table = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in COLUMNS}, columns=list(COLUMNS))
+    text = {name: "str" for name in COLUMNS if name not in _NUMBERS}
+    return table.astype({**_NUMBERS, **text})
+
+
+def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
+    """Return rows as a table for parquet files, with the columns and types of `frame`."""
+    import pyarrow
+
+    types = {name: pyarrow.type_for_alias(_NUMBERS.get(name, "string")) for name in COLUMNS}
+    values = zip(*map(attrgetter(*COLUMNS), rows), strict=True)
+    columns = [pyarrow.array(column, type=types[name]) for name, column in zip(COLUMNS, values, strict=True)]
+    return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))
 
 
 By = Literal["method", "view", "region"]

@@ -1,8 +1,11 @@
-"""The long table: one row a score, kept as parquet. Everything people see is made from it.
+"""The score table: one row a score, stored as parquet. Tables, figures and the page are made from it.
 
-A job writes its rows to a part of its own, ``parts/<job>.parquet``, whole and atomically each time, and waits for
-nobody; `merge` joins the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses
-nothing that was written.
+A job writes its rows to part files of its own, ``parts/<job>-<n>.parquet``, atomically and without a lock. `merge`
+joins the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses nothing that was
+written.
+
+Of two rows for one score the one with the later `time` counts. Reading moves this process's clock beyond the newest row
+(`machine.log.now`), so a computer whose clock was set back still writes rows that count.
 """
 
 from __future__ import annotations
@@ -17,26 +20,21 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError, OutputError, one_line
 from sucre_bench.machine.files import _not_writable, write_atomically
-from sucre_bench.results.rows import _RESTORATION, COLUMNS, Row, frame
+from sucre_bench.machine.log import not_before
+from sucre_bench.results.rows import _RESTORATION, COLUMNS, Row, as_arrow, frame
 
 if TYPE_CHECKING:
     import pandas as pd
+    import pyarrow
 
 __all__ = ["Part", "merge", "read"]
 
 TABLE = "scores.parquet"
-
-
 PARTS = "parts"
-
-
 _FLUSH_SECONDS = 1.0
-
-
 _TAKEN = "taken-"
-
-
-_ATTEMPTS = 5  # to read parts that are merged meanwhile
+_JOINED = 8  # files at a time
+_ATTEMPTS = 5  # at reading parts that another process is merging
 
 
 def read(out: str | Path, **labels: str) -> pd.DataFrame:
@@ -57,11 +55,13 @@ def _read(out: Path, **labels: str) -> pd.DataFrame:
 
     tables = _tables(out, labels)
     rows = pd.concat([t for t in tables if len(t)] or [frame([])], ignore_index=True)
+    if len(rows):
+        not_before(str(rows["time"].max()))
     return _newest(rows)
 
 
 def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
-    """The table and the parts, read anew where a part goes meanwhile: it may not have been in the table yet."""
+    """The table and the parts; read again if a part is gone by then: it may not have been in the table yet."""
     for _ in range(_ATTEMPTS):
         parts = [_table(path, labels) for path in sorted((out / PARTS).glob("*.parquet"))]
         whole = _table(out / TABLE, labels)  # last: what a merge took from the parts by now is in it
@@ -109,35 +109,60 @@ def _newest(rows: pd.DataFrame) -> pd.DataFrame:
 class Part:
     """The rows of one job, written as they come: at most a second's worth is not yet on the disk.
 
-    job: a word that tells people whose it is.
+    Each flush writes the rows since the last one to a file of its own. Eight files are joined into one, eight of those
+    into one again: after n flushes a row was written at most 1 + log8(n) times, and few files lie there.
+
+    job: a word that tells people whose rows these are.
     """
 
     def __init__(self, out: Path, job: str) -> None:
-        self._path = out / PARTS / f"{job}-{uuid.uuid4().hex}.parquet"  # no other run's, whatever its process id
-        self._rows: list[Row] = []
+        self._folder, self._name = out / PARTS, f"{job}-{uuid.uuid4().hex}"  # no other run's, whatever its process id
+        self._pending: list[Row] = []
+        self._files: list[tuple[Path, int]] = []  # and how often each was joined, which falls from file to file
         self._written = time.monotonic()
+        self._count = 0
 
     def add(self, rows: Sequence[Row]) -> None:
-        """Keep rows; OutputError when they cannot be written."""
-        self._rows.extend(rows)
+        """Store rows. Raises OutputError if they cannot be written."""
+        self._pending.extend(rows)
         if time.monotonic() - self._written > _FLUSH_SECONDS:
             self.flush()
 
     def flush(self) -> None:
-        """Write everything to the disk now."""
-        if self._rows:
-            table = frame(self._rows)
-            try:
-                _write_table(table, self._path)
-            except OutputError:  # a merge may have removed the empty folder at that moment
-                _write_table(table, self._path)
+        """Write the rows since the last flush to the disk."""
         self._written = time.monotonic()
+        if not self._pending:
+            return
+        self._write(as_arrow(self._pending), 0)
+        self._pending.clear()
+        while [level for _, level in self._files[-_JOINED:]] == [self._files[-1][1]] * _JOINED:
+            self._join()
+
+    def _join(self) -> None:
+        """Write the last files, which are of one level, as one file of the next level."""
+        paths = [path for path, _ in self._files[-_JOINED:]]
+        level = self._files[-1][1] + 1
+        del self._files[-_JOINED:]
+        tables = [table for path in paths if (table := _arrow_table(path)) is not None]  # else a merge has its rows
+        if tables:
+            self._write(_joined(tables), level)
+        for path in paths:
+            path.unlink(missing_ok=True)
+
+    def _write(self, table: pyarrow.Table, level: int) -> None:
+        path = self._folder / f"{self._name}-{self._count}.parquet"
+        self._count += 1
+        try:
+            _write_arrow(table, path)
+        except OutputError:  # a merge may have removed the empty folder at that moment
+            _write_arrow(table, path)
+        self._files.append((path, level))
 
 
 def merge(out: Path) -> pd.DataFrame:
     """Join the parts into the table, and return it. Safe beside jobs at work and other processes that do the same.
 
-    A part is taken by another name first: what its job writes from then on is a new part, with every row of the job.
+    A part is renamed before it is read: what its job writes from then on is in new parts.
     """
     if not out.is_dir():
         return frame([])
@@ -174,6 +199,30 @@ def _locked(out: Path) -> Iterator[None]:
         yield
     finally:
         lock.release()
+
+
+def _arrow_table(path: Path) -> pyarrow.Table | None:
+    """A part as it lies on the disk; None if it is no longer there."""
+    import pyarrow.parquet
+
+    try:
+        return pyarrow.parquet.read_table(io.BytesIO(path.read_bytes()))
+    except FileNotFoundError:
+        return None
+
+
+def _joined(tables: Sequence[pyarrow.Table]) -> pyarrow.Table:
+    import pyarrow
+
+    return pyarrow.concat_tables(tables)
+
+
+def _write_arrow(rows: pyarrow.Table, path: Path) -> None:
+    import pyarrow.parquet
+
+    buffer = io.BytesIO()
+    pyarrow.parquet.write_table(rows, buffer)
+    write_atomically(path, buffer.getvalue())
 
 
 def _write_table(rows: pd.DataFrame, path: Path) -> None:

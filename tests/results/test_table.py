@@ -2,6 +2,7 @@ from __future__ import annotations
 
 from concurrent.futures import ProcessPoolExecutor
 from dataclasses import replace
+from datetime import UTC, datetime, timedelta
 from multiprocessing import get_context
 from pathlib import Path
 
@@ -11,6 +12,7 @@ import pytest
 from sucre_bench import InputError, results
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.results import table
 from sucre_bench.results.rows import Row, frame
 from sucre_bench.results.table import Part, merge, read
 
@@ -144,3 +146,36 @@ def test_nothing_is_lost_when_parts_are_joined_while_they_are_written(tmp_path: 
         for writer in writers:
             writer.result()
     assert merge(tmp_path).groupby("method").size().tolist() == [40, 40]
+
+
+def test_a_long_job_writes_each_row_a_few_times_into_few_files(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    written = []
+    whole = table.write_atomically
+
+    def counted(path: Path, content: bytes) -> None:
+        whole(path, content)
+        written.append(len(pd.read_parquet(path)))
+
+    monkeypatch.setattr(table, "write_atomically", counted)
+    part = results.Part(tmp_path, "job")
+    for n in range(200):
+        part.add([results.Row(dataset="d", scene="s", view=f"{n}.png", method="m", value=float(n))])
+        part.flush()
+    assert sum(written) <= 200 * 4
+    assert len(list((tmp_path / "parts").iterdir())) <= 3 * 8
+    assert sorted(results.merge(tmp_path)["value"]) == list(range(200))
+
+
+def test_a_clock_that_was_set_back_leaves_the_last_row_the_newest(tmp_path: Path):
+    """Ten days back: what a rerun mended must not stay failed."""
+    future = (datetime.now(UTC) + timedelta(days=10)).isoformat(timespec="microseconds")
+    same = {"dataset": "d", "scene": "s", "view": "a.png", "method": "m"}
+    for row in (
+        lambda: results.Row(**same, status="failed", reason="cut", time=future),
+        lambda: results.Row(**same, value=1.0),
+    ):
+        part = results.Part(tmp_path, "job")
+        part.add([row()])
+        part.flush()
+        rows = results.merge(tmp_path)
+    assert rows["status"].tolist() == ["ok"]
