@@ -12,11 +12,11 @@ from sucre_bench.machine.provenance import distribution_of, version_of
 
 __all__ = ["engine_hash", "hash_of"]
 
-# The rooms that results rest on, each with all that lies in it; beside them, a hash counts the plugins' own code.
+# The rooms whose code decides a result, each with all its files. A hash adds the code of the plugins.
 _NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "scene")
 
 
-# What the numerics, or plugins by choice of an option, compute with, beside what plugins require.
+# Libraries that the numerics compute with, or plugins for some value of an option. Those in `requires` come on top.
 _LIBRARIES = ("cv2", "jax", "numba", "numpy", "scipy", "skimage")
 
 
@@ -56,7 +56,7 @@ def _statements(places: tuple[Path, ...]) -> frozenset[bytes]:
 
 
 def _statements_of(file: Path) -> Iterator[bytes]:
-    """A digest for each top-level statement of a file but imports from this package; the whole file if it is broken."""
+    """A digest for each top-level statement but imports of this package; of the file if it does not parse."""
     content = file.read_bytes()
     try:
         body = ast.parse(content).body
@@ -75,7 +75,7 @@ def _digest(content: bytes) -> bytes:
 def _syntax(node: object) -> object:
     """A syntax tree as nested tuples, without positions, docstrings, imports from this package and empty fields.
 
-    `ast.dump` is not used: what it writes differs between versions of Python.
+    `ast.dump` is not used: its output differs between versions of Python.
     """
     if isinstance(node, ast.AST):
         fields = ((name, _syntax(value)) for name, value in ast.iter_fields(node) if name not in ("kind", "ctx"))
@@ -86,7 +86,7 @@ def _syntax(node: object) -> object:
 
 
 def _is_prose(node: object) -> bool:
-    """Whether a statement is a string that nothing uses: a docstring, or the help of a field."""
+    """Whether a statement is a bare string: a docstring, or the help of a field."""
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str)
 
 

@@ -1,4 +1,4 @@
-"""Compiling the loops of this package, when they are first called."""
+"""Compiles the loops of this package when they are first called."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ __all__ = ["compiled"]
 
 @functools.cache
 def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a module's function compiled by numba, which is not imported before; the compiler's work is kept on disk.
+    """Return a module's function compiled by numba, imported here and not before; the result is cached on disk.
 
-    No threads of its own: callers are threads already, which numba's default layer does not stand.
+    The function uses no threads: its callers are threads, and numba's default threading layer allows one caller only.
     """
     import numba
 

@@ -1,4 +1,4 @@
-"""What of this machine may compute: how many processors, and on which device."""
+"""How many processors this process may use, and on which device it computes."""
 
 from __future__ import annotations
 
@@ -12,5 +12,5 @@ Device = Literal["auto", "cpu", "cuda"]
 
 
 def usable_cores() -> int:
-    """Return how many processors this process may use: fewer than there are in a container or a job of a cluster."""
+    """Return how many processors this process may use. A container or a cluster job may allow fewer than there are."""
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

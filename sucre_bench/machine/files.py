@@ -1,4 +1,4 @@
-"""Writing files so that a reader sees the old content or the new, never a part."""
+"""Writes files atomically: a reader sees the old content or the new, never a part."""
 
 from __future__ import annotations
 
@@ -13,9 +13,9 @@ __all__ = ["write_atomically"]
 
 
 def write_atomically(path: Path, content: bytes) -> None:
-    """Write a file so that it is either the old one or the whole new one.
+    """Write a file atomically, with its folders.
 
-    Raises OutputError, in words for the user, when the disk is full or the place cannot be written to.
+    Raises OutputError if the disk is full or the place cannot be written to.
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

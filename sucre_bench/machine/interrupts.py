@@ -11,14 +11,14 @@ __all__ = ["terminated_as_interrupt"]
 
 @contextmanager
 def terminated_as_interrupt() -> Iterator[None]:
-    """Let a polite kill end like Ctrl-C: what is done is kept and joined."""
+    """Let SIGTERM end this block like Ctrl-C, so that finished work is kept and merged."""
 
     def interrupt(*_: object) -> None:
         raise KeyboardInterrupt
 
     try:
         before = signal.signal(signal.SIGTERM, interrupt)
-    except ValueError:  # not the main thread: whoever runs us handles signals
+    except ValueError:  # not the main thread, which alone may set handlers
         yield
         return
     try:

@@ -11,9 +11,9 @@ import numpy as np
 
 
 class _PeakMemory:
-    """The highest resident memory in a `with`, in MB above that at its start; GPU memory where torch holds some.
+    """Measures a block's peak resident memory, in MB above that at its start, plus GPU memory if torch uses some.
 
-    Linux keeps the high-water mark and lets a process reset its own; elsewhere it is unknown (NaN).
+    Linux records the peak and lets a process reset its own. On other systems the value is NaN.
     """
 
     _STATUS = Path("/proc/self/status")

@@ -1,4 +1,4 @@
-"""What produced a result: versions, source, machine. Written beside the table as ``environment.json``."""
+"""Versions, source commit and machine that produced a result: ``environment.json`` beside the score table."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ PACKAGES = (
     "torch",
 )
 
-# Import name -> what pip calls it, where the two differ.
+# Import name -> name in the package index, where the two differ.
 _PACKAGE = {
     "cv2": "opencv-python-headless",
     "skimage": "scikit-image",
@@ -44,7 +44,7 @@ _PACKAGE = {
 
 
 def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str, Any]:
-    """Return everything that says how a result came about. data: dataset label -> data_id."""
+    """Return command, versions, source commit, data and machine of a run. data: dataset label -> data_id."""
     commit, dirty = source_commit()
     return {
         "command": command,
@@ -66,13 +66,13 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
 
 
 def distribution_of(package: str) -> str:
-    """Return what is installed to import a package."""
+    """Return the name in the package index of an import name."""
     return _PACKAGE.get(package, package)
 
 
 @functools.cache
 def version_of(package: str) -> str | None:
-    """Return an installed package's version, None when it is not installed."""
+    """Return an installed package's version, or None."""
     try:
         return importlib.metadata.version(package)
     except importlib.metadata.PackageNotFoundError:
@@ -80,7 +80,7 @@ def version_of(package: str) -> str | None:
 
 
 def source_commit() -> tuple[str | None, bool | None]:
-    """Return the commit of the source tree and whether it has uncommitted changes; None where it is no checkout."""
+    """Return the source tree's commit and whether it has uncommitted changes; None, None outside a checkout."""
     here = Path(__file__).resolve().parent.parent.parent
     if not (here / ".git").exists():
         return None, None
@@ -94,7 +94,7 @@ def source_commit() -> tuple[str | None, bool | None]:
 
 
 def gpu() -> str | None:
-    """Return the first GPU's name as its driver tells it, None where there is none."""
+    """Return the name of the first NVIDIA GPU, or None."""
     try:
         query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
         answer = subprocess.run(query, capture_output=True, text=True, timeout=10, check=True)
@@ -125,7 +125,7 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 
 def read(path: Path) -> dict[str, Any] | None:
-    """Read an environment back; None when there is none."""
+    """Read an environment; None if the file does not exist or is no JSON."""
     try:
         content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
     except (OSError, ValueError):

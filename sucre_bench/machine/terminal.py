@@ -1,7 +1,7 @@
-"""What the terminal shows while work goes on: bars with an estimate, or plain lines where there is no terminal.
+"""Shows progress: bars with an estimate in a terminal, plain lines in a pipe or a log.
 
-Styles are for terminals: NO_COLOR takes the colours away, TERM=dumb or a pipe every escape code, FORCE_COLOR brings
-colours, and never bars, to a pipe (a CI's log, say).
+NO_COLOR removes colours. TERM=dumb or a pipe removes every escape code. FORCE_COLOR brings colours, but no bars, to a
+pipe, such as the log of a CI.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ err = Console(stderr=True, highlight=False, soft_wrap=not sys.stderr.isatty())
 
 
 class _Bars:
-    """A `progress.Watcher` that draws bars; inner work shows below outer work and goes when it is done."""
+    """A `progress.Watcher` that draws bars. Inner work stands below outer work, and is removed when it is done."""
 
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
@@ -68,7 +68,7 @@ class _Line:
 
 
 class _Lines:
-    """A `progress.Watcher` for logs and pipes: a line when outer work ends, and one now and then before."""
+    """A `progress.Watcher` for logs and pipes: a line at intervals, and one when outer work ends."""
 
     def __init__(self) -> None:
         self._lines: dict[int, _Line] = {}
@@ -110,7 +110,7 @@ def has_styles() -> bool:
 
 @contextmanager
 def live() -> Iterator[None]:
-    """Show the progress of everything inside: bars in a terminal, lines elsewhere."""
+    """Show the progress of this block: bars in a terminal, lines elsewhere."""
     if not sys.stderr.isatty() or err.is_dumb_terminal:
         with plain():
             yield
@@ -130,6 +130,6 @@ def live() -> Iterator[None]:
 
 @contextmanager
 def plain() -> Iterator[None]:
-    """Show progress as lines."""
+    """Show the progress of this block as lines."""
     with progress.watched_by(_Lines()):
         yield

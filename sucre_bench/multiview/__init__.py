@@ -1,1 +1,1 @@
-"""Several views of one scene: projecting between them, and finding the observations of each pixel."""
+"""Several views of one scene: which pixels of other views show a pixel's point, and in which colour."""

@@ -1,8 +1,8 @@
-"""Observations kept on disk: paired once, used by every method and every run that asks for the same.
+"""Observations stored on disk: paired once, then used by every method and run with the same pairing options.
 
-An entry is a folder of .npy files and a `meta.json`, named after the target and a hash of all that decides the result:
-the data, the views, the options and the source that pairs. It is made beside its place, under a lock, and moved there
-when complete; one that is damaged is made anew.
+An entry is a folder of .npy files and a `meta.json`, named after the target and a hash of everything that decides the
+result: data, views, options and the code that pairs. It is made in a temporary folder under a lock and moved into place
+when complete. A damaged entry is made again.
 """
 
 from __future__ import annotations
@@ -38,13 +38,13 @@ _PER_PIXEL = ("pixels", "counts", "starts")
 _parameters = inspect.signature(observe).parameters
 _DEFAULTS = {name: _parameters[name].default for name in Options.__annotations__}
 
-# Where methods share what they pair, and how many bytes it may fill.
+# The folder of observations that methods share, and the bytes that it may fill.
 _shared: ContextVar[tuple[Path, float] | None] = ContextVar("shared", default=None)
 
 
 @contextmanager
 def sharing(folder: Path, most_bytes: float) -> Iterator[None]:
-    """Let methods that are given no folder share this one inside, as long as there is room for more in it."""
+    """In this block, let methods without a folder of their own share this one until it is full."""
     token = _shared.set((folder, most_bytes))
     try:
         yield
@@ -64,17 +64,17 @@ def _shared_folder() -> Path | None:
 
 
 def paired(scene: Scene, target: View, folder: Path | None = None, **options: Unpack[Options]) -> Observations:
-    """Return `observe(target, scene.views, **options)`, from a folder if it is there, and kept there if it is not.
+    """Return `observe(target, scene.views, **options)`, read from a folder if it was stored there, else stored there.
 
-    folder: None keeps nothing, unless methods share a folder, see `sharing`. With one, arrays are mapped from files and
-    memory stays small however many there are; what is done to them stays in memory; pair_s is how long pairing took,
-    whenever that was. A scene without a data_id cannot be told from another, and is not kept.
-    Raises what `observe` raises; InputError when the folder cannot be written.
+    folder: None stores nothing, unless methods share a folder, see `sharing`. Stored arrays are mapped from files, so
+    memory stays small; changes to them stay in memory. pair_s: duration of the pairing, also if an earlier run did it.
+    A scene without a data_id cannot be identified and is not stored.
+    Raises what `observe` raises, and InputError if the folder cannot be written.
     """
     if folder is None and scene.data_id and (shared := _shared_folder()):
         try:
             return paired(scene, target, shared, **options)
-        except InputError:  # whoever shares it has removed it, or the disk is full: nobody asked for it
+        except InputError:  # the shared folder was removed, or the disk is full: the user did not ask for it
             return observe(target, scene.views, **options)
     if folder is None:
         return observe(target, scene.views, **options)
@@ -86,9 +86,9 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
     entry = Path(folder).expanduser() / f"{Path(target.name).stem}-{_key(scene, target, options)}"
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(f"{entry}.lock"):  # of two processes, the later finds what the first has made
+        with FileLock(f"{entry}.lock"):  # the second of two processes finds the entry of the first
             kept = _read(entry)
-            if kept is not None and not kept.unreadable:  # a view that could not be read may be there again
+            if kept is not None and not kept.unreadable:  # a view that could not be read may be readable now
                 return kept
             made = _make(entry, scene, target, options)
     except OSError as fault:
@@ -106,15 +106,15 @@ def _key(scene: Scene, target: View, options: Options) -> str:
     names = [view.name for view in scene.views]
     decided: dict[str, object] = {**_DEFAULTS, **options}
     if decided["rule"] == "mutual":
-        del decided["tolerance"]  # of depths, which that rule does not compare
+        del decided["tolerance"]  # the mutual rule does not compare depths
     content = json.dumps([scene.data_id, target.name, names, decided, engine_hash()], sort_keys=True)
     return hashlib.blake2b(content.encode(), digest_size=8).hexdigest()
 
 
 def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observations:
-    """Pair into a new entry, in place of whatever is there, and return what was kept."""
+    """Pair into a new entry that replaces any old one, and return it."""
     work = Path(f"{entry}.part")
-    shutil.rmtree(work, ignore_errors=True)  # of a process that was killed
+    shutil.rmtree(work, ignore_errors=True)  # left by a process that was killed
     work.mkdir()
     try:
         made = observe(target, scene.views, folder=work, **options)
@@ -124,7 +124,7 @@ def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observat
                 _to_disk(file)
         for name in _PER_OBSERVATION:
             if isinstance(values := getattr(made, name), np.memmap):
-                values.flush()  # or a crash of the machine could leave zeros in a file that looks whole
+                values.flush()  # else a crash of the machine could leave zeros in a file of full length
         meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable, "pair_s": made.pair_s}
         arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
         with (work / "meta.json").open("wb") as file:
@@ -146,7 +146,7 @@ def _to_disk(file: BinaryIO) -> None:
 
 
 def _is_whole(kept: Observations) -> bool:
-    """Whether the arrays go together: compiled loops follow these numbers without a look."""
+    """Whether the stored arrays are consistent; the compiled loops do no bounds checks."""
     height, width = kept.shape
     slots = len(kept.pixels) - np.cumsum(np.bincount(kept.counts))[:-1]  # pixels with more than k observations
     return bool(
@@ -166,13 +166,13 @@ def _layout(values: np.ndarray | None) -> list[Any] | None:
 
 
 def _read(entry: Path) -> Observations | None:
-    """Return an entry's observations; None when it is not there or not whole."""
+    """Return an entry's observations; None if it does not exist or is damaged."""
     try:
         meta = json.loads((entry / "meta.json").read_text(encoding="utf-8"))
         arrays: dict[str, Any] = {}
         for name, layout in meta["arrays"].items():
             if layout is not None:
-                # Copy on write: nobody can harm the file, and libraries that want writable arrays need no copy.
+                # Copy on write: the file cannot be changed, and libraries that want writable arrays need no copy.
                 arrays[name] = np.asarray(np.load(entry / f"{name}.npy", mmap_mode="c", allow_pickle=False))
                 if _layout(arrays[name]) != layout:
                     return None
@@ -180,5 +180,5 @@ def _read(entry: Path) -> Observations | None:
         about: dict[str, Any] = {"unreadable": tuple(meta["unreadable"]), "pair_s": float(meta["pair_s"])}
         kept = Observations((height, width), tuple(meta["views"]), **about, **arrays)
         return kept if _is_whole(kept) else None
-    except ANY_FAULT:  # NumPy's reader and the JSON of a damaged file raise nearly anything
+    except ANY_FAULT:  # reading a damaged file raises errors of many kinds
         return None

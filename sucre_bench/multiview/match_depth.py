@@ -1,12 +1,12 @@
-"""Pairing by depth: a point of the target is seen in another view where that view's depth agrees with its own.
+"""The rule "depth" of pairing, compiled: another view sees a point if its depth map agrees with the point's depth.
 
-A target pixel's centre with its depth is projected into the other view, to a place (x, y) at planar depth Z. It is
-seen there when the depth d of the pixel it lands on agrees, |Z - d| <= tolerance Z: a point that something else hides
-does not. Its colour is interpolated between the four pixels around (x, y) where the depths of all four agree, else it
-is that of the pixel it lands on, so that nothing bleeds over an outline. Its distance is its own.
+A target pixel's centre with its depth is projected into the other view, to (x, y) at planar depth Z. The view sees it
+if the depth d of the pixel at (x, y) agrees: |Z - d| <= tolerance Z. A hidden point fails this test. The colour is
+interpolated between the four pixels around (x, y) if all four depths agree; else it is the colour of the pixel at (x,
+y), so that no colour bleeds over an outline. The distance is the point's own.
 
-Unlike the mutual rule (see mutual.py), which pairs pixels one to one, this leaves no gaps where one view is closer
-than the other and its pixels are smaller: every point in view and not hidden has an observation.
+The mutual rule (match_mutual.py) pairs pixels one to one and leaves gaps where one view is closer than the other. This
+rule leaves none: every visible point has an observation.
 """
 
 from __future__ import annotations
@@ -37,9 +37,9 @@ def agreeing(
 ) -> tuple[Indices, Indices, Array, Array, Mask]:
     """Return the pairs of a target and another view: pixels, others, distance, at, smooth, as `Matches` has them.
 
-    points: (3, P) float32, the target's; pixels: (P,) int32, whose they are; ranges: (R, 2), starts and stops of those
-    to be tried; depth: (H, W) float32, the other view's; to_view: (4, 4), between the cameras' frames; tolerance: the
-    greatest |Z - d| / Z.
+    points: (3, P) float32, the target's; pixels: (P,) int32, the target pixel of each; ranges: (R, 2), starts and stops
+    of the points to try; depth: (H, W) float32, the other view's; to_view: (4, 4), between the cameras' frames;
+    tolerance: the greatest |Z - d| / Z.
     """
     n = int((ranges[:, 1] - ranges[:, 0]).sum())
     found, others, distance = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.float32)
@@ -67,7 +67,7 @@ def _pair(
     at: Array,
     smooth: Mask,
 ) -> int:
-    """Fill the pairs, return how many."""
+    """Fill the arrays of pairs and return their number."""
     half = np.float32(0.5)
     rows, columns = depth.shape
     n = 0
@@ -87,7 +87,7 @@ def _pair(
             d = depth[v, u]
             if not (d > 0 and abs(Z - d) <= most):
                 continue
-            left, top = math.floor(x - half), math.floor(y - half)  # of the four pixels whose centres are around
+            left, top = math.floor(x - half), math.floor(y - half)  # the four pixels whose centres surround (x, y)
             agree = left >= 0 and top >= 0 and left + 1 < columns and top + 1 < rows
             if agree:
                 for j in range(4):

@@ -1,10 +1,10 @@
-"""The paper's rule of pairing, compiled: two pixels are paired when each is the one that the other lands on.
+"""The rule "mutual" of pairing, compiled: two pixels are paired if each projects onto the other (SUCRe, eq. 4 and 5).
 
-A target pixel's centre with its depth is projected into the other view and lands (floor) on a pixel there; that
-pixel's centre with its own depth is projected back, and must land (floor) on the pixel it came from (SUCRe, eq. 4 and
-5). One gather per target pixel decides it: no map of the other view's own projections is needed.
+A target pixel's centre with its depth is projected into the other view and falls (floor) into a pixel there. That
+pixel's centre with its own depth is projected back and must fall (floor) into the first pixel. One gather a target
+pixel decides it: no map of the other view's projections is needed.
 
-The arithmetic is float32 without reordering: the same on every machine, and within about 1e-3 px of float64.
+The arithmetic is float32 without reordering: equal on every machine, and within about 1e-3 px of float64.
 """
 
 from __future__ import annotations
@@ -39,8 +39,9 @@ def mutual(
 ) -> tuple[Indices, Indices, Array]:
     """Return the pairs of a target and another view: pixels (M,), others (M,) int32, distance (M,) float32 metres.
 
-    points: (3, P) float32, the target's; pixels: (P,) int32, whose they are; ranges: (R, 2), starts and stops of those
-    to be tried; depth: (H, W) float32, the other view's; to_view, to_target: (4, 4), between the cameras' frames.
+    points: (3, P) float32, the target's; pixels: (P,) int32, the target pixel of each; ranges: (R, 2), starts and stops
+    of the points to try; depth: (H, W) float32, the other view's; to_view, to_target: (4, 4), between the cameras'
+    frames.
     """
     n = int((ranges[:, 1] - ranges[:, 0]).sum())
     found, others, distance = np.empty(n, np.int32), np.empty(n, np.int32), np.empty(n, np.float32)
@@ -54,7 +55,7 @@ def mutual(
 
 
 def _rows(matrix: Array) -> Rows:
-    """Return a matrix as rows of plain numbers, which compiled loops keep in registers."""
+    """Return a matrix as rows of plain numbers: compiled loops hold these in registers."""
     return tuple(tuple(row) for row in matrix.astype(np.float32))
 
 
@@ -71,9 +72,12 @@ def _pair(
     others: Indices,
     distance: Array,
 ) -> int:
-    """Fill the pairs, return how many. there, back: (3, 4) projections; rays: (3, 3), K^-1; size: the target's."""
-    # Some pixels at a time and a step at a time, so that all steps but the gather are worked in vectors: twice as fast
-    # as a pixel at a time. Where a test fails, u is -1 or d is 0, and arithmetic goes on with numbers of no meaning.
+    """Fill the arrays of pairs and return their number.
+
+    there, back: (3, 4) projections; rays: (3, 3), K^-1; size: (width, height) of the target.
+    """
+    # Blocks of pixels, one step at a time: all steps but the gather are then vector code, twice as fast as a loop over
+    # pixels. After a failed test u is -1 or d is 0, and the remaining steps compute values that nothing uses.
     one, half, none = np.float32(1), np.float32(0.5), np.float32(-1)
     rows, columns = np.float32(depth.shape[0]), np.float32(depth.shape[1])
     wide, high = np.float32(size[0]), np.float32(size[1])
@@ -108,7 +112,7 @@ def _pair(
                 x, y = x if is_inside else none, y if is_inside else none
                 is_pair[i] = is_inside & (np.int32(y) * np.int32(size[0]) + np.int32(x) == pixels[start + i])
                 z[i] = math.sqrt(X * X + Y * Y + d[i] * d[i])
-            for i in range(m):  # written in any case and kept if it is a pair: a branch would often be guessed wrong
+            for i in range(m):  # always written, counted if it is a pair: a branch would often be mispredicted
                 found[n], others[n], distance[n] = pixels[start + i], landed[i], z[i]
                 n += is_pair[i]
     return n

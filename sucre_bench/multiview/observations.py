@@ -1,8 +1,8 @@
-"""All observations of a target's pixels in the views of a scene, laid out for fast sums over them.
+"""All observations of a target's pixels in the views of a scene, laid out for fast sums.
 
-Pixels are sorted by how many observations they have, most first. Slot k holds every pixel's k-th observation: the
-pixels that have one are a prefix of that order, so a slot is one contiguous array beside the prefix of any array
-over pixels, and sums over a pixel's observations need no scatter (jagged-diagonal storage, Saad 1989).
+Pixels are sorted by their number of observations, most first. Slot k holds the k-th observation of every pixel that has
+one; these pixels are a prefix of the order. So a slot is a contiguous array beside the prefix of any array over pixels,
+and sums over a pixel's observations need no scatter (jagged-diagonal storage, Saad 1989).
 
 An observation takes 7 bytes where the images are 8-bit: three colours and a float32 distance.
 """
@@ -30,15 +30,14 @@ class Observations:
     shape: (H, W) of the target; views: names of the views, in the scene's order, those without a pair left out;
     pixels: (P,) int64 flat indices into the target, by falling count, equal counts by rising index;
     counts: (P,) int32, at least 1;
-    starts: (S + 1,) int64, slot k is elements starts[k] to starts[k + 1] and belongs to the first pixels of that
-    number;
+    starts: (S + 1,) int64, slot k is elements starts[k] to starts[k + 1], one for each of the first pixels;
     distance: (N,) float32 metres from the observing camera;
-    colour: (3, N) uint8 or uint16, full scale being 1, where all images are that coarse, else float32 in [0, 1];
+    colour: (3, N) uint8 or uint16, full scale being 1, if all images have so few bits, else float32 in [0, 1];
     weight: (N,) float32 of each observation's squared residual, None for 1;
     view: (N,) uint16 indices into `views`, rising over a pixel's slots, None unless asked for;
     ray: (2, N) float32, x / z and y / z of the point in the observing camera's frame, None unless asked for;
-    unreadable: what is wrong with each view that might have shown something, but has a file that cannot be read;
-    read_s: seconds spent reading files, summed over threads; pair_s: seconds that all of it took.
+    unreadable: the fault of each view that may see the target but has a file that cannot be read;
+    read_s: seconds spent reading files, summed over threads; pair_s: seconds in all.
     """
 
     shape: tuple[int, int]
@@ -61,17 +60,17 @@ class Observations:
 
     @property
     def n_repeated(self) -> int:
-        """How many pixels have two observations or more; they are the first of the order."""
+        """The number of pixels with two observations or more; they come first in the order."""
         return int(self.starts[2] - self.starts[1]) if len(self.starts) > 2 else 0
 
     @property
     def n_excess(self) -> int:
-        """How many observations there are more than pixels; those without weight are none."""
+        """Observations minus pixels; observations of weight 0 do not count."""
         n = len(self) if self.weight is None else int(np.count_nonzero(self.weight))
         return n - len(self.pixels)
 
     def slots(self, start: int = 0, stop: int | None = None) -> Iterator[tuple[int, slice]]:
-        """Yield (n, part) per slot: the first n of pixels[start:stop] have an observation at [part], in that order."""
+        """Yield (n, part) a slot: the first n of pixels[start:stop] have their observations at [part], in order."""
         stop = len(self.pixels) if stop is None else stop
         for begin, end in zip(self.starts[:-1].tolist(), self.starts[1:].tolist(), strict=True):
             n = min(stop, end - begin) - start
@@ -93,7 +92,7 @@ class Observations:
 
     @property
     def scale(self) -> float:
-        """What `colour` is multiplied by to lie in [0, 1]."""
+        """The factor that brings `colour` to [0, 1]."""
         return 1 / _full_scale(self.colour.dtype)
 
     def image(self, values: Array) -> Array:
@@ -103,7 +102,7 @@ class Observations:
         return image.reshape(*self.shape, *values.shape[:-1])
 
     def take(self, places: Indices) -> Observations:
-        """Return the observations of some pixels: places (M,), rising indices into `pixels`."""
+        """Return the observations of some pixels. places: (M,) rising indices into `pixels`."""
         counts = self.counts[places]
         sizes = (counts[:, None] > np.arange(counts[0])).sum(axis=0) if len(places) else np.empty(0, dtype=np.int64)
         at = np.concatenate([self.starts[k] + places[:n] for k, n in enumerate(sizes)]) if len(places) else places
@@ -121,7 +120,7 @@ def _full_scale(dtype: np.dtype[Any]) -> int:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Seen:
-    """What one view shows of a target.
+    """The observations of a target in one view.
 
     name: the view's; pixels: (M,) int flat indices into the target, each at most once;
     distance: (M,) float32 metres; colour: (M, 3) uint8, uint16, or float32 in [0, 1];
@@ -136,7 +135,7 @@ class Seen:
 
 
 def compact(colour: Array) -> npt.NDArray[Any]:
-    """Return colours in [0, 1] as uint8 or uint16 where that loses only float32 rounding: less memory to read."""
+    """Return colours in [0, 1] as uint8 or uint16 if that loses no more than float32 rounding, to save memory."""
     for dtype, tolerance in ((np.uint8, 1e-4), (np.uint16, 0.02)):
         levels = colour * np.float32(np.iinfo(dtype).max)
         rounded = np.rint(levels)
@@ -149,7 +148,7 @@ def compact(colour: Array) -> npt.NDArray[Any]:
 
 
 def in_memory(name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Make an array that is still to be filled; `arrange` may be given another way."""
+    """Return an uninitialised array; `arrange` takes this or another function for it."""
     return np.empty(shape, dtype)
 
 
@@ -161,17 +160,17 @@ def arrange(
     free: bool = False,
     empty: Callable[[str, tuple[int, ...], npt.DTypeLike], npt.NDArray[Any]] = in_memory,
 ) -> Observations:
-    """Lay out what views show of a target of this shape (H, W); the order of views is that of a pixel's slots.
+    """Lay out the observations of a target of this shape (H, W); a pixel's slots follow the order of views.
 
-    free: empty `seen` on the way, so that its memory goes as the result's comes; empty: makes the arrays that have a
-    value per observation, from a field's name, a shape and a type.
+    free: empty `seen` on the way, to free its memory while the result's is filled; empty: makes the arrays with a value
+    an observation, from a field's name, a shape and a type.
     """
     counts = np.zeros(shape[0] * shape[1], dtype=np.int32)
     for one in seen:
         counts[one.pixels] += 1
     pixels = np.flatnonzero(counts)
     pixels = pixels[np.argsort(-counts[pixels], kind="stable")]
-    place = np.empty(len(counts), dtype=np.int32)  # of each pixel in that order
+    place = np.empty(len(counts), dtype=np.int32)  # the place of each pixel in that order
     place[pixels] = np.arange(len(pixels))
     slot_sizes = len(pixels) - np.cumsum(np.bincount(counts[pixels], minlength=1))[:-1]  # pixels with more than k
     starts = np.concatenate([[0], np.cumsum(slot_sizes)]).astype(np.int64)
@@ -181,7 +180,7 @@ def arrange(
     distance, colour = empty("distance", (n,), np.float32), empty("colour", (3, n), finest)
     view = empty("view", (n,), np.uint16) if with_view else None
     ray = empty("ray", (2, n), np.float32) if seen and all(one.ray is not None for one in seen) else None
-    filled = np.zeros(len(counts), dtype=np.int32)  # slots, of each pixel
+    filled = np.zeros(len(counts), dtype=np.int32)  # the next slot of each pixel
     names = tuple(one.name for one in seen)
     parts = seen if free else list(seen)
     for index in range(len(parts)):

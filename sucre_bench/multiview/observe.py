@@ -1,7 +1,7 @@
-"""Everything that the views of a scene show of a target's pixels.
+"""Pairs a target with all views of a scene and collects the observations of its pixels.
 
-Views are worked by a few threads, so that files are decoded while others are paired; the result does not depend on
-how many there are.
+A few threads work on the views, so that one decodes files while another pairs. The result does not depend on their
+number.
 """
 
 from __future__ import annotations
@@ -32,16 +32,16 @@ __all__ = ["Kept", "Options", "observe"]
 
 T = TypeVar("T")
 
-# In which encoding colours are kept: the view's own, or linear light.
+# The encoding of stored colours: the view's own, or linear light.
 Kept = Literal["view", "linear"]
 
 # A view is left out when it shows no more than this share of the target's pixels (the authors' program).
 MIN_SHARE = 1e-6
 
-# A thread holds an image, its depth and what is made of them, some 60 MB at 1920x1080.
+# A thread holds an image, its depth and arrays made of them: about 60 MB at 1920x1080.
 _MOST_THREADS = 16
 
-# What all views will need is foretold from those that are done when these may see so much of all that may be seen.
+# Extrapolate the memory needed once the views done so far cover this share of the pixels that may be visible.
 _TELLING_SHARE = 1 / 8
 
 
@@ -72,12 +72,11 @@ def observe(
     encoding: "view" keeps colours as they are, "linear" decodes gamma-encoded ones (as sRGB) and keeps 16 bits;
     with_view, with_ray: fill these fields of the result; folder: an empty folder to hold arrays in, not in memory.
 
-    Where the rule interpolates colours, those of 8-bit images are rounded to 8 bits again: .0011 rms, less than their
-    noise. Colours that are not finite are no observations. Views without a pose or depth are left out, as are those
-    that show 1e-6 of the target's pixels or less, and those with a file that cannot be read: one damaged image of a
-    dive does not cost the others theirs.
-    Raises NotApplicableError when the target has no pixel with depth; SolveError when too little memory is free;
-    InputError when it has no depth map or pose, or an option is wrong.
+    Interpolated colours of 8-bit images are rounded to 8 bits again: .0011 rms, less than their noise. Colours that are
+    not finite give no observation. Left out are views without a pose or depth, views that show 1e-6 of the target's
+    pixels or less, and views with an unreadable file.
+    Raises NotApplicableError if no pixel of the target has depth, SolveError if too little memory is free, InputError
+    if the target has no depth map or pose, or an option is wrong.
     """
     began = time.perf_counter()
     _check(rule, tolerance, encoding)
@@ -139,7 +138,7 @@ def _timed(load: Callable[[], T]) -> tuple[T, float]:
 
 
 def _in_order(work: Callable[[View], T], views: Sequence[View]) -> Generator[Future[T], None, None]:
-    """Yield what a few threads make of the views, in their order, working only a little ahead of what is taken."""
+    """Yield the results of a few threads in the order of the views; the threads work only a few views ahead."""
     n_threads = min(usable_cores(), _MOST_THREADS, len(views))
     with ThreadPoolExecutor(n_threads) as pool:
         ahead: deque[Future[T]] = deque()
@@ -162,7 +161,7 @@ def _see(
     how: tuple[Rule, float, Kept, bool],
     view: View,
 ) -> tuple[Seen | None, float]:
-    """What a view shows of the target, None when that is no more than `least` pixels; seconds spent reading."""
+    """The observations in a view, None if there are `least` or fewer; and the seconds spent reading."""
     rule, tolerance, encoding, with_ray = how
     _, read_s = _timed(lambda: view.has_depth)
     matches = own_matches(surface) if view.name == target else match(surface, view, rule, tolerance)
@@ -182,7 +181,7 @@ def _see(
 
 @dataclass(slots=True)
 class _Held:
-    """The memory that observations take, watched as they come; see `_TELLING_SHARE`."""
+    """Watches the memory that observations take; see `_TELLING_SHARE`."""
 
     target: str
     with_view: bool
@@ -191,7 +190,7 @@ class _Held:
     result: int = 0
 
     def add(self, one: Seen, n_tried: int) -> None:
-        """Count a view's part. Raises SolveError as soon as it is clear that memory will not do."""
+        """Count a view's observations. Raises SolveError as soon as the memory is bound to run out."""
         arrays = [one.distance, one.colour, *([] if one.ray is None else [one.ray])]
         self.result += sum(array.nbytes for array in arrays) + (2 * len(one.pixels) if self.with_view else 0)
         self.parts += sum(array.nbytes for array in arrays) + one.pixels.nbytes

@@ -1,10 +1,10 @@
-"""Which pixel of another view shows what a pixel of the target shows (SUCRe, sec. 3, eq. 4 and 5).
+"""Finds the pixel of another view that shows the same point as a pixel of the target (SUCRe, sec. 3, eq. 4 and 5).
 
-Two rules decide it: "mutual", the paper's (mutual.py), and "depth", which asks whether the other view's depth agrees
-(occlusion.py). By both, a target pixel has at most one match in a view and a point that is hidden there has none.
+There are two rules: "mutual", the paper's (match_mutual.py), and "depth", which compares depths (match_depth.py). With
+both, a target pixel has at most one match in a view, and a hidden point has none.
 
-Views that cannot see any part of the target are told by their poses alone, and none of their files is read.
-Arithmetic is float32 in the camera's frame, where relative poses are formed in float64.
+Poses alone rule out the views that cannot see the target; their files are not read. Relative poses are float64; the
+other arithmetic is float32 in the camera's frame.
 """
 
 from __future__ import annotations
@@ -35,13 +35,12 @@ _TILE_PX = 64
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Surface:
-    """What a target view shows: its pixels with depth as points, grouped in square tiles of the image.
+    """A target's pixels with depth as points, grouped in square tiles of the image.
 
-    camera, cam_from_world: the target's; pixels: (P,) int32 flat indices, tile after tile;
-    points: (3, P) float32 metres in the camera's frame, of the pixels' centres;
-    tile_starts: (T + 1,) int64, tile t, of those that have any, is elements tile_starts[t] to tile_starts[t + 1];
-    tile_corners: (3, 8, T) float64, the corners of the frustum piece that holds a tile's points;
-    corners: (3, 8, 1) float64, of the one that holds all points.
+    camera, cam_from_world: the target's; pixels: (P,) int32 flat indices, tile after tile; points: (3, P) float32
+    metres in the camera's frame, of the pixels' centres; tile_starts: (T + 1,) int64, tile t (tiles without points are
+    left out) is elements tile_starts[t] to tile_starts[t + 1]; tile_corners: (3, 8, T) float64, the corners of the
+    frustum piece that holds a tile's points; corners: (3, 8, 1) float64, the same for all points together.
     """
 
     camera: Camera
@@ -58,10 +57,10 @@ class Matches:
     """The pairs of a target and one other view.
 
     pixels: (M,) int32 flat indices into the target, each at most once; others: (M,) int32 flat indices into the
-    other view; distance: (M,) float32 metres from the other view's camera to what is seen: by the mutual rule the
-    centre of its pixel, by depth the target's point;
+    other view; distance: (M,) float32 metres from the other view's camera, to the centre of its pixel with the mutual
+    rule, to the target's point with the rule "depth";
     at: (M, 2) float32, pixel coordinates x, y of the target's point in the other view, None for the pixel's centre;
-    smooth: (M,) bool, whether the surface around is whole, so that colours may be interpolated there.
+    smooth: (M,) bool, whether the surface has no edge there, so that colours may be interpolated.
     """
 
     pixels: Indices
@@ -71,7 +70,7 @@ class Matches:
     smooth: Mask | None = None
 
     def only(self, which: Mask) -> Matches:
-        """Return some of them: which (M,) bool."""
+        """Return the chosen pairs. which: (M,) bool."""
         fields = (self.pixels, self.others, self.distance, self.at, self.smooth)
         return Matches(*(None if values is None else values[which] for values in fields))  # type: ignore[arg-type]
 
@@ -79,7 +78,7 @@ class Matches:
 def lift(view: View) -> Surface:
     """Return a target's pixels with depth as points.
 
-    Raises InputError when the view has no camera, no pose, no depth map, or one of another size than the camera's.
+    Raises InputError if the view has no camera, pose or depth map, or if the map's size is not the camera's.
     """
     if view.camera is None or view.cam_from_world is None:
         raise InputError(f"{view.name}: the view has no camera pose; pairing needs one, choose a registered view")
@@ -126,7 +125,7 @@ def _depth(view: View, camera: Camera) -> Array:
 def _frustum_pieces(camera: Camera, boxes: Indices, depth: Array, first: Indices) -> Array:
     """The corners (3, 8, T) of boxes in the image (left, top, right, bottom), over their range of depth.
 
-    first: (T,) indices into depth, where that of each box begins.
+    first: (T,) the index into depth at which each box begins.
     """
     if not len(depth):
         return np.empty((3, 8, 0))
@@ -138,16 +137,16 @@ def _frustum_pieces(camera: Camera, boxes: Indices, depth: Array, first: Indices
 
 
 def own_matches(surface: Surface) -> Matches:
-    """Return the target's pairs with itself: every pixel with depth, by definition and not by rounding."""
+    """Return the target's pairs with itself: every pixel with depth, without any rounding."""
     distance = np.sqrt((surface.points * surface.points).sum(axis=0)).astype(np.float32)
     return Matches(surface.pixels, surface.pixels, distance)
 
 
 def visible_pixels(surface: Surface, views: Sequence[View]) -> Indices:
-    """Return how many of the target's pixels each view may see at most: (V,) int64, told by poses alone.
+    """Return an upper bound (V,) int64 of the target's pixels that each view sees, from poses alone.
 
-    0 for a view without a pose, and for one that looks elsewhere. All views are tried first against the whole target
-    at once, then those that are left tile by tile.
+    0: the view has no pose, or looks elsewhere. All views are tested against the whole target at once, then the
+    remaining ones tile by tile.
     """
     most = np.zeros(len(views), dtype=np.int64)
     posed = [k for k, view in enumerate(views) if view.camera is not None and view.cam_from_world is not None]
@@ -167,16 +166,16 @@ def _fields_of_view(surface: Surface, views: Sequence[View]) -> tuple[Array, Ind
 
 
 def _visible_ranges(surface: Surface, view: View) -> Indices:
-    """(R, 2) starts and stops of the tiles that a view may see."""
+    """(R, 2) starts and stops of the points in tiles that a view may see."""
     seen = _may_be_seen(*_fields_of_view(surface, [view]), surface.tile_corners)[0]
     return np.stack([surface.tile_starts[:-1], surface.tile_starts[1:]], axis=1)[seen]
 
 
 def match(surface: Surface, view: View, rule: Rule = "mutual", tolerance: float = 0.03) -> Matches | None:
-    """Return the pairs of a target and another view; None when that view lacks a pose or depth, or cannot see it.
+    """Return the pairs of a target and another view; None if that view has no pose or depth, or cannot see the target.
 
-    The view's depth map is read only when part of the target is in its field of view, its image never.
-    tolerance: of the rule "depth", relative. Raises InputError when its depth map is not of its camera's size.
+    The view's depth map is read only if part of the target is in its field of view; its image is not read.
+    tolerance: of the rule "depth", relative. Raises InputError if the depth map's size is not the camera's.
     """
     if view.camera is None or view.cam_from_world is None:
         return None

@@ -1,4 +1,4 @@
-"""What the matches of a view show: their colours in its image, and the rays that they were seen along."""
+"""Colours and rays of a view's matches."""
 
 from __future__ import annotations
 
@@ -21,14 +21,14 @@ Indices = npt.NDArray[np.integer[Any]]
 
 
 def colours_at(matches: Matches, rgb: Array, decode: bool) -> tuple[Matches, npt.NDArray[Any]]:
-    """Return those matches whose colour is finite, and their colours (M, 3), uint8, uint16 or float32 (see `compact`).
+    """Return the matches with a finite colour, and their colours (M, 3), uint8, uint16 or float32 (see `compact`).
 
-    rgb: (H, W, 3) float32 in [0, 1], the view's; decode: from sRGB to linear light, kept as uint16.
+    rgb: (H, W, 3) float32 in [0, 1], the view's; decode: convert sRGB to linear light, as uint16.
     """
     nearest = rgb.reshape(-1, 3)[matches.others]
     if matches.at is None or matches.smooth is None:
         colours = srgb_decode(nearest) if decode else nearest
-    else:  # in linear light, if that is what is wanted
+    else:  # in linear light if `decode`
         colours = _interpolated(srgb_decode(rgb) if decode else rgb, matches.others, matches.at, matches.smooth)
     if not np.isfinite(colours).all():
         which = np.asarray(np.isfinite(colours).all(axis=-1))
@@ -51,7 +51,7 @@ def _levels(colours: Array, kind: type[np.unsignedinteger[Any]]) -> npt.NDArray[
 def _interpolated(rgb: Array, others: Indices, at: Array, smooth: Mask) -> Array:
     """The colours (M, 3) float32 of an image (H, W, 3): bilinear at `at` where `smooth`, else of the pixel `others`.
 
-    Where one of four colours is not finite, that of the pixel `others`, too.
+    If one of the four colours is not finite, the pixel `others` counts, too.
     """
     colours = np.empty((len(others), 3), np.float32)
     compiled(_interpolate)(np.ascontiguousarray(rgb, np.float32), others, at, smooth, colours)
@@ -77,7 +77,7 @@ def _interpolate(rgb: Array, others: Indices, at: Array, smooth: Mask, colours: 
 
 
 def rays_at(matches: Matches, camera: Camera) -> Array:
-    """Return the rays (2, M) float32 to what is seen, x / z and y / z in the frame of the view's camera."""
+    """Return the rays (2, M) float32 to the matched points: x / z and y / z in the frame of the view's camera."""
     at = matches.at
     if at is None:
         at = np.stack([matches.others % camera.width, matches.others // camera.width], axis=1) + 0.5  # (M, 2)

@@ -1,4 +1,4 @@
-"""Arrays in files that are mapped into memory: for more observations than memory holds, and to keep them."""
+"""Arrays in memory-mapped files, for more observations than memory holds."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ __all__ = ["Spool", "new_file"]
 
 
 def new_file(folder: Path, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
-    """Return a new array in FOLDER/NAME.npy, to be filled. OSError when the disk is too full for it."""
+    """Return a new, unfilled array in FOLDER/NAME.npy. Raises OSError if the disk has no room for it."""
     path = folder / f"{name}.npy"
     array = np.lib.format.open_memmap(path, mode="w+", dtype=np.dtype(dtype), shape=shape)
-    with path.open("r+b") as file:  # without this, a full disk would end the process when a page is written
+    with path.open("r+b") as file:  # else a full disk would kill the process when a page is written
         os.posix_fallocate(file.fileno(), 0, path.stat().st_size)
     return array
 
 
 class Spool:
-    """What views show of a target, kept in a file without a name, which goes when nothing of it is in use."""
+    """The observations of several views in an unnamed file, which is removed when nothing uses it any more."""
 
     def __init__(self, folder: Path) -> None:
         self._file = tempfile.TemporaryFile(dir=folder)  # noqa: SIM115, closed on exit
@@ -39,18 +39,18 @@ class Spool:
         self._file.close()
 
     def append(self, seen: Seen) -> None:
-        """Write a view's part. OSError when the disk is full."""
+        """Write a view's observations. Raises OSError if the disk is full."""
         where = {}
         for field in ("pixels", "distance", "colour", "ray"):
             values = getattr(seen, field)
             if values is not None:
                 where[field] = (self._file.tell(), values.dtype, values.shape)
                 self._file.write(np.ascontiguousarray(values).data)
-                self._file.write(bytes(-values.nbytes % 8))  # every array begins where its type may
+                self._file.write(bytes(-values.nbytes % 8))  # align each array to its type
         self._parts.append((seen.name, where))
 
     def parts(self) -> list[Seen]:
-        """Return all parts as they were given, their arrays read from the file as they are used."""
+        """Return the observations of all views; their arrays are read from the file when used."""
         self._file.flush()
         whole = np.memmap(self._file, np.uint8, "r") if self._parts else None
         return [
