@@ -1,0 +1,142 @@
+"""Gray world by range, against brute force over all pixels and against scenes whose colours are known."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+import pytest
+from support.made_scene import WATER, make_camera
+
+from sucre_bench import Arrays, NotApplicableError, Scene, SolveError, View
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.methods.dive_gray_world import DiveGrayWorld, pooled
+
+HEIGHT, WIDTH = 90, 120
+
+
+def in_water(seed: int, nearest: float, farthest: float, name: str = "") -> tuple[View, np.ndarray]:
+    """A view of colours that do not depend on distance, and those colours (H, W, 3)."""
+    rng = np.random.default_rng(seed)
+    z = rng.uniform(nearest, farthest, (HEIGHT, WIDTH)).astype(np.float32)
+    J = rng.normal([0.5, 0.4, 0.6], [0.1, 0.15, 0.05], (HEIGHT, WIDTH, 3))
+    veil = WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z[..., None]))
+    return View(name or f"{seed}.png", Arrays(J * np.exp(-WATER.attenuation * z[..., None]) + veil, z)), J
+
+
+def dive(*views: View) -> Scene:
+    return Scene("dive", views, frozenset({"depth"}))
+
+
+def test_at_every_distance_what_is_left_is_the_scenes_own_variation():
+    """J exp(-beta z) + veil is affine in J at each z, so that (J - mean) / deviation comes back without the water."""
+    views, truths = zip(*(in_water(seed, 1 + seed / 4, 4 + seed) for seed in range(6)), strict=True)
+    scene = dive(*views)
+    for view, J in zip(views, truths, strict=True):
+        expected = 0.5 + 0.15 * (J - [0.5, 0.4, 0.6]) / [0.1, 0.15, 0.05]
+        image = DiveGrayWorld(fewest=100).restore(scene, view).image
+        assert np.abs(image - expected).mean() < 0.02
+
+
+def test_statistics_are_those_of_all_pixels_of_all_views_together():
+    views = [in_water(seed, 0.5, 3 + seed)[0] for seed in range(3)]
+    z = np.concatenate([view.depth.ravel() for view in views]).astype(np.float64)
+    colours = np.concatenate([view.rgb.reshape(-1, 3) for view in views]).astype(np.float64)
+    statistics = pooled(dive(*views), DiveGrayWorld(bin_m=0.5, fewest=1), "gamma", "depth")
+    bins = (z / 0.5).astype(int)
+    for k, number in enumerate(np.unique(bins)):
+        chosen = colours[bins == number]
+        assert statistics.pixels[k] == len(chosen)
+        assert statistics.range_m[k] == pytest.approx(z[bins == number].mean())
+        np.testing.assert_allclose(statistics.mean[k], chosen.mean(axis=0), rtol=1e-9)
+        np.testing.assert_allclose(statistics.deviation[k], chosen.std(axis=0), rtol=1e-6)
+
+
+def test_an_image_of_one_distance_is_corrected_by_what_others_saw_there():
+    """A view of red things only stays redder than the dive: its own mean is not its gray."""
+    views = [in_water(seed, 1, 6)[0] for seed in range(4)]
+    z = np.zeros((HEIGHT, WIDTH), np.float32)
+    z[:4, :25] = 2.0
+    mean = pooled(dive(*views), DiveGrayWorld(), "gamma", "depth").at(np.array(2.0), 0)[0]
+    red = View("red.png", Arrays(np.full((HEIGHT, WIDTH, 3), float(mean) + 0.1), z))
+    alone = DiveGrayWorld().restore(dive(red), red).image[0, 0, 0]
+    among = DiveGrayWorld().restore(dive(red, *views), red).image[0, 0, 0]
+    assert alone == pytest.approx(0.5, abs=0.01)
+    assert among > 0.6
+
+
+def test_bins_with_few_pixels_take_their_neighbours_values():
+    view, _ = in_water(0, 1, 3)
+    lone = view.depth.copy()
+    lone[0, 0] = 40
+    strange = View("strange.png", Arrays(np.where((lone == 40)[..., None], 1, view.rgb), lone))
+    image = DiveGrayWorld(bin_m=0.5, fewest=200).restore(dive(strange), strange).image
+    plain = pooled(dive(view), DiveGrayWorld(bin_m=0.5, fewest=200), "gamma", "depth")
+    mean, deviation = plain.at(np.array(3.0), 2)
+    assert image[0, 0, 2] == pytest.approx(float((1 - mean) / deviation * 0.15 + 0.5), rel=0.02)
+
+
+def test_pixels_without_depth_have_no_colour_and_do_not_count():
+    view, _ = in_water(0, 1, 3)
+    depth, rgb = view.depth.copy(), view.rgb.copy()
+    depth[:30], rgb[:30] = 0, 1
+    blind = View("a.png", Arrays(rgb, depth))
+    image = DiveGrayWorld(fewest=50).restore(dive(blind), blind).image
+    assert np.isnan(image[:30]).all()
+    np.testing.assert_allclose(np.nanmean(image, axis=(0, 1)), 0.5, atol=0.01)
+
+
+@dataclass(frozen=True, eq=False)
+class Watched:
+    """Pixels that count how often each plane is decoded."""
+
+    view: View
+    loaded: dict[str, int] = field(default_factory=dict)
+
+    def load(self, plane: str) -> np.ndarray | None:
+        self.loaded[plane] = self.loaded.get(plane, 0) + 1
+        return np.array(getattr(self.view, plane)) if plane != "reference" else None
+
+
+def test_the_dive_is_read_once_for_all_its_views(monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.setattr("sucre_bench.scene._plane", lambda pixels, plane: pixels.load(plane))  # nothing is kept
+    watched = [Watched(in_water(seed, 1, 4)[0]) for seed in range(5)]
+    scene = dive(*(View(f"{k}.png", pixels) for k, pixels in enumerate(watched)))
+    first = DiveGrayWorld()
+    for view in scene:
+        before = watched[4].loaded.get("rgb", 0)
+        first.restore(scene, view)
+        if view.name in ("1.png", "2.png", "3.png"):
+            assert watched[4].loaded["rgb"] == before
+
+
+def test_linear_views_reach_the_same_brightness_as_encoded_ones():
+    view, _ = in_water(0, 1, 4)
+    linear = View("a.png", Arrays(srgb_decode(view.rgb), view.depth), encoding="linear")
+    image = DiveGrayWorld(brightness=0.5, contrast=0.1).restore(dive(linear), linear).image
+    np.testing.assert_allclose(image.mean(axis=(0, 1)), srgb_decode(np.array(0.5)), atol=0.02)
+
+
+def test_distances_are_along_rays_where_there_is_a_camera():
+    view, _ = in_water(0, 1, 4)
+    camera = make_camera(WIDTH, HEIGHT, 60.0)
+    posed = View("a.png", view.pixels, camera=camera)
+    statistics = pooled(dive(posed), DiveGrayWorld(fewest=1), "gamma", "distance")
+    assert statistics.range_m[-1] > view.depth.max() + 0.2
+    assert DiveGrayWorld().restore(dive(posed), posed).info["along"] == "distance"
+
+
+def test_views_without_depth_are_left_out_and_refused():
+    view, _ = in_water(0, 1, 4)
+    flat = View("flat.png", Arrays(view.rgb))
+    assert DiveGrayWorld().restore(dive(flat, view), view).info["n_views"] == 1
+    blind = View("blind.png", Arrays(view.rgb, np.zeros((HEIGHT, WIDTH))))
+    with pytest.raises(NotApplicableError):
+        DiveGrayWorld().restore(dive(blind), blind)
+    with pytest.raises(SolveError):
+        pooled(dive(flat), DiveGrayWorld(), "gamma", "depth")
+
+
+def test_fewer_views_can_be_counted():
+    scene = dive(*(in_water(seed, 1, 4)[0] for seed in range(9)))
+    assert DiveGrayWorld(most_views=3).restore(scene, scene.views[4]).info["n_views"] == 3
