@@ -1,7 +1,8 @@
-"""Any folder of images, without depth or camera; with references where there is a folder of them.
+"""Any folder of images, without depth or camera; optional references and colour charts.
 
 root/a.png                8- or 16-bit PNG, TIFF or JPEG
 root/reference/a.png      optional: the same view without water; of the image's size or larger, of any suffix
+root/charts.json          optional: colour charts, see `sucre_bench.loading.charts_file`
 """
 
 from __future__ import annotations
@@ -20,19 +21,24 @@ from sucre_bench.scene import Encoding, Scene
 __all__ = ["Photos"]
 
 
-@dataset(requires=("cv2", "PIL", "tifffile"), has=("reference",), source="your own images")
+@dataset(requires=("cv2", "PIL", "tifffile"), has=("reference", "charts"), source="your own images")
 @dataclass(frozen=True)
 class Photos:
-    """The images in a folder, one scene, in order of name: for methods that need no depth."""
+    """The images in a folder, one scene, in order of name, for methods that need no depth.
+
+    References and colour charts are optional; metrics that need them are skipped without them.
+    """
 
     root: Path
     """The folder of the images."""
     reference: str = "reference"
     """Folder of images without water, named like the images: in root, or a path of its own; need not exist."""
+    charts: str = "charts.json"
+    """File of the charts' corners: in root, or a path of its own; need not exist."""
     subfolders: bool = False
     """Take the images in sub-folders too."""
     image_scale: float = 1.0
-    """Shrink images and references by this factor, above 0 up to 1."""
+    """Shrink images, references and chart corners by this factor, above 0 up to 1."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
 
@@ -42,12 +48,21 @@ class Photos:
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads headers and samples of files, decodes nothing.
 
-        Raises InputError when there is no image, or a folder of references that are not these images'.
+        Raises InputError when there is no image, when the references are not these images', and when the file of charts
+        is wrong.
         """
         root = existing(self.root)
-        references, name = root / Path(self.reference).expanduser(), root.resolve().name
-        there = references.is_dir()
-        if not there and self.reference != type(self).reference:
+        references, charts = (root / Path(place).expanduser() for place in (self.reference, self.charts))
+        if not references.is_dir() and self.reference != type(self).reference:
             raise InputError(f"{references}: no such folder; correct or drop dataset.reference={self.reference}")
-        options = (self.image_scale, self.encoding, self.subfolders)
-        yield image_folder_scene(name, root, references if there else None, *options)
+        if not charts.is_file() and self.charts != type(self).charts:
+            raise InputError(f"{charts}: no such file; correct or drop dataset.charts={self.charts}")
+        yield image_folder_scene(
+            root.resolve().name,
+            root,
+            references if references.is_dir() else None,
+            self.image_scale,
+            self.encoding,
+            self.subfolders,
+            charts,
+        )

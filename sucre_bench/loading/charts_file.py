@@ -44,7 +44,7 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     for name in images:
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
-            raise InputError(f"{path}: '{name}' is not an image of the model; write names as there, like '{near[0]}'")
+            raise InputError(f"{path}: '{name}' is not an image of the scene; write names as there, like '{near[0]}'")
     usual, found = content.get("kind", "dgk"), {}
     for name, charts in images.items():
         if charts:

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator
 from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import SUFFIXES
+from sucre_bench.imaging.image_files import SUFFIXES, image_size
+from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import folders_below, walk
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.photograph import Photograph, view_of
@@ -36,11 +38,13 @@ def image_folder_scene(
     image_scale: float = 1.0,
     encoding: Encoding = "gamma",
     subfolders: bool = False,
+    charts: Path | None = None,
 ) -> Scene:
     """Return the scene of a folder's images, each with the reference whose path below `references` is the same.
 
-    A reference may have another suffix. An image without one gets a fault. Raises InputError when there is no image, or
-    `references` holds none of theirs.
+    charts: a charts.json, see `charts_file`; it need not exist. A reference may have another suffix. An image without
+    one gets a fault. Raises InputError when there is no image, when `references` holds none of theirs, or when the file
+    of charts is wrong.
     """
     names = image_names(folder, subfolders, but=references)
     if not names:
@@ -48,8 +52,15 @@ def image_folder_scene(
     there = _by_stem(references, subfolders) if references else {}
     if references and not any(_stem(name) in there for name in names):
         raise InputError(f"{references}: no file is named like an image; name them like {names[0]}")
+    sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
+    # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.
+    seen = (
+        read_charts(charts, {image: size or (sys.maxsize, sys.maxsize) for image, size in sizes.items()})
+        if charts
+        else {}
+    )
     views = []
-    for image in track(names, "image sizes"):
+    for image in names:
         reference, faults = None, dict[Plane, str]()
         if references:
             same = there.get(_stem(image), [])
@@ -59,9 +70,18 @@ def image_folder_scene(
                 faults["reference"] = f"{references / same[0]}: {same[1]} is there as well; keep one of them"
             else:
                 faults["reference"] = f"{references / image}: no such file; copy it there"
-        photograph = Photograph(image, folder / image, reference=reference, faults=faults)
+        photograph = Photograph(
+            image,
+            folder / image,
+            reference=reference,
+            charts=seen.get(image, ()),
+            charts_file=charts,
+            size=sizes[image],
+            faults=faults,
+        )
         views.append(view_of(photograph, image_scale, encoding))
-    return Scene(name, views, frozenset({"reference"} if references else ()), data_id=data_id_of(views))
+    has = frozenset(what for what, there in {"reference": references, "charts": seen}.items() if there)
+    return Scene(name, views, has, data_id=data_id_of(views))
 
 
 def _by_stem(folder: Path, subfolders: bool) -> dict[str, list[str]]:

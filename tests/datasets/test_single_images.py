@@ -2,20 +2,26 @@
 
 from __future__ import annotations
 
+import json
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from support.colmap_folder import HEIGHT, WIDTH, picture, write_image
 from support.miniatures.single_images import write_images
+from support.painted_charts import TILTED, painted
 from support.spots import check_message, cut
 
+import sucre_bench as sb
 from sucre_bench.datasets.lsui import Lsui
 from sucre_bench.datasets.photos import Photos
 from sucre_bench.datasets.u45 import U45
 from sucre_bench.datasets.uieb import Uieb
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.scene import Scene
 
 
@@ -55,6 +61,41 @@ def test_photos_have_references_of_the_same_path(tmp_path: Path) -> None:
     (tmp_path / "reference").rename(tmp_path.with_name("truth"))
     same(only(Photos(tmp_path, reference="../truth"))["2.jpg"].reference, 11)
     assert only(Photos(tmp_path)).has == frozenset()
+
+
+def write_chart(folder: Path, *names: str) -> None:
+    """Photographs that show a chart in its own colours, one among stones, and where it lies."""
+    image = np.rint(255 * painted(KINDS["dgk"], TILTED)).astype(np.uint8)
+    for name in names:
+        write_image(folder / name, image)
+    marked = {name: {"chart1": TILTED.tolist()} for name in names}
+    (folder / "charts.json").write_text(json.dumps({"kind": "dgk", "images": marked}))
+
+
+def test_photos_have_colour_charts_that_are_measured(tmp_path: Path) -> None:
+    write_chart(tmp_path, "a.png", "sub/b.png")
+    scene = only(Photos(tmp_path, subfolders=True))
+    assert scene.has == {"charts"}
+    for view in scene:
+        (chart,) = view.charts
+        np.testing.assert_allclose(chart.corners, TILTED)
+        rows = sb.score(sb.Restoration(view.rgb), view, metrics=["psi"])
+        assert rows.loc[rows["region"] == "chart1", "value"].item() < 0.2  # the chart in its own colours
+    half = only(Photos(tmp_path, subfolders=True, image_scale=0.5))
+    np.testing.assert_allclose(half.views[0].charts[0].corners, TILTED / 2)
+    (tmp_path / "charts.json").rename(tmp_path / "marked.json")
+    assert only(Photos(tmp_path, subfolders=True)).has == frozenset()
+    assert only(Photos(tmp_path, subfolders=True, charts="marked.json")).has == {"charts"}
+
+
+def test_a_chart_study_runs_on_photos(bench: Callable[..., Any], tmp_path: Path) -> None:
+    write_chart(tmp_path / "dive", "a.png")
+    words = ["dataset=photos", f"dataset.root={tmp_path / 'dive'}", "method=gray_world", "metrics=[psi,de00]"]
+    done = bench("run", *words, f"out={tmp_path / 'out'}", "tracking.uri=off")
+    assert done.returncode == 0, done.stderr
+    rows = pd.read_parquet(tmp_path / "out" / "scores.parquet")
+    assert rows.loc[rows["metric"] == "psi", "status"].eq("ok").all()
+    assert np.isfinite(rows.loc[rows["metric"] == "psi", "value"]).all()
 
 
 def test_a_wrong_reference_harms_its_view_only(tmp_path: Path) -> None:
@@ -112,6 +153,7 @@ def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
         (Photos, [], "holds no image"),
         (lambda root: Photos(root, reference="truth"), ["a.png"], "truth: no such folder"),
         (Photos, ["a.png", "reference/b.png"], "no file is named like an image; name them like a.png"),
+        (lambda root: Photos(root, charts="marked.json"), ["a.png"], "marked.json: no such file"),
         (Uieb, [], "holds no folder raw-890"),
         (Uieb, ["raw-890/1.png"], "reference-890: no such folder"),
         (Uieb, ["raw-890/1.png", "reference-890/2.png"], "no file is named like an image"),
@@ -130,6 +172,18 @@ def test_what_is_missing_is_named(
     check_message(str(fault.value), str(tmp_path), words)
     with pytest.raises(InputError, match=r"\.root=DIR"):
         only(make(tmp_path / "nowhere"))
+
+
+def test_wrong_charts_of_photos_are_named(tmp_path: Path) -> None:
+    write_images(tmp_path, "a.png")
+    for images, words in (
+        ({"b.png": {"c": [[1, 1], [9, 1], [9, 9], [1, 9]]}}, "'b.png'"),
+        ({"a.png": {"c": 1}}, "a.png, c"),
+    ):
+        (tmp_path / "charts.json").write_text(json.dumps({"images": images}))
+        with pytest.raises(InputError) as fault:
+            only(Photos(tmp_path))
+        check_message(str(fault.value), str(tmp_path / "charts.json"), words)
 
 
 def test_a_damaged_image_harms_its_view_only(tmp_path: Path) -> None:

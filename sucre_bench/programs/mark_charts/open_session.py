@@ -9,14 +9,16 @@ from sucre_bench.engine.tasks import Selection, select
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted
+from sucre_bench.loading.view_files import Files
 from sucre_bench.programs.mark_charts.charts_json import ChartsFile
 from sucre_bench.programs.mark_charts.session import Session
+from sucre_bench.scene import View
 
 __all__ = ["open_session"]
 
 # These look for the file in their root. Others with an option `charts` have one in the folder of each scene, or charts
 # that come from elsewhere, which a new file would replace.
-_KEEP_CHARTS = ("colmap",)
+_KEEP_CHARTS = ("colmap", "photos")
 _AS_STORED = "corners are kept in pixels of the images as they are stored"
 
 
@@ -32,8 +34,7 @@ def open_session(words: Sequence[str], kind: str) -> Session:
         names = ", ".join(s.scene.name for s in selections)
         raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
     selection, chosen = selections[0], {view.name for view in selections[0].views}
-    path, cameras = _path(selection), {view.name: view.camera for view in selection.scene.views}
-    file = ChartsFile(path, {name: (camera.width, camera.height) for name, camera in cameras.items() if camera})
+    file = ChartsFile(_path(selection), {view.name: _size(view) for view in selection.scene.views})
     others = [view for view in selection.scene.views if view.name not in chosen]
     return Session(selection.views, file, kind, others)
 
@@ -68,11 +69,21 @@ def _in_images(word: str) -> tuple[Path, str]:
     raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset=colmap dataset.root=DIR")
 
 
+def _size(view: View) -> tuple[int, int]:
+    """Return (width, height) of a view, without decoding it where its camera or its file's header has them."""
+    if view.camera is not None:
+        return view.camera.width, view.camera.height
+    if isinstance(view.pixels, Files):
+        return view.pixels.size
+    height, width = view.rgb.shape[:2]
+    return width, height
+
+
 def _path(selection: Selection) -> Path:
     options, name = selection.dataset.options, selection.dataset.plugin.name
     if name not in _KEEP_CHARTS:
         kept = " or ".join(_KEEP_CHARTS)
-        raise InputError(f"charts: dataset '{name}' has no charts.json in its root; use {kept}, with a COLMAP model")
+        raise InputError(f"charts: dataset '{name}' has no charts.json in its root; use {kept}")
     if options.get("undistort"):
         remedy = "undistort the images before, or mark charts in the distorted ones"
         raise InputError(f"dataset.undistort=true: {_AS_STORED}; {remedy}")

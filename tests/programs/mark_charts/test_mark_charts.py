@@ -313,6 +313,20 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     np.testing.assert_allclose(chart.corners, true_corners(view.camera, view.cam_from_world), atol=0.05)
 
 
+def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
+    corners = np.array([[200.0, 150], [620, 140], [640, 420], [190, 430]])
+    chart = painted(KINDS["colorchecker24"], corners, (600, 800))
+    scene = np.where((chart == 1).all(-1, keepdims=True), 0.35, chart)
+    around = cv2.fillConvexPoly(np.zeros((600, 800), np.uint8), np.rint(frame(corners, 0.06)).astype(int), 1) > 0
+    scene[around & (chart == 1).all(-1)] = 0.03
+    write_image(tmp_path / "a.png", np.rint(255 * scene).astype(np.uint8))
+    words = ["dataset=photos", f"dataset.root={tmp_path}", "--kind", "colorchecker24", "--accept"]
+    result = CliRunner().invoke(charts, words, catch_exceptions=False)
+    assert "1 proposal taken, 0 left" in result.output
+    (view,) = next(sb.load_scenes("photos", root=tmp_path))
+    np.testing.assert_allclose(view.charts[0].corners, corners, atol=7)
+
+
 def test_where_nothing_is_marked_nothing_is_written(tmp_path: Path) -> None:
     write_scene(tmp_path)
     (tmp_path / "charts.json").unlink()
