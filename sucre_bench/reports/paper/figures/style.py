@@ -51,7 +51,7 @@ PALETTE = (
 CHANNELS = {"red": "#D55E00", "green": "#009E73", "blue": "#0072B2"}
 MARKERS = ("o", "s", "^", "D", "v", "P", "X", "p")
 # With this one, the methods of conf/experiment/table1.yaml fall on colours of their own, whichever of them are shown.
-_SALT = (344186602).to_bytes(4, "little")
+_SALT = (102074354).to_bytes(4, "little")
 
 _STYLE: Any = {
     "font.size": 7,
