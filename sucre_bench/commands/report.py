@@ -17,7 +17,8 @@ def report(folder: Path) -> None:
     \b
     sucre-bench report results
     """
-    from sucre_bench import results
+    from sucre_bench import compare, results
     from sucre_bench.reports import page
 
-    click.echo(page.write(folder, results.read(folder)))
+    rows = results.read(folder)
+    click.echo(page.write(folder, rows, compare.compare(rows)))

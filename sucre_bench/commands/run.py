@@ -56,7 +56,6 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     all was done, 2 for a mistake in the command, 130 after Ctrl-C.
     """
     from sucre_bench import plugins
-    from sucre_bench.commands.run_summary import track
     from sucre_bench.engine import sweep
 
     refuse_options(overrides, "run")
@@ -72,13 +71,14 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     # What a plugin prints is no part of the object.
     with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
         outcome = sweep.run(overrides, multirun, plugin_files)
+        comparisons = run_summary.compared(outcome)
         try:
             if as_json:
-                told = run_summary.as_object(outcome)
+                summary = run_summary.as_object(outcome, comparisons)
             else:
-                run_summary.show(outcome)
+                run_summary.show(outcome, comparisons)
         finally:  # also when whoever reads our output has gone
-            track(outcome)
+            run_summary.track(outcome, comparisons)
     if as_json:
-        click.echo(json.dumps(told, indent=1))
+        click.echo(json.dumps(summary, indent=1))
     sys.exit(outcome.exit_code)

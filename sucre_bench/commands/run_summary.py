@@ -24,20 +24,23 @@ from sucre_bench.reports.paper import Written
 if TYPE_CHECKING:
     import pandas as pd
 
-    from sucre_bench.engine.sweep import Fault, Outcome
-    from sucre_bench.reports.paper import Written
-if TYPE_CHECKING:
-    import pandas as pd
+    from sucre_bench.compare import Comparison
+    from sucre_bench.engine.sweep import Fault
 
-__all__ = ["as_object", "show"]
+__all__ = ["as_object", "compared", "show", "track"]
 
 
-def as_object(outcome: Outcome) -> dict[str, Any]:
+def compared(outcome: Outcome) -> list[Comparison]:
+    """Compare the methods on each dataset of the results folder: once, for terminal, page and mlflow."""
+    return compare.compare(outcome.rows, order=outcome.methods) if len(outcome.rows) else []
+
+
+def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, Any]:
     """Write the study's tables and figures and the page, and return the counts, every fault and where everything is.
 
     The counts are of restorations; paths are as given in out=, null where nothing was written.
     """
-    study, page = _written(outcome)
+    study, page = _written(outcome, comparisons)
     return {
         "exit_code": outcome.exit_code,
         "ok": outcome.ok,
@@ -58,11 +61,11 @@ def as_object(outcome: Outcome) -> dict[str, Any]:
     }
 
 
-def show(outcome: Outcome) -> None:
+def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     """Write the study's files and the page; print tables, what failed and why, the counts, and where everything is."""
-    study, page = _written(outcome)
+    study, page = _written(outcome, comparisons)
     if (outcome.rows["status"] == "ok").any():
-        for table in compare.compare(outcome.rows, order=outcome.methods):
+        for table in comparisons:
             terminal.out.print(tables.as_table(table, terminal.out.width))
             for line in tables.verdicts(table):
                 click.echo(line)
@@ -90,11 +93,11 @@ def show(outcome: Outcome) -> None:
         click.echo(f"page     {page}")
 
 
-def _written(outcome: Outcome) -> tuple[Written, Path | None]:
+def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Written, Path | None]:
     """The study's files and the page, where they are wanted."""
     study = write_study(outcome)
     wanted = outcome.wants_report and len(outcome.rows)
-    return study, report.write(outcome.out, outcome.rows) if wanted else None
+    return study, report.write(outcome.out, outcome.rows, comparisons) if wanted else None
 
 
 def _has_faults(outcome: Outcome) -> bool:
@@ -148,13 +151,13 @@ def write_study(outcome: Outcome) -> Written:
     return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets)
 
 
-def track(outcome: Outcome) -> None:
-    """Tell mlflow, where that is wanted; say in one line what it could not do, and go on."""
+def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
+    """Log the run in mlflow, unless tracking is off. If that fails, print the reason in one line and go on."""
     if outcome.tracking.uri == "off":
         return
     with terminal.live():
         try:
-            mlflow.log(outcome.out, outcome.rows, outcome.tracking.uri, outcome.tracking.experiment)
+            mlflow.log(outcome.out, outcome.rows, comparisons, outcome.tracking.uri, outcome.tracking.experiment)
         except Exception as fault:
             reason = f"{type(fault).__name__}: {one_line(fault)[:200]}"
             progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

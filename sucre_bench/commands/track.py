@@ -28,12 +28,13 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
 
     What mlflow has been told before is not told again.
     """
-    from sucre_bench import results
+    from sucre_bench import compare, results
     from sucre_bench.reports import mlflow
 
     uri = uri or mlflow.default_uri(folder)
+    rows = results.read(folder)
     try:
-        new = mlflow.log(folder, results.read(folder), uri, experiment)
+        new = mlflow.log(folder, rows, compare.compare(rows), uri, experiment)
     except SucreBenchError:
         raise
     except Exception as fault:

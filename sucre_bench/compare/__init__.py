@@ -8,7 +8,7 @@ methods tie when the interval of their paired difference holds 0.
 
 from sucre_bench.compare.model import Cell, Column, Comparison
 from sucre_bench.compare.refusals import load, refuse
-from sucre_bench.compare.tables import compare, is_fresh, without_replicates
+from sucre_bench.compare.tables import against, compare, is_fresh, only, without_replicates
 from sucre_bench.results.rows import COSTS, By
 
 __all__ = [
@@ -17,9 +17,11 @@ __all__ = [
     "Cell",
     "Column",
     "Comparison",
+    "against",
     "compare",
     "is_fresh",
     "load",
+    "only",
     "refuse",
     "without_replicates",
 ]

@@ -1,75 +1,175 @@
-"""How far a mean may be off by chance: a hierarchical bootstrap over scenes, views within them, charts within those.
+"""95 % intervals of means, and simultaneous ones of differences, by a bootstrap over independent units.
 
-Views of a scene share its water, charts of a view share its light: they are no independent repetitions. So scenes are
-drawn with replacement, from each drawn scene as many views as it has, from each drawn view as many charts (Davison and
-Hinkley 1997, sec. 3.8). A resample's mean is over its views, each the mean of its charts. The methods of a table are
-drawn together, so that differences between them are paired.
+Views of a scene share its water, and charts of a view share its light: they are not independent repetitions. The
+independent units are therefore the scenes, or the views if there is one scene. A resample draws as many units as there
+are, with replacement, each with everything in it. The spread between units already contains the spread within them,
+so nothing is drawn within a unit (Davison and Hinkley 1997, sec. 3.8, strategy 1). All methods of a table are drawn
+together, which pairs their differences.
 
-A bootstrap of n units has a spread that is too small by sqrt((n - 1) / n), and tails of the normal law instead of
-Student's: intervals are widened by both, about the mean (Hesterberg 2015, sec. 5.3, does so to the tails' shares, which
-the few different resamples of few units cannot follow). One level of normal data then gives Student's interval.
+A bootstrap of few units is too narrow: its spread is too small by sqrt((n - 1) / n), and its tails are normal instead
+of Student's. Intervals of means are widened by both, about the mean (Hesterberg 2015, sec. 5.3).
+
+Several differences are judged at once, so each gets the same multiple of its standard error, chosen so that all of
+their intervals hold together in 95 % of tables (max-t: Romano and Wolf 2005, sec. 4).
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from itertools import pairwise
 
 import numpy as np
-from numpy.typing import NDArray
 
 from sucre_bench.arrays import Array
 
-__all__ = ["interval", "resampled_means"]
+__all__ = ["Units", "differences", "mean_intervals"]
 
-# With 5000, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
-_MOST, _LEAST = 5000, 2000
-_DRAWS = 10_000_000  # more than these only for the least resamples
-_AT_ONCE = 500_000  # units drawn at a time, about 30 MB
+# With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
+_RESAMPLES, _FEWEST = 5000, 2000
+_DRAWS = 10_000_000  # more than these only for the fewest resamples
+_AT_ONCE = 500_000  # units drawn at a time
+_LEVEL = 0.95
+_EXACT = 1e-12  # relative spread that is rounding only
 
-_Whole = NDArray[np.intp]
+Pair = tuple[int, int]
 
 
-def resampled_means(values: Array, views: Sequence[int], charts: Sequence[int]) -> Array:
-    """Return the means (K, R) of K values in R resamples; NaN where a value is not finite.
+@dataclass(frozen=True)
+class Units:
+    """A column of scores by independent unit.
 
-    values: (U, K), a row a chart (or a view without), those of a view together, the views of a scene too; views: (S,)
-    how many of them are of each scene; charts: (V,) how many rows are of each view. What is drawn rests on these counts
-    alone.
+    sums: (S, M) the sum over a unit's views, a column a method; sizes: (S,) how many views a unit has.
     """
-    tree = [np.array([len(views)]), np.asarray(views, dtype=np.intp), np.asarray(charts, dtype=np.intp)]
-    rng = np.random.default_rng(0)
-    finite = np.isfinite(values).all(axis=0)
-    known = np.where(finite, values, 0.0)
-    at_once = max(1, _AT_ONCE // len(values))
-    resamples = min(_MOST, max(_LEAST, _DRAWS // len(values)))
-    sizes = [min(at_once, resamples - start) for start in range(0, resamples, at_once)]
-    means: Array = np.concatenate([known.T @ _weights(rng, size, tree).T for size in sizes], axis=1)  # (K, U) @ (U, B)
-    means[~finite] = np.nan
-    return means
+
+    sums: Array
+    sizes: Array
+
+    @classmethod
+    def of(cls, views: Array, scenes: Sequence[int]) -> Units:
+        """views: (V, M), those of a scene together; scenes: how many views each scene has."""
+        if len(scenes) < 2:
+            return cls(views, np.ones(len(views)))
+        ends = np.cumsum([0, *scenes])
+        return cls(np.stack([views[a:b].sum(axis=0) for a, b in pairwise(ends)]), np.asarray(scenes, dtype=np.float64))
+
+    def of_methods(self, methods: Sequence[int]) -> Units:
+        """The same of some of the methods, by their numbers."""
+        return Units(self.sums[:, methods], self.sizes)
+
+    @property
+    def residuals(self) -> Array:
+        """(S, M): a unit's sum, less what the mean over all views gives for a unit of its size."""
+        mean = self.sums.sum(axis=0) / self.sizes.sum()
+        return np.asarray(self.sums - mean * self.sizes[:, None])
 
 
-def _weights(rng: np.random.Generator, resamples: int, tree: Sequence[_Whole]) -> Array:
-    """Draw what each leaf counts in each resample: (B, U), rows sum to 1. tree: children of each node, by level."""
-    resample: _Whole = np.arange(resamples)
-    node: _Whole = np.zeros(resamples, dtype=np.intp)  # what was drawn of the level above: the root, once a resample
-    for children in tree:
-        n, first = children[node], (np.cumsum(children) - children)[node]
-        resample, first, n = np.repeat(resample, n), np.repeat(first, n), np.repeat(n, n)
-        node = first + (rng.random(len(n)) * n).astype(np.intp)
-    leaves = int(tree[-1].sum())
-    counts = np.bincount(resample * leaves + node, weights=1 / n, minlength=resamples * leaves)
-    weights: Array = np.asarray(counts, dtype=np.float64).reshape(resamples, leaves)  # a view's charts add up to 1
-    return np.asarray(weights / weights.sum(axis=1, keepdims=True))
+def mean_intervals(units: Units) -> tuple[Array, Array]:
+    """Return the ends (M,) of the 95 % interval of each method's mean over views; NaN where scores are not finite.
 
-
-def interval(resampled: Array, mean: Array, n: int) -> tuple[Array, Array]:
-    """Return the ends of the 95 % intervals (K,) of means (K,), from resampled ones (K, R).
-
-    n: how many units there are at the highest level that has more than one, at least 2.
+    There must be at least two units.
     """
-    from scipy.special import ndtri, stdtrit  # quantiles of the normal law and Student's
+    from scipy.special import ndtri, stdtrit  # quantiles of the normal law and of Student's
 
-    widening = stdtrit(n - 1, 0.975) / ndtri(0.975) * np.sqrt(n / (n - 1))
-    low, high = np.quantile(resampled, [0.025, 0.975], axis=-1)
+    n, finite = len(units.sizes), np.isfinite(units.sums).all(axis=0)
+    residuals = np.where(finite, Units(np.where(finite, units.sums, 0.0), units.sizes).residuals, np.nan)
+    known = np.nan_to_num(residuals)
+    deviations = np.concatenate([(c @ known) / (c @ units.sizes)[:, None] for c in _counts(n, _resamples(n))])  # (R, M)
+    tails = (1 - _LEVEL) / 2
+    widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
+    low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
     with np.errstate(invalid="ignore"):  # an infinite mean has no interval
-        return mean + widening * (low - mean), mean + widening * (high - mean)
+        mean = units.sums.sum(axis=0) / units.sizes.sum()
+    mean[~finite] = np.nan
+    return mean + widening * low, mean + widening * high
+
+
+def differences(units: Units, pairs: Sequence[Pair]) -> Array:
+    """Return half the length of the 95 % interval of each pair's difference of means (P,), valid for all pairs at once.
+
+    pairs: numbers of methods (i, j); NaN for pairs with scores that are not finite, which do not count. There must be
+    at least two units.
+    """
+    half = np.full(len(pairs), np.nan)
+    finite = np.isfinite(units.sums).all(axis=0)
+    known = [p for p, (i, j) in enumerate(pairs) if finite[i] and finite[j]]
+    if known:
+        units = Units(np.where(finite, units.sums, 0.0), units.sizes)
+        chosen = [pairs[p] for p in known]
+        errors = _standard_errors(units, chosen)
+        half[known] = errors * _multiple(units, chosen, errors)
+    return half
+
+
+def _standard_errors(units: Units, pairs: Sequence[Pair]) -> Array:
+    """(P,) of the differences of means, from the spread between units (Cochran 1977, sec. 6.4: a ratio's error)."""
+    i, j = np.transpose(pairs)
+    spread = units.residuals[:, i] - units.residuals[:, j]
+    n = len(units.sizes)
+    return np.asarray(np.sqrt((spread**2).sum(axis=0) * n / (n - 1)) / units.sizes.sum())
+
+
+def _multiple(units: Units, pairs: Sequence[Pair], errors: Array) -> float:
+    """How many standard errors half an interval has, so that all of them hold together in 95 % of tables.
+
+    For one pair, Student's. For several, the quantile of the greatest t over the pairs in resamples, but no more than
+    what Student's law and Sidak's inequality allow whatever the correlation: with few units, resamples that drew a
+    unit repeatedly have errors near 0, and the quantile becomes far too great.
+    """
+    from scipy.special import stdtrit
+
+    n = len(units.sizes)
+    varying = errors > _EXACT * np.abs(units.sums).max(initial=0)
+    count = int(varying.sum())
+    if count == 0:
+        return 0.0
+    single, most = (float(stdtrit(n - 1, (1 + _LEVEL ** (1 / k)) / 2)) for k in (1, count))
+    if count == 1:
+        return single
+    greatest = _greatest_t(units, [pair for pair, varies in zip(pairs, varying, strict=True) if varies])
+    return min(max(float(np.quantile(greatest, _LEVEL, method="higher")), single), most)
+
+
+def _greatest_t(units: Units, pairs: Sequence[Pair]) -> Array:
+    """The greatest |t| over the pairs, in each resample (R,).
+
+    With r a unit's residual, s its size, c how often it is drawn, and N = sum c s: the deviation of the mean is
+    d = sum c r / N, its squared standard error n / (n - 1) sum c (r - d s)^2 / N^2.
+    """
+    r, s, n = units.residuals, units.sizes, len(units.sizes)
+    i, j = np.transpose(pairs)
+    made = []
+    for counts in _counts(n, _FEWEST):
+        total = counts @ s
+        deviation, mixed = (counts @ r) / total[:, None], counts @ (r * s[:, None])
+        greatest = np.zeros(len(counts))
+        for part in _parts(len(pairs), len(counts)):
+            a, b = i[part], j[part]
+            d, m = deviation[:, a] - deviation[:, b], mixed[:, a] - mixed[:, b]
+            squares = counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
+            error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / total[:, None]
+            with np.errstate(divide="ignore", invalid="ignore"):  # the same unit drawn n times has no spread
+                t = np.where(error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf))
+            greatest = np.maximum(greatest, t.max(axis=1))
+        made.append(greatest)
+    return np.concatenate(made)
+
+
+def _parts(pairs: int, rows: int) -> Iterator[slice]:
+    """Slices of the pairs, small enough for arrays of so many rows."""
+    step = max(1, _AT_ONCE // rows)
+    return (slice(start, start + step) for start in range(0, pairs, step))
+
+
+def _resamples(n: int) -> int:
+    return min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
+
+
+def _counts(n: int, resamples: int) -> Iterator[Array]:
+    """Yield how often each of n units is drawn in each resample, (B, n) at a time: always the same draws."""
+    rng = np.random.default_rng(0)
+    at_once = max(1, _AT_ONCE // n)
+    for start in range(0, resamples, at_once):
+        rows = min(at_once, resamples - start)
+        drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
+        yield np.bincount(drawn.ravel(), minlength=rows * n).reshape(rows, n).astype(np.float64)

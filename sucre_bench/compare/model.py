@@ -1,13 +1,16 @@
-"""What a comparison is made of: columns, cells, and a table of them."""
+"""The types of a comparison: column, cell, table."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from typing import Literal
 
+from sucre_bench.arrays import Array
+from sucre_bench.compare.bootstrap import Units
 from sucre_bench.results.rows import COSTS
 
-__all__ = ["Cell", "Column", "Comparison", "Difference"]
+__all__ = ["Cell", "Column", "Comparison", "Difference", "Measured"]
 
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
@@ -69,12 +72,37 @@ class Cell:
 
 
 @dataclass(frozen=True)
+class Measured:
+    """The numbers behind one column's cells.
+
+    methods: (M,) labels; views: (V, M) means per view, no holes; std: (M,) over units; holes: (M,) units that others
+    have; independent: the same by independent unit, None where there are fewer than two views.
+    """
+
+    methods: tuple[str, ...]
+    views: Array
+    std: Array
+    holes: Array
+    independent: Units | None
+
+    def of(self, methods: Sequence[int]) -> Measured:
+        """The same of some of the methods, by their numbers."""
+        return Measured(
+            tuple(self.methods[m] for m in methods),
+            self.views[:, methods],
+            self.std[methods],
+            self.holes[methods],
+            None if self.independent is None else self.independent.of_methods(methods),
+        )
+
+
+@dataclass(frozen=True)
 class Comparison:
     """One table: methods x columns; no cell where a method has nothing.
 
-    title: the dataset, and the view or region where the table is of one; stale: methods left out because their rows
-    come from other data than the newest; baseline: the method that others are compared with, or ""; notes: what is not
-    counted, and why, a sentence each.
+    title: the dataset, and the view or region if the table is of one; stale: methods left out because their rows come
+    from older data; baseline: the method that others are compared with, or ""; notes: what is not counted, and why, a
+    sentence each; measured: the numbers behind the cells, from which `against` makes differences to a baseline.
     """
 
     title: str
@@ -84,3 +112,4 @@ class Comparison:
     stale: tuple[str, ...] = ()
     baseline: str = ""
     notes: tuple[str, ...] = ()
+    measured: Mapping[Column, Measured] = field(default_factory=dict, repr=False, compare=False)

@@ -1,80 +1,119 @@
-"""The numbers of one column: means, paired differences of all methods, and what they say of better and worse."""
+"""The cells of one column: means, paired differences between methods, ranks, ties, wins, effects."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.compare.bootstrap import interval
-from sucre_bench.compare.model import Cell, Column, Difference
+from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
+from sucre_bench.compare.model import Cell, Column, Difference, Measured
 
-__all__ = ["cells"]
+__all__ = ["against", "cells"]
 
 _EQUAL = 1e-12  # scores that differ by rounding only
 _NONE: Difference = (np.nan, np.nan, np.nan)
 
 
-def cells(
-    column: Column, views: Array, std: Array, resampled: Array | None, holes: Array, baseline: int | None = None
-) -> list[Cell]:
-    """Return the cell of each method.
-
-    views: (V, M) a row a view, without holes; std: (M,) over units; resampled: (M, R) means, None where there are no
-    intervals; holes: (M,) counts; baseline: which method to compare with.
-    """
-    n = column.n_scenes if column.n_scenes > 1 else column.n_views
-    with np.errstate(invalid="ignore"):  # infinity minus infinity
-        mean = views.mean(axis=0)
-        low, high = (np.full_like(mean, np.nan),) * 2 if resampled is None else interval(resampled, mean, n)
-        low, high = np.maximum(low, column.range[0]), np.minimum(high, column.range[1])  # of few views it goes beyond
-        sign = -1 if column.better == "higher" else 1
-        pairs = _Pairs.of(mean * sign, None if resampled is None else resampled * sign, n)
+def cells(column: Column, measured: Measured) -> list[Cell]:
+    """Return the cell of each method of `measured`, compared with the best."""
+    views, sign = measured.views, _sign(column)
+    mean = _means(views)
+    low, high = _interval(column, measured)
+    pairs = _Pairs.of(mean * sign, measured.independent)
     places, ranks = pairs.places(), pairs.ranks()
     best = int(np.argmin(places))
-    other = best if baseline is None else baseline
-    wins = _wins(views * sign, baseline)
+    wins = _best_in(views * sign)
     made: list[Cell] = []
     for m, place in enumerate(places):
-        about = (float(mean[m]), float(std[m]), float(low[m]), float(high[m]))
+        about = (float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]))
+        holes = int(measured.holes[m])
         if column.better == "none":
-            made.append(Cell(*about, 0, 0, False, _NONE, np.nan, np.nan, int(holes[m]), _NONE))
+            made.append(Cell(*about, 0, 0, False, _NONE, np.nan, np.nan, holes, _NONE))
             continue
         made.append(
             Cell(
                 *about,
                 place=int(place),
                 rank=int(ranks[m]) if column.ranked else int(place),
-                tie=bool(column.ranked and place > 1 and pairs.low[best, m] <= _EQUAL),
-                behind=pairs.behind(best, m),
+                tie=bool(column.ranked and place > 1 and pairs.gap[best, m] - pairs.half[best, m] <= _EQUAL),
+                behind=_difference(pairs.gap[best, m], pairs.half[best, m]),
                 wins=float(wins[m]),
-                effect=_effect((views[:, other], views[:, m]), sign) if m != other else np.nan,
-                holes=int(holes[m]),
-                change=_NONE if baseline is None or m == baseline else pairs.change(baseline, m, sign),
+                effect=_effect(views[:, best], views[:, m], sign) if m != best else np.nan,
+                holes=holes,
+                change=_NONE,
             )
         )
     return made
 
 
+def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline: int) -> list[Cell]:
+    """Return the cells with change, wins and effect against the baseline, the method of that number in `measured`.
+
+    The intervals of the changes hold all at once for the methods of `measured`.
+    """
+    if column.better == "none":
+        return list(cells)
+    views, sign = measured.views, _sign(column)
+    mean = _means(views)
+    with np.errstate(invalid="ignore"):
+        gap, half = mean - mean[baseline], np.full_like(mean, np.nan)
+    others = [m for m in range(len(cells)) if m != baseline]
+    if measured.independent is not None and others:
+        half[others] = differences(measured.independent, [(baseline, m) for m in others])
+    wins = _beats(views * sign, baseline)
+    made = []
+    for m, cell in enumerate(cells):
+        change = _NONE if m == baseline else _difference(gap[m], half[m])
+        effect = np.nan if m == baseline else _effect(views[:, baseline], views[:, m], sign)
+        made.append(replace(cell, change=change, wins=float(wins[m]), effect=effect))
+    return made
+
+
+def _sign(column: Column) -> int:
+    """What turns scores into numbers of which the best is the smallest."""
+    return -1 if column.better == "higher" else 1
+
+
+def _means(views: Array) -> Array:
+    """(M,) of (V, M), each summed without rounding: no order of views changes it."""
+    return np.array([math.fsum(own) / len(own) if np.isfinite(own).all() else np.mean(own) for own in views.T])
+
+
+def _interval(column: Column, measured: Measured) -> tuple[Array, Array]:
+    """The 95 % interval of each mean, within the range of the metric: with few views it would leave that."""
+    if measured.independent is None:
+        return (np.full(len(measured.methods), np.nan),) * 2
+    low, high = mean_intervals(measured.independent)
+    return np.maximum(low, column.range[0]), np.minimum(high, column.range[1])
+
+
+def _difference(gap: float, half: float) -> Difference:
+    return float(gap), float(gap - half), float(gap + half)
+
+
 @dataclass(frozen=True)
 class _Pairs:
-    """How far method j is behind method i, and the 95 % interval of that: each (M, M), indexed [i, j]."""
+    """gap: (M, M), how far method j is behind method i, [i, j]; half: (M, M), half of the interval, NaN without one."""
 
     gap: Array
-    low: Array
-    high: Array
+    half: Array
 
     @classmethod
-    def of(cls, worse: Array, resampled: Array | None, n: int) -> _Pairs:
-        """worse: (M,) means, the best the smallest; resampled: (M, R)."""
-        gap = worse - worse[:, None]
-        low, high = np.full_like(gap, np.nan), np.full_like(gap, np.nan)
-        if resampled is not None:
-            for i, own in enumerate(resampled):
-                low[i, i:], high[i, i:] = interval(resampled[i:] - own, gap[i, i:], n)
-                low[i:, i], high[i:, i] = -high[i, i:], -low[i, i:]
-        return cls(gap, low, high)
+    def of(cls, worse: Array, independent: Units | None) -> _Pairs:
+        """worse: (M,) means, the best the smallest."""
+        with np.errstate(invalid="ignore"):
+            gap, half = worse - worse[:, None], np.full((len(worse), len(worse)), np.nan)
+        if independent is not None:
+            np.fill_diagonal(half, np.where(np.isfinite(worse), 0.0, np.nan))
+            if pairs := list(combinations(range(len(worse)), 2)):
+                i, j = np.transpose(pairs)
+                half[i, j] = half[j, i] = differences(independent, pairs)
+        return cls(gap, half)
 
     def places(self) -> Array:
         """1 + how many methods have the better mean."""
@@ -82,25 +121,19 @@ class _Pairs:
 
     def ranks(self) -> Array:
         """1 + how many methods are better by more than chance; by their mean where chance is not known."""
-        surely = np.where(np.isnan(self.low), self.gap, self.low) > _EQUAL
+        surely = self.gap - np.nan_to_num(self.half) > _EQUAL
         return np.asarray(1 + surely.sum(axis=0))
 
-    def behind(self, i: int, j: int) -> Difference:
-        return float(self.gap[i, j]), float(self.low[i, j]), float(self.high[i, j])
 
-    def change(self, i: int, j: int, sign: int) -> Difference:
-        """The score of j less that of i: what is behind is lower where higher is better."""
-        gap, low, high = self.behind(i, j)
-        return (gap, low, high) if sign > 0 else (-gap, -high, -low)
+def _best_in(worse: Array) -> Array:
+    """In how many views each method is the best; equal methods share a view. worse: (V, M), the best the smallest."""
+    leads = worse <= worse.min(axis=1, keepdims=True) + _EQUAL
+    return np.asarray((leads / leads.sum(axis=1, keepdims=True)).sum(axis=0))
 
 
-def _wins(worse: Array, baseline: int | None) -> Array:
-    """In how many views each method is the best, or beats the baseline. worse: (V, M), the best the smallest."""
-    if baseline is None:
-        leads = worse <= worse.min(axis=1, keepdims=True) + _EQUAL
-        return np.asarray((leads / leads.sum(axis=1, keepdims=True)).sum(axis=0))
-    of_it = worse[:, [baseline]]
-    lead = -_less(worse, of_it)
+def _beats(worse: Array, baseline: int) -> Array:
+    """In how many views each method beats the baseline; an equal view counts half. NaN for the baseline."""
+    lead = -_less(worse, worse[:, [baseline]])
     wins = np.asarray(((lead > _EQUAL) + 0.5 * (np.abs(lead) <= _EQUAL)).sum(axis=0))
     wins[baseline] = np.nan
     return wins
@@ -112,9 +145,9 @@ def _less(values: Array, other: Array) -> Array:
         return np.where(values == other, 0.0, values - other)
 
 
-def _effect(pair: tuple[Array, Array], sign: int) -> float:
-    """The mean of the differences between two methods' views (V,), in their standard deviations."""
-    gain = _less(*pair) * sign
+def _effect(reference: Array, views: Array, sign: int) -> float:
+    """The mean gain over the reference, in standard deviations of the gain. views: (V,); positive = better."""
+    gain = _less(reference, views) * sign
     if len(gain) < 2 or not np.isfinite(gain).all():
         return np.nan
     spread = gain.std(ddof=1)

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import Array
-from sucre_bench.compare.bootstrap import resampled_means
+from sucre_bench.compare import ranks
+from sucre_bench.compare.bootstrap import Units
 from sucre_bench.compare.missing import notes
-from sucre_bench.compare.model import Cell, Column, Comparison
-from sucre_bench.compare.ranks import cells
+from sucre_bench.compare.model import Cell, Column, Comparison, Measured
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.rows import COSTS, By
@@ -21,7 +21,7 @@ from sucre_bench.results.rows import COSTS, By
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["asked_for", "compare", "is_fresh", "without_replicates"]
+__all__ = ["against", "asked_for", "compare", "is_fresh", "only", "without_replicates"]
 
 _VIEW = ["scene", "view"]
 _UNIT = [*_VIEW, "region"]
@@ -64,6 +64,33 @@ def compare(
             tables.append(_table(" · ".join(map(str, key)), own, methods, baseline))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
+
+
+def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()) -> Comparison:
+    """Return the comparison with the differences of its methods, or of some of them, to a baseline among them.
+
+    Nothing is resampled again: columns and intervals of means are those of `comparison`.
+    """
+    methods = tuple(name for name in comparison.methods if name in methods or not methods or name == baseline)
+    cells: dict[tuple[str, Column], Cell] = {}
+    for column, measured in comparison.measured.items():
+        chosen = [m for m, name in enumerate(measured.methods) if name in methods]
+        own = measured.of(chosen)
+        made = [comparison.cells[name, column] for name in own.methods]
+        if baseline in own.methods:
+            made = ranks.against(column, own, made, own.methods.index(baseline))
+        cells |= {(name, column): cell for name, cell in zip(own.methods, made, strict=True)}
+    return replace(comparison, methods=methods, cells=cells, baseline=baseline)
+
+
+def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
+    """Return the comparison with its columns in the order of `metrics`: "name" or "name:variant"; others last."""
+
+    def place(column: Column) -> int:
+        names = (column.metric, f"{column.metric}:{column.variant}")
+        return next((n for n, metric in enumerate(metrics) if metric in names), len(metrics))
+
+    return replace(comparison, columns=tuple(sorted(comparison.columns, key=place)))
 
 
 def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFrame:
@@ -120,13 +147,20 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     if baseline and baseline not in methods:
         said.append(f"{baseline} was not run here: there is nothing to compare with")
         baseline = ""
-    made = _cells(scores, baseline)
-    return Comparison(title, tuple(methods), tuple(columns), made, stale, baseline, tuple(said))
+    measured = {column: _measured(column, values) for column, values in scores.items() if column.n_units}
+    made = {
+        (name, column): cell
+        for column, own in measured.items()
+        for name, cell in zip(own.methods, ranks.cells(column, own), strict=True)
+    }
+    table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(said), measured)
+    return against(table, baseline) if baseline else table
 
 
 def _repetitions(scores: pd.DataFrame) -> pd.DataFrame:
     """The values of a metric before they are averaged: repetitions of units x methods, both sorted, NaN = a hole."""
-    return scores.groupby([*_REPETITION, "method"])["value"].mean().unstack("method")
+    in_order = scores.sort_values("value", kind="stable")  # sums must not depend on the order of rows
+    return in_order.groupby([*_REPETITION, "method"])["value"].mean().unstack("method")
 
 
 def _averaged(repetitions: pd.DataFrame) -> pd.DataFrame:
@@ -168,40 +202,12 @@ def _range(metric: str) -> tuple[float, float]:
     return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
 
 
-def _cells(scores: dict[Column, pd.DataFrame], baseline: str) -> dict[tuple[str, Column], Cell]:
-    """All cells; columns of the same units are resampled together, which costs no more than one of them."""
-    made: dict[tuple[str, Column], Cell] = {}
-    complete = {column: values.dropna() for column, values in scores.items() if column.n_units}
-    resampled = _resampled(complete)
-    for column, values in complete.items():
-        names = list(values.columns)
-        views = values.groupby(level=_VIEW).mean().to_numpy()
-        with np.errstate(invalid="ignore"):  # infinity minus infinity
-            std = values.to_numpy().std(axis=0)
-        holes = scores[column].isna().sum().to_numpy()
-        to = names.index(baseline) if baseline in names else None
-        of_column = cells(column, views, std, resampled.get(column), holes, to)
-        made.update({(str(name), column): cell for name, cell in zip(names, of_column, strict=True)})
-    return made
-
-
-def _resampled(complete: dict[Column, pd.DataFrame]) -> dict[Column, Array]:
-    """The resampled means (M, R) of each column that has more than one view."""
-    alike: list[list[Column]] = []
-    for column, values in complete.items():
-        for own in alike:
-            if complete[own[0]].index.equals(values.index):
-                own.append(column)
-                break
-        else:
-            if column.n_views > 1:
-                alike.append([column])
-    made: dict[Column, Array] = {}
-    for own in alike:
-        charts = complete[own[0]].groupby(level=_VIEW).size()  # sorted as the units are
-        views = charts.groupby(level="scene").size()
-        values = np.hstack([complete[column].to_numpy() for column in own])
-        means = resampled_means(values, views.to_numpy(), charts.to_numpy())
-        ends = np.cumsum([complete[column].shape[1] for column in own])[:-1]
-        made.update(zip(own, np.split(means, ends), strict=True))
-    return made
+def _measured(column: Column, values: pd.DataFrame) -> Measured:
+    """The numbers of a column. values: units x methods, both sorted, NaN = a hole."""
+    complete = values.dropna()
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        std = complete.to_numpy().std(axis=0)
+    per_view = complete.groupby(level=_VIEW).mean()
+    views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
+    independent = Units.of(views, scenes) if column.n_views > 1 else None
+    return Measured(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)

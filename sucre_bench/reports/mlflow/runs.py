@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import tempfile
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import compare, plugins, results
+from sucre_bench import plugins, results
 from sucre_bench.compare import text as tables
 from sucre_bench.machine import provenance
 from sucre_bench.plugins.plugin import Plugin
@@ -26,6 +26,8 @@ if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import DatasetInput, LoggedModel, Metric
 
+    from sucre_bench.compare import Comparison
+
 __all__ = ["log"]
 
 _LONGEST_PARAM = 6000
@@ -33,10 +35,10 @@ _MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its
 _PICTURE_SIZE = (640, 640)
 
 
-def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
-    """Tell mlflow of the rows of an output folder, and of the files beside them; return how many child runs are new.
+def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
+    """Log a results folder in mlflow: its rows, their comparisons, and its files. Return how many child runs are new.
 
-    A child whose rows have been logged before is left as it is. Raises InputError for a path that mlflow cannot take,
+    Child runs whose rows are logged already stay as they are. Raises InputError for a path that mlflow cannot take,
     and what mlflow raises.
     """
     client, experiment_id = connect(uri, experiment)
@@ -48,7 +50,7 @@ def log(out: Path, rows: pd.DataFrame, uri: str, experiment: str) -> int:
         return 0
     older = store.latest()
     with store.run(out.resolve().name, rows, {"jobs": str(len(jobs)), **_source(out)}) as parent:
-        client.set_tag(parent, "mlflow.note.content", _note(rows))
+        client.set_tag(parent, "mlflow.note.content", _note(rows, comparisons))
         store.log_table(parent, rows)
         for name in ("config.yaml", "environment.json"):
             if (out / name).is_file():
@@ -285,10 +287,10 @@ def _source(out: Path) -> dict[str, str]:
     return {name: str(value)[:5000] for name, value in said.items() if value}
 
 
-def _note(rows: pd.DataFrame) -> str:
+def _note(rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> str:
     """The tables, which mlflow's page renders as the run's description."""
     ok = rows[rows["status"] == "ok"]
-    text = tables.as_text(compare.compare(rows), "md") if len(ok) else ""
+    text = tables.as_text(comparisons, "md") if len(ok) else ""
     return text if len(text) < 7500 else "Too many tables to show here; they are in scores.parquet."
 
 

@@ -17,7 +17,6 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench import compare
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
@@ -41,10 +40,11 @@ _SCRIPTS = (
 _HUGE = 1e308  # what JSON has for infinity
 
 
-def write(out: Path, rows: pd.DataFrame) -> Path:
+def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> Path:
     """Write ``out/report/index.html`` and return its path.
 
-    Thumbnails are embedded; full pictures are read from `out` where they lie.
+    rows, comparisons: the score table of `out`, and a comparison of methods for each of its datasets. The page embeds
+    thumbnails, and reads full pictures from `out`.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
@@ -52,15 +52,14 @@ def write(out: Path, rows: pd.DataFrame) -> Path:
     loader = PackageLoader("sucre_bench.reports.page", "")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     pages.filters["shell"] = shlex.join
-    compared = compare.compare(rows)
     gallery = Gallery(out, _most_pictures(rows))
     config = _read(out / "config.yaml")
-    sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in compared]
+    sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
     told = [_json(section.content()) for section in sections]
     page = pages.get_template("page.html.j2").render(
         style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
         scripts=Markup("\n".join(_source(f"{name}.js") for name in _SCRIPTS)),
-        summary=Markup(_json(_summary(rows, compared))),
+        summary=Markup(_json(_summary(comparisons))),
         datasets=[Markup(text) for text in told],
         blocks=gallery.blocks(),
         plotly=_plotly() if (rows["status"] == "ok").any() else "",
@@ -83,18 +82,18 @@ def _most_pictures(rows: pd.DataFrame) -> int:
     return 2 * len(views) + int(((rows["metric"] == "seconds") & (rows["status"] == "ok")).sum())
 
 
-def _summary(rows: pd.DataFrame, compared: Sequence[Comparison]) -> dict[str, Any]:
+def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     """What is known before a dataset is chosen: the methods and their colours, and the means on every dataset."""
-    methods = list(dict.fromkeys(name for table in compared for name in table.methods))
-    columns = {key_of(c.metric, c.variant): column_of(c) for table in compared for c in table.columns}
+    methods = list(dict.fromkeys(name for table in comparisons for name in table.methods))
+    columns = {key_of(c.metric, c.variant): column_of(c) for table in comparisons for c in table.columns}
     means: dict[str, list[list[Any]]] = {key: [] for key in columns}
-    for table in compared:
+    for table in comparisons:
         own = {key_of(c.metric, c.variant): c for c in table.columns}
         for key, lines in means.items():
             lines.append([cell_of(table, name, own[key]) if key in own else None for name in methods])
     looks = style.looks(methods)
     return {
-        "datasets": [table.title for table in compared],
+        "datasets": [table.title for table in comparisons],
         "methods": methods,
         "colours": {name: look.colour for name, look in looks.items()},
         "columns": list(columns.values()),

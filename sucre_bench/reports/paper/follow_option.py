@@ -15,13 +15,12 @@ from dataclasses import dataclass, fields, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.compare import Cell, Column, Comparison, compare
+from sucre_bench.compare import Cell, Column, Comparison, against, compare, only
 from sucre_bench.compare.tables import is_fresh, without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.study import Study
-from sucre_bench.reports.paper.ordering import in_order
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -163,14 +162,13 @@ def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tup
     named = [lines[pair] for pair in zip(rows["_value"], rows["method"], strict=True)]
     rows = rows.assign(_method=rows["method"], method=named)
     (scores,) = compare(rows, study.metrics, order=list(lines.values()))
-    scores = in_order(replace(scores, notes=(*scores.notes, *notes)), study.metrics)
-    shared = _shared(rows)
+    scores = only(replace(scores, notes=(*scores.notes, *notes)), study.metrics)
     changes = leads = None
     if len(values) > 1:
-        each = [(shared[shared["_method"] == m], lines[reference, m]) for m in methods]
+        each = [([lines[v, m] for v in values], lines[reference, m]) for m in methods]
         changes = _against(scores, each, f"the same method at {option}={reference.word}")
     if study.baseline in methods:
-        each = [(shared[shared["_value"] == v], lines[v, study.baseline]) for v in values]
+        each = [([lines[v, m] for m in methods], lines[v, study.baseline]) for v in values]
         leads = _against(scores, each, f"{study.baseline} at the same {option}")
     return Along(title, option, study.axis or option, values, reference, methods, scores, changes, leads)
 
@@ -183,29 +181,14 @@ def _ordered(values: Iterable[Value]) -> tuple[Value, ...]:
     return tuple(values)
 
 
-def _shared(rows: pd.DataFrame) -> pd.DataFrame:
-    """The scores of units that all lines have (one without any restricts nobody), as `compare.compare` chooses them."""
-    rows = rows[(rows["status"] == "ok") & rows["value"].notna() & (rows["data_id"] == "")]
-    lines = rows.groupby(["metric", "variant"])["method"].transform("nunique")
-    here = rows.groupby(["metric", "variant", "scene", "view", "region"])["method"].transform("nunique")
-    return rows[here == lines]
-
-
-def _against(scores: Comparison, each: Sequence[tuple[pd.DataFrame, str]], baseline: str) -> Comparison | None:
-    """One table of several, each with a baseline of its own, which is left out. each: rows and the baseline's line."""
-    columns = {(c.metric, c.variant): c for c in scores.columns}
+def _against(scores: Comparison, each: Sequence[tuple[Sequence[str], str]], baseline: str) -> Comparison | None:
+    """One table of several, each with its own baseline, which is left out. each: lines, and the baseline's line."""
     cells: dict[tuple[str, Column], Cell] = {}
-    for rows, own in each:
-        if own not in set(rows["method"]):
-            continue
-        (table,) = compare(rows, baseline=own)
-        cells |= {
-            (line, columns[c.metric, c.variant]): cell
-            for (line, c), cell in table.cells.items()
-            if line != own and (c.metric, c.variant) in columns
-        }
-    lines = tuple(line for line in scores.methods if any(line == found for found, _ in cells))
-    kept = tuple(c for c in scores.columns if any(c == found for _, found in cells))
+    for lines, reference in each:
+        made = against(scores, reference, lines).cells
+        cells |= {(line, c): cell for (line, c), cell in made.items() if line != reference and (reference, c) in made}
+    lines = tuple(line for line in scores.methods if any(line == known for known, _ in cells))
+    kept = tuple(c for c in scores.columns if any(c == known for _, known in cells))
     title = f"{scores.title}, against {baseline}"
     return Comparison(title, lines, kept, cells, baseline=baseline) if cells else None
 

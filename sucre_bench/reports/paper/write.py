@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.compare import text as tables
+from sucre_bench.compare import text
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.study import Study
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.log import keep_traceback
 from sucre_bench.reports.paper import figures
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.paper.follow_option import along, records
-from sucre_bench.reports.paper.ordering import compared
+from sucre_bench.reports.paper.follow_option import records
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.layout import file_name, log_path
 
 if TYPE_CHECKING:
@@ -47,13 +47,13 @@ def write(
     if not (rows["status"] == "ok").any():
         return _nothing(study, out, "nothing was restored, so there is nothing to show")
     named, study = study.metrics, _applicable(study, rows, notes)
-    paths: list[Path] = []
+    results, paths = StudyResults(study, rows, out), list[Path]()
     try:
         if named and not study.metrics:
             raise NotApplicableError("nothing that it asks for was scored")
-        for suffix, text in _tables(study, rows):
+        for suffix, content in _tables(results):
             path = out / "tables" / f"{study.name}.{suffix}"
-            write_atomically(path, text.encode())
+            write_atomically(path, content.encode())
             paths.append(path)
     except OutputError:
         raise
@@ -64,7 +64,7 @@ def write(
         keep_traceback(log_path(out), f"{study.name}, its tables")
         notes.append(f"{study.name}: its tables failed, {one_line(fault)}; the traceback is in {log_path(out)}")
     for name in study.figures:
-        paths += _figures(name, study, rows, out, notes)
+        paths += _figures(name, results, notes)
     return Written(tuple(paths), tuple(notes))
 
 
@@ -111,36 +111,35 @@ def _applicable(study: Study, rows: pd.DataFrame, notes: list[str]) -> Study:
     return study
 
 
-def _tables(study: Study, rows: pd.DataFrame) -> Iterator[tuple[str, str]]:
+def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     """Yield each format's suffix and text."""
     import pandas as pd
 
+    study = results.study
     if study.along:
-        followed = along(rows, study)
-        shown = [table for one in followed for table in one.comparisons]
-        said = ""  # tables against a baseline say it
-        csv = str(pd.DataFrame([record for one in followed for record in records(one)]).to_csv(index=False))
+        tables = [table for one in results.followed for table in one.comparisons]
+        sentences = ""  # the tables against a baseline have the differences
+        csv = str(pd.DataFrame([record for one in results.followed for record in records(one)]).to_csv(index=False))
     else:
-        shown = compared(rows, replace(study, baseline=""))
-        said = "".join(f"- {line}\n" for table in shown for line in tables.verdicts(table))
-        against = compared(rows, study) if study.baseline else shown
-        each = compared(rows, replace(study, baseline=""), study.by) if study.by != "method" else []
-        csv = tables.as_text([*against, *each], "csv", study.spread)
+        tables = results.comparisons
+        sentences = "".join(f"- {line}\n" for table in tables for line in text.verdicts(table))
+        csv = text.as_text([*results.with_baseline, *results.parts], "csv", study.spread)
         if study.baseline:
-            titled = [replace(table, title=f"{table.title}, against {study.baseline}") for table in against]
-            shown = [*itertools.chain(*zip(shown, titled, strict=True))]
-        shown += each
-    yield "md", tables.as_text(shown, "md", study.spread) + (f"\n{said}" if said else "")
-    yield "tex", tables.as_text(shown, "latex", study.spread)
+            titled = [replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline]
+            tables = [*itertools.chain(*zip(tables, titled, strict=True))]
+        tables = [*tables, *results.parts]
+    yield "md", text.as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
+    yield "tex", text.as_text(tables, "latex", study.spread)
     yield "csv", csv
 
 
-def _figures(name: str, study: Study, rows: pd.DataFrame, out: Path, notes: list[str]) -> list[Path]:
-    """Draw one figure, in as many files as it has pages; those of a time when it had more are cleared away."""
+def _figures(name: str, results: StudyResults, notes: list[str]) -> list[Path]:
+    """Draw one figure, with a file for each of its pages, and remove the files of an earlier time."""
+    study, out = results.study, results.out
     whole, written = f"{study.name}-{name}", list[Path]()
     try:
         with style.look():
-            for suffix, figure in figures.find(name)(rows, study, out):
+            for suffix, figure in figures.find(name)(results):
                 if isinstance(figure, NotApplicableError):
                     notes.append(f"{whole}: not drawn, {one_line(figure)}")
                     continue

@@ -1,32 +1,30 @@
-"""Figures of studies, a module each, with ``draw(rows, study, out)``; `style` is how they look.
+"""Figures of studies: each module has ``draw(results)``; `style` has their colours, markers and sizes.
 
-``draw(rows, study, out)`` yields a suffix of the file's name (it may be empty) and a matplotlib figure, or a
-NotApplicableError ("why; what to do") in its place, of a dataset that gives none. It reads rows, and files that a run
-keeps under `out` (see `results.layout`), nothing else, and raises NotApplicableError where they hold nothing to
-draw at all. It is called with the style switched on.
+``draw(results)`` yields pairs: a suffix for the file's name (may be empty), and a matplotlib figure. If a dataset gives
+no figure, a NotApplicableError ("why; what to do") stands in its place. If there is nothing to draw at all, `draw`
+raises it. Figures read only the study's results (`StudyResults`) and the files of a run under ``results.out`` (see
+`results.layout`). They are drawn inside ``style.look()``.
 """
 
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
 from importlib import import_module
-from pathlib import Path
 from typing import TYPE_CHECKING, TypeAlias
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from sucre_bench.errors import NotApplicableError
-    from sucre_bench.jobs.study import Study
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["Draw", "Drawn", "find"]
 
 Drawn: TypeAlias = "Iterator[tuple[str, Figure | NotApplicableError]]"
-Draw = Callable[["pd.DataFrame", "Study", Path], Drawn]
+Draw = Callable[["StudyResults"], Drawn]
 
 
 def find(name: str) -> Draw:
-    """Return what draws a figure."""
+    """Return the function that draws the figure of this name."""
     draw: Draw = import_module(f"{__name__}.{name}").draw
     return draw

@@ -8,35 +8,33 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column
 from sucre_bench.compare.text import title
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.study import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.scores import panels
-from sucre_bench.reports.paper.follow_option import Along, Value, along
+from sucre_bench.reports.paper.follow_option import Along, Value
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from sucre_bench.reports.paper.figures import Drawn
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw", "positions"]
 
 _LOG_FROM = 30  # greatest over least value
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Drawn:
+def draw(results: StudyResults) -> Drawn:
     """Yield a figure per dataset, or why there is none of it."""
-    if not study.along:
+    if not results.study.along:
         raise NotApplicableError("nothing to draw scores against; give study.along=degrade.NAME, say")
-    several = along(rows, study)
+    several = results.followed
     for followed in several:
-        suffix, columns = followed.title if len(several) > 1 else "", panels(followed.scores, study)
+        suffix, columns = followed.title if len(several) > 1 else "", panels(followed.scores, results.study)
         if len(followed.values) < 2:
             yield suffix, NotApplicableError(f"{followed.title} has one value of {followed.option}; sweep over more")
         elif not columns:

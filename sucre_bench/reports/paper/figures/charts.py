@@ -7,7 +7,6 @@ standard deviation of their patches to either side. Needs the scores `chart_dist
 from __future__ import annotations
 
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
 
-    from sucre_bench.reports.paper import Study
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["PLACES", "draw", "seen_charts", "with_places"]
 
@@ -28,12 +27,12 @@ _CHART = ["dataset", "scene", "view", "chart"]
 PLACES = 8
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset, a panel per error and variant, of those that the study names if it names any."""
-    charts = seen_charts(rows)
+    charts = seen_charts(results.rows)
     charts = charts[charts["metric"].isin(_ERRORS)]
     full = charts["metric"] + ":" + charts["variant"]
-    named = charts["metric"].isin(study.metrics) | full.isin(study.metrics)
+    named = charts["metric"].isin(results.study.metrics) | full.isin(results.study.metrics)
     charts = charts[named] if named.any() else charts
     if charts.empty:
         raise NotApplicableError("no errors of colour charts; add metrics=[psi,de00,chart_distance]")

@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,17 +24,17 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sucre_bench.reports.paper import Study
     from sucre_bench.reports.paper.figures.style import Look
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw"]
 
 _PANELS = 24
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset, kind of chart (told apart by their patches) and variant of hue."""
-    hues = seen_charts(rows)
+    hues = seen_charts(results.rows)
     hues = hues[hues["metric"] == "hue"]
     forms = [v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])]
     if not forms:

@@ -14,7 +14,6 @@ import numpy as np
 
 from sucre_bench.arrays import evenly
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.study import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
@@ -23,6 +22,8 @@ from sucre_bench.results.rows import unreplicated
 if TYPE_CHECKING:
     import pandas as pd
     from matplotlib.figure import Figure
+
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw", "pages"]
 
@@ -33,8 +34,9 @@ _TEXT = 0.15  # inches, a line
 _GAP = 0.03  # inches between pictures
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset and page."""
+    rows, out = results.rows, results.out
     datasets = list(dict.fromkeys(rows["dataset"]))
     found = [(dataset, rows[rows["dataset"] == dataset]) for dataset in datasets]
     kept = [(dataset, own, _views(dataset, own, out)) for dataset, own in found]

@@ -19,15 +19,15 @@ import numpy as np
 
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.restorations import read_record, restorations
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw"]
 
@@ -39,12 +39,12 @@ _VIEWS, _POINTS, _CURVES = 2, 12, 6
 _REACH = 5
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield the figures. NotApplicableError where no method told what it leaves."""
-    done = restorations(rows)
+    done = restorations(results.rows)
     drawn = False
     for (_, method), those in done.groupby(["dataset", "method"], sort=False):
-        tellers = [(row, read_record(row, out)) for row in those.itertuples()]
+        tellers = [(row, read_record(row, results.out)) for row in those.itertuples()]
         tellers = [(row, known) for row, known in tellers if known.get("residuals", {}).get("tracks")]
         tellers.sort(key=lambda teller: -teller[1].get("n_observations", 0))
         for row, known in tellers[:_VIEWS]:

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results.restorations import read_record, restorations
 
@@ -25,6 +24,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from sucre_bench.arrays import Array
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw", "line", "times"]
 
@@ -39,11 +39,11 @@ _ROUNDS, _LEAST_S = 10, 1e-4
 _LABELLED = 50  # greatest over least number up to which 2 and 5 are said beside powers of ten
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield the figure. NotApplicableError where no method told its observations."""
     from matplotlib.ticker import EngFormatter, LogLocator
 
-    table = times(rows, out)
+    table = times(results.rows, results.out)
     if table.empty:
         raise NotApplicableError("no method told how many observations it had; add the metric observations")
     few = table["n"].max() < _LABELLED * table["n"].min()

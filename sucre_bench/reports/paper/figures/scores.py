@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import COSTS, Column, Comparison
@@ -15,11 +14,11 @@ from sucre_bench.compare.text import title
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.jobs.study import Study
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.paper.ordering import compared
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
+
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw", "panels"]
 
@@ -27,10 +26,10 @@ _LINE = 0.135  # inches a method takes
 _PAGE = 9.0  # inches a page has
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset, or more where the panels do not fit on a page."""
-    comparisons = compared(rows, study)
-    drawn = [(comparison, panels(comparison, study)) for comparison in comparisons]
+    comparisons = results.comparisons
+    drawn = [(comparison, panels(comparison, results.study)) for comparison in comparisons]
     if not any(columns for _, columns in drawn):
         raise NotApplicableError("no scores that tell methods apart; add metrics, or method=a,b")
     for comparison, columns in drawn:

@@ -18,14 +18,14 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.filters.seams import Seams, find_seams
 from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
     from matplotlib.image import AxesImage
+
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw"]
 
@@ -39,8 +39,9 @@ _WINDOW, _SHAPE, _TOP = 0.22, 0.75, 0.25
 _DIFFERS, _PART = 8 / 255, 0.05
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure a view. NotApplicableError where there is no score of seams or no picture."""
+    rows, out = results.rows, results.out
     scores = rows[(rows["metric"] == "seams") & (rows["variant"] == "visible") & (rows["status"] == "ok")]
     drawn = False
     for _, those in scores.groupby("dataset", sort=False):

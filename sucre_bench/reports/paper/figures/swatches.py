@@ -6,7 +6,6 @@ where that was scored. Needs the scores `patch_colour`, `de00` and `chart_distan
 
 from __future__ import annotations
 
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -21,8 +20,8 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sucre_bench.reports.paper import Study
     from sucre_bench.reports.paper.figures import Drawn
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw"]
 
@@ -31,9 +30,9 @@ _PATCHES = 18  # no more are wide enough for their number
 _CHART = ["scene", "view", "chart"]
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Drawn:
+def draw(results: StudyResults) -> Drawn:
     """Yield a figure per dataset, or why there is none of it."""
-    charts = seen_charts(rows)
+    charts = seen_charts(results.rows)
     if not {"patch_colour", "de00"} <= set(charts["metric"]):
         raise NotApplicableError("no colours of chart patches; add metrics=[patch_colour,de00,chart_distance]")
     for name, own in style.each_dataset(charts[charts["metric"].isin(("patch_colour", "de00"))]):

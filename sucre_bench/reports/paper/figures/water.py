@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from sucre_bench.reports.paper import Study
+    from sucre_bench.reports.paper.study_results import StudyResults
 
 __all__ = ["draw"]
 
@@ -37,8 +37,9 @@ _VIEW = ["dataset", "scene", "view"]
 _METHODS = 4
 
 
-def draw(rows: pd.DataFrame, study: Study, out: Path) -> Iterator[tuple[str, Figure]]:
+def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset and four methods."""
+    rows, out = results.rows, results.out
     ok = rows[(rows["status"] == "ok") & rows["value"].notna()]
     water = ok[ok["metric"] == "water_parameters"]
     variances = ok[ok["metric"] == "distance_variance"].drop_duplicates(_VIEW).rename(columns={"value": "variance"})
