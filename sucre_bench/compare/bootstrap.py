@@ -91,7 +91,7 @@ def differences(units: Units, pairs: Sequence[Pair]) -> Array:
     at least two units.
     """
     half = np.full(len(pairs), np.nan)
-    finite = np.isfinite(units.sums).all(axis=0)
+    finite = np.asarray(np.isfinite(units.sums).all(axis=0))
     known = [p for p, (i, j) in enumerate(pairs) if finite[i] and finite[j]]
     if known:
         units = Units(np.where(finite, units.sums, 0.0), units.sizes)

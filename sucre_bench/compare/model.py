@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
@@ -10,10 +11,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units
 from sucre_bench.results.rows import COSTS
 
-__all__ = ["Cell", "Column", "Comparison", "Difference", "Measured"]
+__all__ = ["NO_DIFFERENCE", "Cell", "Column", "Comparison", "Difference", "Measured"]
 
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
+NO_DIFFERENCE: Difference = (math.nan, math.nan, math.nan)
 
 
 @dataclass(frozen=True)
@@ -61,14 +63,14 @@ class Cell:
     std: float
     low: float
     high: float
-    place: int
-    rank: int
-    tie: bool
-    behind: Difference
-    wins: float
-    effect: float
     holes: int
-    change: Difference
+    place: int = 0
+    rank: int = 0
+    tie: bool = False
+    behind: Difference = NO_DIFFERENCE
+    wins: float = math.nan
+    effect: float = math.nan
+    change: Difference = NO_DIFFERENCE
 
 
 @dataclass(frozen=True)

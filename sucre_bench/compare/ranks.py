@@ -11,12 +11,11 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
-from sucre_bench.compare.model import Cell, Column, Difference, Measured
+from sucre_bench.compare.model import NO_DIFFERENCE, Cell, Column, Difference, Measured
 
 __all__ = ["against", "cells"]
 
 _EQUAL = 1e-12  # scores that differ by rounding only
-_NONE: Difference = (np.nan, np.nan, np.nan)
 
 
 def cells(column: Column, measured: Measured) -> list[Cell]:
@@ -24,31 +23,27 @@ def cells(column: Column, measured: Measured) -> list[Cell]:
     views, sign = measured.views, _sign(column)
     mean = _means(views)
     low, high = _interval(column, measured)
+    made = [
+        Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))
+        for m in range(len(mean))
+    ]
+    if column.better == "none":
+        return made
     pairs = _Pairs.of(mean * sign, measured.independent)
-    places, ranks = pairs.places(), pairs.ranks()
+    places, ranks, wins = pairs.places(), pairs.ranks(), _best_in(views * sign)
     best = int(np.argmin(places))
-    wins = _best_in(views * sign)
-    made: list[Cell] = []
-    for m, place in enumerate(places):
-        about = (float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]))
-        holes = int(measured.holes[m])
-        if column.better == "none":
-            made.append(Cell(*about, 0, 0, False, _NONE, np.nan, np.nan, holes, _NONE))
-            continue
-        made.append(
-            Cell(
-                *about,
-                place=int(place),
-                rank=int(ranks[m]) if column.ranked else int(place),
-                tie=bool(column.ranked and place > 1 and pairs.gap[best, m] - pairs.half[best, m] <= _EQUAL),
-                behind=_difference(pairs.gap[best, m], pairs.half[best, m]),
-                wins=float(wins[m]),
-                effect=_effect(views[:, best], views[:, m], sign) if m != best else np.nan,
-                holes=holes,
-                change=_NONE,
-            )
+    return [
+        replace(
+            cell,
+            place=int(places[m]),
+            rank=int(ranks[m]) if column.ranked else int(places[m]),
+            tie=bool(column.ranked and places[m] > 1 and pairs.gap[best, m] - pairs.half[best, m] <= _EQUAL),
+            behind=_difference(pairs.gap[best, m], pairs.half[best, m]),
+            wins=float(wins[m]),
+            effect=_effect(views[:, best], views[:, m], sign) if m != best else np.nan,
         )
-    return made
+        for m, cell in enumerate(made)
+    ]
 
 
 def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline: int) -> list[Cell]:
@@ -68,7 +63,7 @@ def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline:
     wins = _beats(views * sign, baseline)
     made = []
     for m, cell in enumerate(cells):
-        change = _NONE if m == baseline else _difference(gap[m], half[m])
+        change = NO_DIFFERENCE if m == baseline else _difference(gap[m], half[m])
         effect = np.nan if m == baseline else _effect(views[:, baseline], views[:, m], sign)
         made.append(replace(cell, change=change, wins=float(wins[m]), effect=effect))
     return made

@@ -9,8 +9,8 @@ import pandas as pd
 import pytest
 from mlflow import MlflowClient
 
-from sucre_bench import results
-from sucre_bench.commands.run_summary import track
+from sucre_bench import compare, results
+from sucre_bench.commands.run_summary import compared, track
 from sucre_bench.engine import sweep
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper.figures import style
@@ -21,7 +21,7 @@ pytestmark = pytest.mark.usefixtures("toys")
 def run_and_track(*overrides: str, multirun: bool = False) -> sweep.Outcome:
     """Run and log, as the command line does."""
     outcome = sweep.run(overrides, multirun)
-    track(outcome)
+    track(outcome, compared(outcome))
     return outcome
 
 
@@ -173,7 +173,6 @@ def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.Ca
 
 def test_means_are_those_of_the_table(tmp_path: Path):
     """Views count alike there, however many charts each has."""
-    from sucre_bench import compare
     from sucre_bench.datasets.demo import Demo
 
     list(Demo(root=tmp_path, width=480, height=360, views=5).scenes())
@@ -210,8 +209,8 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
     with monkeypatch.context() as patch:
         patch.setattr(mlflow.runs._Store, "succeed", breaks)
         with pytest.raises(ConnectionError):
-            mlflow.log(out, rows, uri, "sucre_bench")
+            mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench")
     assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]
-    assert mlflow.log(out, rows, uri, "sucre_bench") == 1
+    assert mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench") == 1
     latest = {r.data.tags.get("method", ""): r.info.status for r in runs(uri) if r.data.tags.get("latest") == "yes"}
     assert latest == {"": "FINISHED", "gain": "FINISHED", "gain2": "FINISHED"}

@@ -12,13 +12,19 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import pandas as pd
 import pytest
 from support.browser import Browser, chromium
 from support.made_results import DE00, PATCHES, PSNR, made_results
 
+from sucre_bench.compare import compare
 from sucre_bench.reports import page as report
 
 HOSTILE = "</script><img src=x onerror=console.error('run')>"
+
+
+def write_page(out: Path, rows: pd.DataFrame) -> Path:
+    return report.write(out, rows, compare(rows))
 
 
 @pytest.fixture(scope="module")
@@ -28,7 +34,7 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savez(
         folder / "restored/reef/clever/v0.npz", image=np.zeros((800, 1200, 3)), confidence=np.ones((800, 1200)) * 0.1
     )
-    report.write(folder, rows)
+    write_page(folder, rows)
     return folder
 
 
@@ -284,7 +290,7 @@ def test_each_methods_command_names_the_views_and_metrics_of_its_rows(page: Brow
 def test_a_run_that_failed_as_a_whole_has_reasons_and_commands_and_no_dead_links(chrome: Browser, tmp_path: Path):
     rows = made_results(tmp_path)
     rows = rows[rows["metric"] == "seconds"].assign(status="failed", value=np.nan, reason="ValueError: boom")
-    report.write(tmp_path, rows)
+    write_page(tmp_path, rows)
     opened(chrome, tmp_path)
     shown = chrome.ask(
         "[...document.querySelectorAll('nav a')].filter((a) => a.checkVisibility()).map((a) => a.innerText)"
@@ -367,7 +373,7 @@ def test_hostile_names_run_nothing(page: Browser, tmp_path: Path):
     rows = made_results(tmp_path)
     rows["method"] = rows["method"] + HOSTILE
     rows["view"] = rows["view"].str.replace("v2.png", HOSTILE)
-    report.write(tmp_path, rows)
+    write_page(tmp_path, rows)
     opened(page, tmp_path)
     assert HOSTILE in methods(page)[0]
     page.click("[data-rows=view]")

@@ -19,6 +19,7 @@ import pytest
 from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
 
 from sucre_bench import plugins, results
+from sucre_bench.compare import compare
 from sucre_bench.engine import sweep
 from sucre_bench.jobs import command
 from sucre_bench.jobs.rerun import Command
@@ -27,6 +28,10 @@ from sucre_bench.reports.page import gallery as pictures
 from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
+
+
+def write_page(out: Path, rows: pd.DataFrame) -> Path:
+    return report.write(out, rows, compare(rows))
 
 
 class Page(HTMLParser):
@@ -67,12 +72,12 @@ class Page(HTMLParser):
 
 
 def made(out: Path, **how: Any) -> Page:
-    return Page(report.write(out, made_results(out, **how)))
+    return Page(write_page(out, made_results(out, **how)))
 
 
 def ran(out: Path, *overrides: str) -> Page:
     base = ["dataset=toy", "metrics=[redness]", "tracking.uri=off", f"out={out}"]
-    return Page(report.write(out, sweep.run([*base, *overrides], True).rows))
+    return Page(write_page(out, sweep.run([*base, *overrides], True).rows))
 
 
 def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_made(toys: str, tmp_path: Path):
@@ -136,7 +141,7 @@ def test_names_and_reasons_are_never_read_as_markup(tmp_path: Path):
         rows[column] = plain.where(plain.isin(["image", "seconds", ""]), plain + HOSTILE)
     rows["options"] = json.dumps({"name": HOSTILE, "dataset": {"name": HOSTILE}})
     (tmp_path / "config.yaml").write_text(f"a: '{HOSTILE}'")
-    page = Page(report.write(tmp_path, rows))
+    page = Page(write_page(tmp_path, rows))
     assert not [a for tag, a in page.tags if tag == "img" and a.get("src") == "x"]
     assert f"ValueError: boom <b>bold</b>{HOSTILE}" in page.text
     assert page.datasets[0]["methods"][0]["label"] == f"plain{HOSTILE}"  # the text itself is kept
@@ -145,7 +150,7 @@ def test_names_and_reasons_are_never_read_as_markup(tmp_path: Path):
 def test_numbers_that_json_lacks_stay_apart(tmp_path: Path):
     rows = made_results(tmp_path)
     rows.loc[rows["metric"] == "psnr", "value"] = math.inf
-    (dataset,) = Page(report.write(tmp_path, rows)).datasets  # json.loads takes no NaN when asked so
+    (dataset,) = Page(write_page(tmp_path, rows)).datasets  # json.loads takes no NaN when asked so
     assert dataset["views"][0]["results"][0]["scores"]["psnr:masked"] > 1e300
     assert "NaN" not in json.dumps(dataset)
     assert "Infinity" not in json.dumps(dataset)
@@ -155,7 +160,7 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
     rows = made_results(tmp_path)
     (tmp_path / "restored/reef/clever/v0.png").write_bytes(b"\x89PNG not")
     (tmp_path / "restored/reef/clever/v0.json").write_text("{")
-    page = Page(report.write(tmp_path, rows))
+    page = Page(write_page(tmp_path, rows))
     result = page.datasets[0]["views"][0]["results"][1]
     assert result["picture"]["id"] not in page.blocks("image/webp")
     assert result["water"] is None
@@ -164,7 +169,7 @@ def test_damaged_files_cost_their_picture_and_nothing_else(tmp_path: Path):
 def test_restored_pictures_are_shown_where_the_views_themselves_are_lost(tmp_path: Path):
     rows = made_results(tmp_path)
     shutil.rmtree(tmp_path / "views")
-    view = Page(report.write(tmp_path, rows)).datasets[0]["views"][0]
+    view = Page(write_page(tmp_path, rows)).datasets[0]["views"][0]
     assert view["original"] is None
     assert all(result["picture"] for result in view["results"])
 
@@ -172,14 +177,14 @@ def test_restored_pictures_are_shown_where_the_views_themselves_are_lost(tmp_pat
 def test_more_views_than_a_command_line_has_room_for_are_not_named(tmp_path: Path):
     row = Row("reef", "cove", method="m", value=1.0, options='{"name": "gray_world", "dataset": {"name": "demo"}}')
     rows = [replace(row, view=f"v{n}.png") for n in range(101)]
-    assert Page(report.write(tmp_path, results.frame(rows))).datasets[0]["methods"][0]["views"] == ""
-    (said,) = Page(report.write(tmp_path, results.frame(rows[:2]))).datasets[0]["methods"]
+    assert Page(write_page(tmp_path, results.frame(rows))).datasets[0]["methods"][0]["views"] == ""
+    (said,) = Page(write_page(tmp_path, results.frame(rows[:2]))).datasets[0]["methods"]
     assert said["views"] == "'views=[v0.png,v1.png]'"
 
 
 def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
     rows = results.frame([Row("reef", method="m", value=math.nan, status="failed", reason="no such folder")])
-    page = Page(report.write(tmp_path, rows))
+    page = Page(write_page(tmp_path, rows))
     assert "no such folder" in page.text
     assert len(page.source) < 200_000  # no plotting library for no plot
 
@@ -210,7 +215,7 @@ def test_kept_numbers_tell_holes_and_confidence_exactly(tmp_path: Path):
     image[:10] = np.nan
     confidence = np.tile(np.linspace(2, 4, 96, dtype=np.float32), (64, 1))
     np.savez(tmp_path / "restored/reef/clever/v0.npz", image=image, confidence=confidence)
-    page = Page(report.write(tmp_path, rows))
+    page = Page(write_page(tmp_path, rows))
     name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
     holes = page.picture(f"{name}-holes")[..., 3] > 0
     assert holes[:10].all()
@@ -233,8 +238,8 @@ def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: P
 
 def test_pages_of_the_same_results_are_the_same(tmp_path: Path):
     rows = made_results(tmp_path)
-    first = report.write(tmp_path, rows).read_bytes()
-    assert report.write(tmp_path, rows).read_bytes() == first
+    first = write_page(tmp_path, rows).read_bytes()
+    assert write_page(tmp_path, rows).read_bytes() == first
 
 
 # -- commands ----------------------------------------------------------------------------------------------
@@ -293,7 +298,7 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
     out = tmp_path / "first run"
     base = ["dataset=toy", "metrics=[redness]", "metrics.redness.variants=[double]", "tracking.uri=off", f"out='{out}'"]
     rows = sweep.run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
-    (dataset,) = Page(report.write(out, rows)).datasets
+    (dataset,) = Page(write_page(out, rows)).datasets
     parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metric_words"]["redness:double"]]
     said = shlex.split(" ".join(parts))
     assert "--plugin" in said

@@ -385,15 +385,15 @@ def drawn(monkeypatch: pytest.MonkeyPatch) -> Any:
 
 
 def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
-    def breaks(rows: object, study: object, out: object) -> Iterator[Any]:
+    def breaks(results: object) -> Iterator[Any]:
         raise ZeroDivisionError("by nought")
         yield
 
-    def nothing(rows: object, study: object, out: object) -> Iterator[Any]:
+    def nothing(results: object) -> Iterator[Any]:
         raise NotApplicableError("no charts; add some")
         yield
 
-    def half(rows: object, study: object, out: object) -> Iterator[Any]:
+    def half(results: object) -> Iterator[Any]:
         yield "sea", NotApplicableError("no charts in the sea; add some")
         yield "lake", Figure()
 
@@ -413,7 +413,7 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
 
 
 def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(tmp_path: Path, drawn: Any):
-    def draws(rows: object, study: object, out: object) -> Iterator[Any]:
+    def draws(results: object) -> Iterator[Any]:
         yield "", Figure()  # of what methods told, say
 
     drawn("draws", draws)

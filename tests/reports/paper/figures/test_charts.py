@@ -17,6 +17,7 @@ from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import Study, figures
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import seen_charts, with_places
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results import layout
 from sucre_bench.results.rows import Row
 
@@ -67,7 +68,7 @@ def chart_rows(hue: float = 0.0, dataset: str = "dive") -> Iterator[Row]:
 
 def drawn(name: str, rows: pd.DataFrame, out: Path = Path("nowhere")) -> dict[str, Figure]:
     with style.look():
-        return dict(figures.find(name)(rows, Study("s"), out))
+        return dict(figures.find(name)(StudyResults(Study("s"), rows, out)))
 
 
 def lines(axes: Axes, label: str) -> np.ndarray:
@@ -94,8 +95,12 @@ def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_p
 def test_charts_has_a_panel_for_each_error_or_for_those_the_study_names() -> None:
     rows = list(chart_rows())
     rows += [replace(row, variant="w", value=2 * row.value) for row in rows if row.metric == "de00"]
-    (everything,) = dict(figures.find("charts")(results.frame(rows), Study("s"), Path("nowhere"))).values()
-    (named,) = dict(figures.find("charts")(results.frame(rows), Study("s", ("de00:w",)), Path("nowhere"))).values()
+    (everything,) = dict(
+        figures.find("charts")(StudyResults(Study("s"), results.frame(rows), Path("nowhere")))
+    ).values()
+    (named,) = dict(
+        figures.find("charts")(StudyResults(Study("s", ("de00:w",)), results.frame(rows), Path("nowhere")))
+    ).values()
     assert [axes.get_visible() for axes in everything.axes] == [True, True, True, False]
     (only,) = named.axes
     assert lines(only, "sucre")[1][0] == 2 * error("sucre", "a.png", "near", PATCHES[1])

@@ -17,6 +17,7 @@ from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import against, pictures, scores, style
 from sucre_bench.reports.paper.follow_option import Value
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(
@@ -117,7 +118,7 @@ def test_the_look_leaves_no_trace():
 
 def drawn(module: Any, rows: pd.DataFrame, out: Path = Path(), **study: Any) -> dict[str, Any]:
     with style.look():
-        return dict(module.draw(rows, Study(name="s", **study), out))
+        return dict(module.draw(StudyResults(Study(name="s", **study), rows, out)))
 
 
 def test_methods_are_sorted_by_their_mean_and_ties_are_hollow():

@@ -19,6 +19,7 @@ from sucre_bench.methods.sucre.solvers import colours_for_water
 from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import residuals as residuals_figure
 from sucre_bench.reports.paper.figures import scaling, seams
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.layout import Place
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import Row, frame
@@ -59,7 +60,7 @@ def fitted(tmp_path: Path) -> tuple[pd.DataFrame, dict[str, Any]]:
 
 
 def drawn(rows: pd.DataFrame, out: Path) -> dict[str, Any]:
-    return dict(residuals_figure.draw(rows, STUDY, out))
+    return dict(residuals_figure.draw(StudyResults(STUDY, rows, out)))
 
 
 def test_residuals_are_drawn_as_four_figures_of_three_channels(
@@ -167,7 +168,7 @@ def test_a_line_never_starts_below_zero() -> None:
 def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path) -> None:
     n = np.geomspace(1e5, 4e6, 6)
     rows = [r for k in n for r in timed(tmp_path, k, 0.1 + 2e-6 * k * (1 + 0.01 * np.sin(k)))]
-    ((suffix, figure),) = scaling.draw(frame(rows), STUDY, tmp_path)
+    ((suffix, figure),) = scaling.draw(StudyResults(STUDY, frame(rows), tmp_path))
     assert suffix == ""
     assert [axis.get_title() for axis in figure.axes] == ["whole restoration", "pairing", "solving"]
     points = next(line for line in figure.axes[0].lines if line.get_linestyle() == "None")
@@ -181,7 +182,7 @@ def test_scaling_draws_each_restoration_once_and_names_its_slope(tmp_path: Path)
 def test_without_counts_scaling_says_what_is_missing(tmp_path: Path) -> None:
     rows = frame([r for r in timed(tmp_path, 1e5, 1.0) if r.metric == "seconds"])
     with pytest.raises(NotApplicableError, match="add the metric observations"):
-        list(scaling.draw(rows, STUDY, tmp_path))
+        list(scaling.draw(StudyResults(STUDY, rows, tmp_path)))
 
 
 @pytest.fixture
@@ -201,7 +202,7 @@ def stitched(tmp_path: Path) -> pd.DataFrame:
 
 
 def test_seams_are_drawn_beside_the_photograph_with_the_worst_enlarged(stitched: pd.DataFrame, tmp_path: Path) -> None:
-    ((suffix, figure),) = seams.draw(stitched, STUDY, tmp_path)
+    ((suffix, figure),) = seams.draw(StudyResults(STUDY, stitched, tmp_path))
     assert suffix == "made-a"
     axes = np.array(figure.axes[:6]).reshape(3, 2)
     assert [axis.get_title() for axis in axes[0]] == ["photograph\n", "seam\nseams 3.00%"]
@@ -216,4 +217,4 @@ def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
     stitched: pd.DataFrame, tmp_path: Path
 ) -> None:
     with pytest.raises(NotApplicableError, match="seams"):
-        list(seams.draw(stitched[stitched["method"] == "same"], STUDY, tmp_path))
+        list(seams.draw(StudyResults(STUDY, stitched[stitched["method"] == "same"], tmp_path)))
