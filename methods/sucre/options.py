@@ -48,6 +48,10 @@ class FitOptions:
     """exact: the minimum; adam: the paper's steps on all unknowns; adam_closed_form: the paper's steps on the water,
     with the best colours at each."""
 
+    footprint: bool = True
+    """Fit the water to observations that average the same ground, as seen from the farthest view; colours stay sharp.
+    Without it attenuation comes out too high (water=own or shared, with solver=exact); false: fit single pixels."""
+
     physical: bool = False
     """Hold colours above zero, up to noise: a veil brighter than the darkest pixels costs (solver=exact)."""
 

@@ -19,14 +19,21 @@ __all__ = ["samples"]
 
 
 def samples(
-    scene: Scene, observe: Callable[[View], Observations], *, most: int, singles: bool, seed: int
-) -> Sequence[Observations]:
+    scene: Scene,
+    observe: Callable[[View], Observations],
+    match: Callable[[View, Observations], Observations | None],
+    *,
+    most: int,
+    singles: bool,
+    seed: int,
+) -> Sequence[tuple[Observations, Observations | None]]:
     """Return samples of the observations of up to `most` targets, spread evenly over the scene.
 
-    observe: pairs one target. Views without a pose or depth, or with a damaged file, are left out.
+    observe: pairs one target; match: observations of some of its pixels with matched footprints, None for none; each
+    result has both. Views without a pose or depth, or with a damaged file, are left out.
     Raises SolveError when none is left.
     """
-    kept: list[Observations] = []
+    kept: list[tuple[Observations, Observations | None]] = []
     last = "no view shares a pixel with another"
     for k in track(evenly(len(scene), most), "shared water"):
         view = scene.views[k]
@@ -37,7 +44,7 @@ def samples(
             say(f"shared water skips {view.name}: {fault}")
             continue
         if observations.n_repeated:
-            kept.append(sampled(observations, SAMPLE, singles, seed + k))
+            kept.append((sampled(observations, SAMPLE, singles, seed + k), match(view, observations)))
     if not kept:
         raise SolveError(f"the scene's water cannot be fitted, {last}; use water=FILE with a known one")
     return kept

@@ -97,28 +97,41 @@ def solve_adam_closed_form(
 def solve_exact(
     observations: Observations,
     *,
+    matched: Observations | None = None,
     physical: bool = False,
     robust: bool = False,
     backend: Backend = "auto",
     device: Device = "auto",
     seed: int = 0,
 ) -> Solution:
-    """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises."""
+    """Find the minimum; with `robust`, of observations weighted by how well they fit. Raises what `fit` raises.
+
+    matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py); all colours
+    are those of `observations`.
+    """
     from sucre_bench.methods.sucre.exact import SAMPLE, fit, sampled
     from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
 
-    fitted = partial(fit, physical=physical, backend=backend, device=device, seed=seed)
-    if robust:  # water and weights are iterated on a sample; then all observations are weighted once
-        few = sampled(observations, SAMPLE, physical, seed)
-        water = fit_robustly(few, fitted)[0].water
-        observations = reweighted(observations, water, robust_noise(few, water))
-        found = fitted(observations)
-        found = replace(found, uncertainty=rescaled_to_noise(found.uncertainty, robust_noise(few, found.water)))
-    else:
-        found = fitted(observations)
+    sharp = sampled(observations, SAMPLE, physical, seed) if robust or matched is not None else None
+    held = [sharp] if physical and matched is not None and sharp is not None else []
+    fitted = partial(fit, physical=physical, sharp=held, backend=backend, device=device, seed=seed)
+    to_fit = observations if matched is None else matched
+    noise: Array | None = None
+    if robust and sharp is not None:  # water and weights are iterated on a sample; then all observations are weighted
+        few = sharp if matched is None else matched
+        water, weighted = fit_robustly(few, fitted)
+        noise = robust_noise(sharp, water.water)
+        observations = reweighted(observations, water.water, noise)
+        to_fit = observations if matched is None else weighted
+    found = fitted(to_fit)
     about = {"solver": "exact", "steps": found.passes, "converged": found.converged}
     with opened(observations, backend, device) as kernel:
-        return _with_colours(kernel, found.water, found.uncertainty, about)
+        uncertainty = found.uncertainty
+        if noise is not None and sharp is not None:
+            uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
+        elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
+            uncertainty = replace(uncertainty, noise=_uncertainty(kernel, observations, found.water).noise)
+        return _with_colours(kernel, found.water, uncertainty, about)
 
 
 def colours_for_water(

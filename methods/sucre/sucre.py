@@ -36,6 +36,9 @@ if TYPE_CHECKING:
 
 __all__ = ["Sucre"]
 
+# Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
+_MATCHED, _FEWEST_MATCHED = 20_000, 200
+
 
 @method(
     needs={"depth", "poses"},
@@ -110,7 +113,7 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
         where = (self.backend, self.device)
         match way_of(self):
             case Way.EXACT:
-                return self._solve_exactly(observations)
+                return self._solve_exactly(scene, view, observations)
             case Way.ADAM:
                 own = solvers.start_of(observations, self._intensities(view))
                 solution = solvers.solve_adam(observations, own, self.steps, self.lr, "sum", *where)
@@ -127,14 +130,30 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
                 solution = solvers.colours_for_water(observations, water, None, *where)
         return observations, solution
 
-    def _solve_exactly(self, observations: Observations) -> tuple[Observations, Solution]:
+    def _solve_exactly(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
         from sucre_bench.methods.sucre.solvers import solve_exact
 
-        about: dict[str, Any] = {}
+        matched = self._matched(scene, view, observations)
+        about: dict[str, Any] = {"footprint": matched is not None}
         if self.lamp:
-            observations, about = self._without_lamp(observations)
-        solution = solve_exact(observations, physical=self.physical, robust=self.robust, **self._compute)
+            observations, matched, lamp = self._without_lamp(observations, matched)
+            about |= lamp
+        solution = solve_exact(
+            observations, matched=matched, physical=self.physical, robust=self.robust, **self._compute
+        )
         return observations, replace(solution, about=solution.about | about)
+
+    def _matched(self, scene: Scene, view: View, observations: Observations) -> Observations | None:
+        """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
+        from sucre_bench.multiview.footprints import matched_footprints
+
+        n = observations.n_repeated
+        if not self.footprint or n < _FEWEST_MATCHED:
+            return None
+        places = np.random.default_rng(self.seed).choice(n, min(n, _MATCHED), replace=False)
+        views = [other for other in scene.views if other.name in set(observations.views)]
+        found = matched_footprints(view, views, observations.pixels[places], **self._pairing)
+        return found if found.n_repeated >= _FEWEST_MATCHED else None
 
     @property
     def _compute(self) -> dict[str, Any]:
@@ -150,21 +169,25 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
         alone = colours_for_water(own, solution.water, solution.uncertainty, self.backend, self.device)
         return own, replace(alone, about=solution.about)
 
-    def _without_lamp(self, observations: Observations) -> tuple[Observations, dict[str, Any]]:
-        """Return the observations in even light, where a lamp explains them better, and a record of the lamp."""
+    def _without_lamp(
+        self, observations: Observations, matched: Observations | None
+    ) -> tuple[Observations, Observations | None, dict[str, Any]]:
+        """Return both kinds of observations in even light, where a lamp explains them better, and its record."""
         from sucre_bench.methods.sucre.exact import fit
         from sucre_bench.methods.sucre.lamp import estimate, lit
 
-        found = estimate(observations, fit(observations, **self._compute).water, seed=self.seed)
+        sample = observations if matched is None else matched
+        found = estimate(sample, fit(sample, **self._compute).water, seed=self.seed)
         about = {"noise": found.noise, "noise_without": found.noise_without}
         if not found.is_worth_it:
             say("no lamp: the observations are explained as well without one")
-            return observations, {"lamp": about | {"found": False}}
+            return observations, matched, {"lamp": about | {"found": False}}
         lamp = {"lamp_from_cam": found.lamp.lamp_from_cam.tolist(), "precision": found.lamp.precision.tolist()}
         observations = lit(observations, found.lamp)
         if not observations.n_repeated:
             raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
-        return observations, {"lamp": about | {"found": True} | lamp}
+        even = None if matched is None else lit(matched, found.lamp)
+        return observations, even, {"lamp": about | {"found": True} | lamp}
 
     def _intensities(self, view: View) -> Array:
         """Return the target's intensities (H W, 3) in the encoding that is fitted."""
@@ -195,10 +218,13 @@ def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
         targets = samples(
             scene,
             lambda view: sucre._observe(scene, view),
+            lambda view, observations: sucre._matched(scene, view, observations),
             most=sucre.shared_views,
             singles=sucre.physical,
             seed=sucre.seed,
         )
-        return fit(targets, physical=sucre.physical, **sucre._compute)
+        to_fit = [sharp if matched is None else matched for sharp, matched in targets]
+        held = [sharp for sharp, matched in targets if matched is not None]
+        return fit(to_fit, physical=sucre.physical, sharp=held, **sucre._compute)
     except SolveError as fault:
         return fault

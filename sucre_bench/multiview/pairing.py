@@ -10,7 +10,7 @@ other arithmetic is float32 in the camera's frame.
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -50,6 +50,14 @@ class Surface:
     tile_starts: Indices
     tile_corners: Array
     corners: Array
+
+    def only(self, pixels: Indices) -> Surface:
+        """Return the surface with some of its pixels: flat indices into the target."""
+        kept = np.isin(self.pixels, pixels)
+        before = np.append(0, np.cumsum(kept))
+        return replace(
+            self, pixels=self.pixels[kept], points=self.points[:, kept], tile_starts=before[self.tile_starts]
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -1,0 +1,281 @@
+"""Observations whose colours average the same ground: what a fit of the water needs.
+
+A pixel records the mean over its footprint. The same point seen from farther away is averaged over a larger piece of
+ground, so it has less contrast. A fit books that loss as attenuation. Here the images are blurred so that all
+observations of a point average the same ground as the coarsest of them.
+
+Near a point the surface is a plane, and A, a (2, 2) matrix, maps steps in the target to steps in a view, both in
+pixels. The view with the smallest |det A| is the coarsest, c. A square pixel has the covariance 1/12 in both directions
+(its own pixels). In view c the common footprint is a Gaussian of k pixels over one pixel's square: (k^2 + 1/12) 1. In
+another view, with M = A A_c^-1, the same ground has the covariance (k^2 + 1/12) M M^T. Its own pixels bring 1/12, so
+its image is averaged with a Gaussian of covariance
+
+    S = (k^2 + 1/12) M M^T - 1/12.
+
+Seen from the same direction at depths of the ratio rho, M = rho 1 and sigma = sqrt((k^2 + 1/12) rho^2 - 1/12) pixels.
+Colours are averaged around the sub-pixel place where the point lies. Large Gaussians read an image of smaller size,
+made of means over blocks of 2^l pixels. These bring (4^l - 1) / 12 of the covariance themselves.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sucre_bench.colour import srgb_decode
+from sucre_bench.describe.evenly import evenly
+from sucre_bench.errors import InputError
+from sucre_bench.multiview.compiling import compiled
+from sucre_bench.multiview.geometry import relative_pose
+from sucre_bench.multiview.observations import Indices, Observations, Seen, arrange
+from sucre_bench.multiview.observe import Kept
+from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches
+from sucre_bench.multiview.sampling import rays_at
+from sucre_bench.scene import Array, Mask, View
+from sucre_bench.threads import usable_cores
+
+__all__ = ["matched_footprints"]
+
+# k: standard deviation of the common Gaussian, in pixels of the coarsest view. From .5 to 1.5 the water of made scenes
+# changes by less than 1 %; less leaves differences between square pixels, more rejects points near outlines.
+_K = 1.0
+
+# The variance of a square pixel, in pixels^2.
+_SQUARE = 1 / 12
+
+# Variances in px^2 of a view's Gaussian. Whole pixels average a narrower one badly; a wider one, of a view that is 16
+# times as close as the farthest, takes too long.
+_LEAST, _MOST = 0.1, 256.0
+
+# Where the variance is larger than this along all directions, a smaller image serves as well, px^2.
+_ENOUGH = 2.5
+
+# The window reaches to so many standard deviations. Points are left out when less than this share of their window lies
+# in the image and on the same plane, within a share of the depth.
+_REACH, _SHARE, _PLANE = 3.0, 0.95, 0.03
+
+# The plane is fitted to inverse depths of 5 x 5 pixels. Where their rms distance to it is larger (relative), the
+# surface is rough and is taken to face the camera.
+_HALF, _ROUGH = 2, 0.005
+
+# Views of a target that are read; more add little to a water.
+_VIEWS = 32
+
+
+def matched_footprints(
+    target: View,
+    views: Sequence[View],
+    pixels: Indices,
+    *,
+    rule: Rule = "mutual",
+    tolerance: float = 0.03,
+    encoding: Kept = "view",
+    with_view: bool = False,
+    with_ray: bool = False,
+) -> Observations:
+    """Return observations of some pixels of a target, with colours that average the same ground in every view.
+
+    views: those that show the target, itself among them; of more than 32 some are chosen evenly. pixels: flat indices
+    into the target, with depth. rule, tolerance, encoding, with_view, with_ray: see `observe`; colours are
+    float32.
+    Views without a pose or depth, and files that cannot be read, are left out. Pixels at outlines, at the border of an
+    image, or seen in one view only are left out, so that the result may be empty.
+    """
+    surface = lift(target).only(pixels)
+    chosen = [views[k] for k in evenly(len(views), _VIEWS)]
+    if all(view.name != target.name for view in chosen):
+        chosen = [target, *chosen]
+    planes = _Planes.of(target, surface)
+    place = np.full(surface.camera.width * surface.camera.height, -1, dtype=np.int32)
+    place[surface.pixels] = np.arange(len(surface.pixels))
+
+    def land(view: View) -> _Landing | None:
+        with suppress(InputError):  # pairing has told about damaged files
+            return _land(view, target, surface, planes, place, rule, tolerance)
+        return None
+
+    def colours(landing: _Landing) -> Seen:
+        return _seen(landing, common[landing.places], encoding, with_ray)
+
+    with ThreadPoolExecutor(min(usable_cores(), len(chosen))) as pool:
+        landings = [landing for landing in pool.map(land, chosen) if landing is not None]
+        common = _common_footprint(landings, len(surface.pixels))
+        seen = list(pool.map(colours, landings))
+    shape = surface.camera.height, surface.camera.width
+    observations = arrange(shape, [one for one in seen if len(one.pixels)], with_view=with_view)
+    return observations.take(np.arange(observations.n_repeated))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Planes:
+    """The surface at P points, in the target camera's frame.
+
+    right, down: (3, P) metres, the steps on its plane that lead to the next pixel to the right and below.
+    """
+
+    right: Array
+    down: Array
+
+    @staticmethod
+    def of(target: View, surface: Surface) -> _Planes:
+        """Fit a plane to the inverse depth around each point; inverse depth is linear in the image on any plane."""
+        height, width = target.depth.shape
+        y, x = np.divmod(surface.pixels.astype(np.int64), width)
+        step = np.arange(-_HALF, _HALF + 1)
+        v, u = (grid.ravel() for grid in np.meshgrid(step, step, indexing="ij"))
+        inside = (x >= _HALF) & (x < width - _HALF) & (y >= _HALF) & (y < height - _HALF)
+        around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
+        known = inside & (around > 0).all(axis=1)
+        own = 1 / surface.points[2].astype(np.float64)
+        inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), own[:, None])  # (P, 25)
+        squares = float((u * u).sum())
+        slope = np.stack([inverse @ u, inverse @ v]) / squares  # (2, P) of 1 / depth, a pixel
+        plane = inverse.mean(axis=1)[:, None] + slope[0][:, None] * u + slope[1][:, None] * v
+        rough = np.sqrt(((inverse - plane) ** 2).mean(axis=1)) > _ROUGH * own
+        slope[:, rough] = 0
+        K_inv = np.linalg.inv(surface.camera.K)
+        depth = surface.points[2].astype(np.float64)
+        sides = [  # X = K^-1 (u, v, 1) d, and d' = -d^2 (1 / d)'
+            K_inv[:, axis, None] * depth - surface.points * (depth * slope[axis]) for axis in range(2)
+        ]
+        return _Planes(*sides)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Landing:
+    """Where M points of a target lie in a view.
+
+    places: (M,) int indices of the points; at: (M, 2) x, y in pixels; depth: (M,) metres, planar; to_view: (M, 2, 2),
+    A, steps in the view over steps in the target; slope: (M, 2) metres of depth a pixel of the view, on the plane.
+    """
+
+    view: View
+    matches: Matches
+    places: Indices
+    at: Array
+    depth: Array
+    to_view: Array
+    slope: Array
+
+    def only(self, which: Mask) -> _Landing:
+        fields = {name: getattr(self, name)[which] for name in ("places", "at", "depth", "to_view", "slope")}
+        return replace(self, matches=self.matches.only(which), **fields)
+
+
+def _land(
+    view: View, target: View, surface: Surface, planes: _Planes, place: Indices, rule: Rule, tolerance: float
+) -> _Landing | None:
+    own = view.name == target.name
+    matches = own_matches(surface) if own else match(surface, view, rule, tolerance)
+    if matches is None or not len(matches.pixels) or view.camera is None or view.cam_from_world is None:
+        return None
+    places = place[matches.pixels]
+    pose = relative_pose(view.cam_from_world, surface.cam_from_world)
+    points = pose[:3, :3] @ surface.points[:, places] + pose[:3, 3:]
+    at = (view.camera.K @ points / points[2])[:2]
+    # d (X / Z) = (dX - X / Z dZ) / Z
+    steps = np.stack([pose[:3, :3] @ side[:, places] for side in (planes.right, planes.down)], axis=-1)  # (3, M, 2)
+    rays = points[:2] / points[2]
+    A = np.einsum("ij,jmk->mik", view.camera.K[:2, :2], (steps[:2] - rays[:, :, None] * steps[2]) / points[2][:, None])
+    is_seen = np.abs(np.linalg.det(A)) > 1e-6  # a plane seen from its edge has no area
+    landing = _Landing(view, matches, places, at.T, points[2], A, np.zeros_like(at.T)).only(is_seen)
+    slope = np.linalg.solve(landing.to_view.swapaxes(1, 2), steps[2][is_seen][..., None])[..., 0]
+    return replace(landing, slope=slope)
+
+
+def _common_footprint(landings: Sequence[_Landing], n_points: int) -> Array:
+    """Return A_c^-1 (P, 2, 2) of each point's coarsest view; the identity for points that no view shows."""
+    smallest, coarsest = np.full(n_points, np.inf), np.tile(np.eye(2), (n_points, 1, 1))
+    for landing in landings:
+        area = np.abs(np.linalg.det(landing.to_view))
+        smaller = area < smallest[landing.places]
+        smallest[landing.places[smaller]] = area[smaller]
+        coarsest[landing.places[smaller]] = landing.to_view[smaller]
+    return np.linalg.inv(coarsest)
+
+
+def _seen(landing: _Landing, common: Array, encoding: Kept, with_ray: bool) -> Seen:
+    """Return the colours of a view averaged over the common footprint."""
+    M = landing.to_view @ common
+    S = (_K**2 + _SQUARE) * M @ M.swapaxes(1, 2) - _SQUARE * np.eye(2)
+    variances = np.linalg.eigvalsh(S)  # (M, 2), rising
+    usable = (variances[:, 0] > _LEAST) & (variances[:, 1] < _MOST)
+    landing, S, least = landing.only(usable), S[usable], variances[usable, 0]
+    view = landing.view
+    rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
+    colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)
+    levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
+    for level, image, depth in _smaller(rgb, view.depth, int(levels.max(initial=0))):
+        here = np.flatnonzero(levels == level)
+        if not len(here):
+            continue
+        block = 2**level
+        own = S[here] / block**2 - (1 - 1 / block**2) * _SQUARE * np.eye(2)
+        places = landing.at[here] / block, landing.depth[here], landing.slope[here] * block
+        colour[here], share[here] = _means(image, depth, *places, np.linalg.inv(own))
+    enough = (share >= _SHARE) & np.isfinite(colour).all(axis=1)
+    kept = landing.only(enough)
+    matches = replace(kept.matches, at=kept.at.astype(np.float32))
+    ray = rays_at(matches, view.camera) if with_ray and view.camera is not None else None
+    return Seen(view.name, matches.pixels, matches.distance, colour[enough], ray)
+
+
+def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, Array]]:
+    """Yield an image and its depth as means over blocks of 2^level pixels; depth is 0 where a block has an outline."""
+    yield 0, np.ascontiguousarray(rgb, np.float32), np.ascontiguousarray(depth, np.float32)
+    for level in range(1, last + 1):
+        block = 2**level
+        height, width = (side // block for side in depth.shape)
+        if not height or not width:
+            return
+        near = depth[: height * block, : width * block].reshape(height, block, width, block)
+        low, high = near.min(axis=(1, 3)), near.max(axis=(1, 3))
+        whole = (low > 0) & (high - low <= 2 * _PLANE * low)
+        image = rgb[: height * block, : width * block].reshape(height, block, width, block, 3).mean(axis=(1, 3))
+        yield level, image, np.where(whole, near.mean(axis=(1, 3)), 0).astype(np.float32)
+
+
+def _means(rgb: Array, depth: Array, at: Array, Z: Array, slope: Array, precision: Array) -> tuple[Array, Array]:
+    """Return Gaussian means (M, 3) of an image around places `at`, and the share (M,) of each window that they used.
+
+    precision: (M, 2, 2), the inverse covariance. Pixels off the plane Z + slope (x - at) do not count.
+    """
+    means, share = np.empty((len(at), 3), np.float32), np.empty(len(at), np.float32)
+    compiled(_average)(rgb, depth, at, Z, slope, precision, means, share)
+    return means, share
+
+
+def _average(
+    rgb: Array, depth: Array, at: Array, Z: Array, slope: Array, precision: Array, means: Array, share: Array
+) -> None:
+    rows, columns = depth.shape
+    reach = _REACH * _REACH
+    for i in range(len(at)):
+        a, b, c = precision[i, 0, 0], precision[i, 0, 1], precision[i, 1, 1]
+        x, y = at[i, 0] - 0.5, at[i, 1] - 0.5
+        tall = math.sqrt(reach * a / (a * c - b * b))
+        total = used = red = green = blue = 0.0
+        most = _PLANE * Z[i]
+        for v in range(math.ceil(y - tall), math.floor(y + tall) + 1):
+            t = v - y
+            middle = x - b / a * t
+            half = math.sqrt(max(0.0, (reach - t * t * (c - b * b / a)) / a))
+            for u in range(math.ceil(middle - half), math.floor(middle + half) + 1):
+                s = u - x
+                w = math.exp(-0.5 * (a * s * s + 2 * b * s * t + c * t * t))
+                total += w
+                if u < 0 or v < 0 or u >= columns or v >= rows:
+                    continue
+                if abs(depth[v, u] - Z[i] - slope[i, 0] * s - slope[i, 1] * t) > most:
+                    continue
+                used += w
+                red += w * rgb[v, u, 0]
+                green += w * rgb[v, u, 1]
+                blue += w * rgb[v, u, 2]
+        share[i] = used / total if total > 0 else 0
+        means[i, 0], means[i, 1], means[i, 2] = red / used, green / used, blue / used

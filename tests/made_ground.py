@@ -1,0 +1,89 @@
+"""A flat ground of white noise under water, seen by cameras whose pixels average their whole area.
+
+Written independently of the package: the ground is a grid of random texels, a pixel is the mean over the texels of its
+footprint (7 x 7 rays), and water follows SUCRe's eq. 2. So the texture has detail at every scale, far pixels average
+more of it than near ones, and everything is known.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from sucre_bench import Arrays, Camera, Scene, View, Water
+
+TEXEL_M = 0.03
+SIZE = 300  # texels a side
+RAYS = 7  # a side of a pixel
+
+
+def water(B: tuple[float, ...], beta: tuple[float, ...], gamma: tuple[float, ...]) -> Water:
+    return Water(np.array(B), np.array(beta), np.array(gamma))
+
+
+WATERS = {
+    "blue ocean": water((0.05, 0.28, 0.43), (0.26, 0.07, 0.05), (0.19, 0.11, 0.10)),
+    "coast": water((0.07, 0.36, 0.42), (0.42, 0.14, 0.13), (0.30, 0.20, 0.18)),
+    "green": water((0.23, 0.45, 0.34), (0.56, 0.26, 0.34), (0.42, 0.32, 0.36)),
+    "milky": water((0.40, 0.50, 0.48), (0.45, 0.35, 0.33), (0.50, 0.45, 0.40)),
+    "red tide": water((0.35, 0.30, 0.20), (0.30, 0.35, 0.50), (0.25, 0.30, 0.45)),
+}
+
+
+def make_ground(
+    water: Water,
+    *,
+    heights_m: tuple[float, ...] = (1.2, 1.6, 2.2, 3.0, 4.2, 5.8),
+    width: int = 120,
+    height: int = 90,
+    tilt_deg: float = 12.0,
+    noise: float = 0.004,
+    gains: tuple[float, ...] | None = None,
+    seed: int = 0,
+) -> Scene:
+    """Cameras at these heights above z = 0 look down, a little tilted; 8-bit images; gains: of each view's exposure."""
+    rng = np.random.default_rng(seed)
+    texture = rng.uniform(0.0, 0.8, (SIZE, SIZE, 3)).astype(np.float32)
+    camera = Camera(np.array([[1.1 * width, 0, width / 2], [0, 1.1 * width, height / 2], [0, 0, 1.0]]), width, height)
+    views = []
+    for k, h in enumerate(heights_m):
+        pose = looking_down(h, np.deg2rad(rng.uniform(-tilt_deg, tilt_deg, 2)), rng.uniform(-0.1, 0.1, 2))
+        rgb, depth, distance = photograph(texture, camera, pose)
+        z = distance[..., None]
+        seen = rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        seen = seen * (1 if gains is None else gains[k]) + rng.normal(0, noise, seen.shape)
+        stored = np.rint(seen.clip(0, 1) * 255) / 255
+        views.append(View(f"{k}.png", Arrays(stored, depth, rgb), camera, pose))
+    return Scene("ground", views, frozenset({"depth", "poses", "reference", "truth"}), water)
+
+
+def looking_down(height: float, tilt: np.ndarray, shift: np.ndarray) -> np.ndarray:
+    """cam_from_world of a camera above the middle of the ground; x right, y down in the image, z into the ground."""
+    (ca, cb), (sa, sb) = np.cos(tilt), np.sin(tilt)
+    down = np.diag([1.0, -1.0, -1.0])
+    turn = np.array([[1, 0, 0], [0, ca, -sa], [0, sa, ca]]) @ np.array([[cb, 0, sb], [0, 1, 0], [-sb, 0, cb]])
+    pose = np.eye(4)
+    pose[:3, :3] = turn @ down
+    pose[:3, 3] = -pose[:3, :3] @ np.array([*shift, height])
+    return pose
+
+
+def photograph(texture: np.ndarray, camera: Camera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Return the picture without water (H, W, 3), each pixel the mean of its rays, its depth and distance (H, W)."""
+    centre = -pose[:3, :3].T @ pose[:3, 3]
+
+    def cast(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T
+        in_world = rays @ pose[:3, :3]
+        depth = -centre[2] / in_world[..., 2]
+        return centre + in_world * depth[..., None], depth
+
+    u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    total = np.zeros((camera.height, camera.width, 3))
+    offsets = (np.arange(RAYS) + 0.5) / RAYS
+    for dv in offsets:
+        for du in offsets:
+            points, _ = cast(u + du, v + dv)
+            column, row = (np.floor(points[..., k] / TEXEL_M).astype(int) % SIZE for k in (0, 1))
+            total += texture[row, column]
+    points, depth = cast(u + 0.5, v + 0.5)
+    return total / RAYS**2, depth, np.linalg.norm(points - centre, axis=-1)
