@@ -27,17 +27,17 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.colour import srgb_decode
-from sucre_bench.describe.evenly import evenly
+from sucre_bench.arrays import Array, Mask, evenly
+from sucre_bench.camera import relative_pose
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.compiling import compiled
-from sucre_bench.multiview.geometry import relative_pose
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.multiview.observations import Indices, Observations, Seen, arrange
 from sucre_bench.multiview.observe import Kept
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches
 from sucre_bench.multiview.sampling import rays_at
-from sucre_bench.scene import Array, Mask, View
-from sucre_bench.threads import usable_cores
+from sucre_bench.scene import View
 
 __all__ = ["matched_footprints"]
 
@@ -57,7 +57,7 @@ _ENOUGH = 2.5
 
 # The window reaches to so many standard deviations. Points are left out when less than this share of their window lies
 # in the image and on the same plane, within a share of the depth.
-_REACH, _SHARE, _PLANE = 3.0, 0.95, 0.03
+_REACH, _SHARE, _PLANE = 3.0, 0.99, 0.03
 
 # The plane is fitted to inverse depths of 5 x 5 pixels. Where their rms distance to it is larger (relative), the
 # surface is rough and is taken to face the camera.

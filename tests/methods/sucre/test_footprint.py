@@ -1,0 +1,87 @@
+"""The water from matched footprints, on ground of white noise whose far pixels average more of it than near ones."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import fields, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from support.made_ground import WATERS, make_ground
+from support.made_scene import make_scene
+
+from sucre_bench import Restoration, Scene, Water
+from sucre_bench.methods.sucre import Sucre, SucrePaper, SucrePlus
+
+GROUND = {"width": 200, "height": 150, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)}
+
+
+def relative_error(result: Restoration, truth: Water | None) -> np.ndarray:
+    """(3, 3): of B, beta, gamma in each channel."""
+    assert result.water is not None
+    assert truth is not None
+    names = ("veiling_light", "attenuation", "backscatter")
+    return np.array([getattr(result.water, name) / getattr(truth, name) - 1 for name in names])
+
+
+@pytest.fixture(scope="module")
+def grounds() -> dict[str, Scene]:
+    return {name: make_ground(water, **GROUND) for name, water in WATERS.items() if name != "blue ocean"}
+
+
+@pytest.mark.parametrize("name", ["coast", "green", "milky", "red tide"])
+def test_water_is_found_where_single_pixels_mistake_blur_for_attenuation(name: str, grounds: dict[str, Scene]) -> None:
+    scene = grounds[name]
+    plain, matched = (Sucre(footprint=on).restore(scene, scene["3.png"]) for on in (False, True))
+    assert relative_error(plain, scene.water)[1].min() > 0.08
+    assert np.abs(relative_error(matched, scene.water)).max() < 0.025
+    assert matched.info["footprint"] is True
+
+
+@pytest.mark.parametrize("options", [{"robust": True}, {"physical": True}, {"water": "shared", "shared_views": 3}])
+def test_every_way_of_fitting_takes_matched_footprints(options: dict[str, Any], grounds: dict[str, Scene]) -> None:
+    scene = grounds["green"]
+    result = Sucre(**options).restore(scene, scene["3.png"])
+    assert np.abs(relative_error(result, scene.water)).max() < 0.03
+
+
+@pytest.mark.parametrize("backend", ["torch", "jax", "numpy"])
+def test_every_backend_finds_the_same_water(backend: Any, grounds: dict[str, Scene]) -> None:
+    scene = grounds["milky"]
+    reference, other = (SucrePlus(backend=b).restore(scene, scene["3.png"]) for b in ("numba", backend))
+    np.testing.assert_allclose(relative_error(other, scene.water), relative_error(reference, scene.water), atol=1e-3)
+    np.testing.assert_allclose(other.image, reference.image, atol=1e-3)
+
+
+def test_colours_come_from_sharp_pixels(grounds: dict[str, Scene], tmp_path: Path) -> None:
+    scene = grounds["coast"]
+    result = Sucre().restore(scene, scene["2.png"])
+    assert result.water is not None
+    water = {"B": result.water.veiling_light, "beta": result.water.attenuation, "gamma": result.water.backscatter}
+    (tmp_path / "water.json").write_text(json.dumps({name: values.tolist() for name, values in water.items()}))
+    given = Sucre(water=str(tmp_path / "water.json")).restore(scene, scene["2.png"])
+    np.testing.assert_array_equal(result.image, given.image)
+
+
+def test_a_physical_fit_is_not_pulled_by_colours_that_noise_makes_negative() -> None:
+    """Red is lost in the far views: half of its colours are below zero by noise alone."""
+    water = WATERS["coast"]
+    dark = replace(water, attenuation=water.attenuation * [2, 1, 1])
+    scene = make_ground(dark, **GROUND, seed=2)
+    free, held = (Sucre(physical=on).restore(scene, scene["5.png"]) for on in (False, True))
+    moved = relative_error(held, dark) - relative_error(free, dark)
+    assert np.abs(moved[:, 0]).max() < 0.02
+
+
+def test_too_few_pixels_fall_back_to_single_ones() -> None:
+    scene = make_scene()
+    few = [replace(view) for view in scene.views[:2]]
+    result = Sucre().restore(replace(scene, views=few), few[1])
+    assert result.info["footprint"] in (True, False)
+    assert np.isfinite(result.water.attenuation).all()  # type: ignore[union-attr]
+
+
+def test_the_papers_method_has_no_such_option() -> None:
+    assert "footprint" not in {field.name for field in fields(SucrePaper)}
