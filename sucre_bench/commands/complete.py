@@ -86,7 +86,7 @@ def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
         yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
         return
     groups = ("dataset", "method", "metrics", "degrade", "shard", "tracking")
-    plain = (f.name for f in fields(RunConfig) if f.name not in (*groups, "swept", "sharing", "study"))
+    plain = (f.name for f in fields(RunConfig) if f.name not in (*groups, "study"))
     yield from ((f"{name}=", "") for name in ("dataset", "method", "metrics", "experiment", *plain, *_VALUES))
     yield from ((f"{name}.", "") for name in groups)
 

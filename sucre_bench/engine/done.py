@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
-from sucre_bench.engine.score import code_of
+from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.rows import Row
@@ -32,10 +32,14 @@ class _Kept:
 
 @dataclass(frozen=True)
 class Done:
-    """What an output folder holds of a job, by the names of scene and view; nothing that failed."""
+    """What an output folder holds of a job, by the names of scene and view; nothing that failed.
+
+    metric_codes: what the job's scores rest on, see `engine.score.metric_code`.
+    """
 
     job: Job
     kept: dict[tuple[str, str], list[_Kept]]
+    metric_codes: tuple[str, ...]
 
     @classmethod
     def of(cls, job: Job) -> Done:
@@ -44,7 +48,7 @@ class Done:
             rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
             return cls.among(rows, job)
         except InputError:
-            return cls(job, {})
+            return cls.among(results.frame([]), job)
 
     @classmethod
     def among(cls, rows: pd.DataFrame, job: Job) -> Done:
@@ -54,7 +58,7 @@ class Done:
         for r in own[own["status"] != "failed"].itertuples():
             one = _Kept(r.metric, r.variant, r.code, r.status, r.options_id, r.data_id)
             kept.setdefault((r.scene, r.view), []).append(one)
-        return cls(job, kept)
+        return cls(job, kept, tuple(map(metric_code, job.metrics)))
 
     def covers(self, base: Row, picture: Path) -> bool:
         """Whether a view needs no work. base: what its rows would say; picture: where its restoration is kept."""
@@ -70,5 +74,9 @@ class Done:
             return whole in there
         suffixes = [".png", ".json", *([".npz"] if self.job.save == "full" else [])]
         files = [picture.with_suffix(suffix) for suffix in suffixes]
-        wanted = {(m.plugin.name, variant, code_of(base, m)) for m in self.job.metrics for variant in m.variants}
+        wanted = {
+            (metric.plugin.name, variant, score_code(base, code))
+            for metric, code in zip(self.job.metrics, self.metric_codes, strict=True)
+            for variant in metric.variants
+        }
         return {whole, *wanted} <= there and all(file.is_file() for file in files)

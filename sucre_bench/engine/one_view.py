@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
 from sucre_bench.engine.restore import measured_restore
-from sucre_bench.engine.score import score_rows
+from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
@@ -170,7 +170,7 @@ def score(
         data_id=info.get("data_id", ""),
     )
     measured = Measured(result, base.seconds, base.peak_mb)
-    return results.frame(score_rows(measured, shown, view, metric_choices(metrics), base))
+    return results.frame(score_rows(measured, shown, view, scorers(metric_choices(metrics)), base))
 
 
 def list_methods() -> pd.DataFrame:

@@ -10,7 +10,7 @@ from sucre_bench import plugins, results
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, did_you_mean, one_line
-from sucre_bench.jobs.command import Sweep
+from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
@@ -35,18 +35,18 @@ class Planned:
     data_id: str
 
 
-def check(sweep: Sweep) -> list[Planned]:
+def check(command: Command) -> list[Planned]:
     """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
     problems: list[str] = []
-    if len({job.out.resolve() for job in sweep.jobs}) > 1:
+    if len({job.out.resolve() for job in command.jobs}) > 1:
         problems.append("out: not the same for all jobs of the sweep; give one folder")
-    for plugin in _plugins_of(sweep.jobs):
+    for plugin in _plugins_of(command.jobs):
         if line := plugins.missing_packages(plugin):
             problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
-    problems += _unknown_baseline(sweep.jobs)
+    problems += _unknown_baseline(command.jobs)
     opened: dict[str, list[Scene]] = {}
     planned: list[Planned] = []
-    for job in sweep.jobs:
+    for job in command.jobs:
         key = results.fingerprint({**job.dataset.record, "replicate": job.dataset.seed})[1]
         try:
             for choice in (job.method, *(m.choice for m in job.metrics)):

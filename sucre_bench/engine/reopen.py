@@ -168,13 +168,14 @@ def _jobs(path: Path) -> Iterator[Job]:
 
     try:
         told: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-        each = told.pop("jobs", [{}])
+        each, swept = told.pop("jobs", [{}]), told.pop("swept", ())
+        for name in ("sweep", "sharing"):
+            told.pop(name, None)
     except (OSError, ValueError, AttributeError, yaml.YAMLError) as fault:
         raise InputError(f"{path}: cannot be read as a run's configuration; give the run's command again") from fault
-    told.pop("sweep", None)
     for file in told.get("plugins") or ():
         plugins.load_file(file)
     for one in each:
         config = OmegaConf.merge(OmegaConf.structured(RunConfig), OmegaConf.create({**told, **one}))
         assert isinstance(config, DictConfig)
-        yield Job.of(config)
+        yield Job.composed(config, swept)  # labels of older folders follow from `swept`

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import importlib
-from collections.abc import Callable
-from contextlib import nullcontext
+from collections.abc import Callable, Sequence
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.restore import measured_restore
-from sucre_bench.engine.score import score_rows, without
+from sucre_bench.engine.score import Scorer, score_rows, scorers, without
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
 from sucre_bench.imaging.display import display
@@ -23,18 +23,18 @@ from sucre_bench.plugins.calling import with_truth
 from sucre_bench.results.layout import file_name, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
-from sucre_bench.results.table import Part
+from sucre_bench.results.table import FLUSH_S, Part
 
 __all__ = ["failed_row", "run_job"]
 
 
-def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> None:
+def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float = FLUSH_S) -> None:
     """Restore and score every selected view that is not done yet, writing rows and pictures under job.out.
 
-    after_view: called when a view is done, computed or not.
+    after_view: called when a view is done, computed or not; flush_s: most seconds until rows are on the disk.
     Raises OutputError where results cannot be written; every other fault becomes a row.
     """
-    part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
+    part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), flush_s)
     try:
         every = list(tasks(job, open_scenes(job.dataset)))
     except ANY_FAULT as fault:
@@ -48,7 +48,7 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> None:
     if not todo:
         return
     try:
-        method = _ready(job.method)
+        method, metrics = _ready(job.method), scorers(job.metrics)
         _warm_up(method)
     except ANY_FAULT as fault:
         whole = failed_row(job, fault)
@@ -56,12 +56,17 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None) -> None:
         part.flush()
         return
     try:
-        with sharing(pairs_path(job.out) / job.sharing, job.pairs_gb * 2**30) if job.sharing else nullcontext():
+        with _shared_pairs(job):
             for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
-                part.add(_rows(job, method, replace(task, base=replace(task.base, time=now()))))
+                part.add(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now()))))
                 after_view()
     finally:
         part.flush()
+
+
+def _shared_pairs(job: Job) -> AbstractContextManager[None]:
+    """Where the job's method shares pairs with those of other jobs."""
+    return sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30) if job.shared_pairs else nullcontext()
 
 
 def _ready(choice: Choice) -> Any:
@@ -80,7 +85,7 @@ def _warm_up(method: Any) -> None:
 # -- doing it ----------------------------------------------------------------------------------------------
 
 
-def _rows(job: Job, method: Any, task: Task) -> list[Row]:
+def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task) -> list[Row]:
     """Restore, keep and score one view."""
     scene, view = task.scene, task.view
     if absent := plugins.missing_needs(job.method.plugin, scene.has):
@@ -90,13 +95,13 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
             return [without(task.base, "skipped", f"{view.name} has no depth map")]
         whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
         if job.overwrite != "always" and (kept := read_full(whole, task.base)):
-            return _scored(job, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
+            return _scored(job, metrics, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
         measured = measured_restore(method, scene, view)
         if job.save == "full":
             write_full(whole, measured, task.base)
         else:
             whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
-        return _scored(job, task, measured)
+        return _scored(job, metrics, task, measured)
     except OutputError:
         raise
     except NotApplicableError as reason:
@@ -105,7 +110,7 @@ def _rows(job: Job, method: Any, task: Task) -> list[Row]:
         return [_failed(job, task.base, fault)]
 
 
-def _scored(job: Job, task: Task, measured: Measured) -> list[Row]:
+def _scored(job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured) -> list[Row]:
     """Keep the picture, and score it."""
     restoration, view = measured.restoration, task.view
     shown = display(restoration.image, job.method.display, view.encoding)
@@ -118,7 +123,7 @@ def _scored(job: Job, task: Task, measured: Measured) -> list[Row]:
         n_pixels=int(restoration.valid.sum()),
         coverage=float(restoration.valid.mean()),
     )
-    return score_rows(measured, shown, view, job.metrics, base, log_path(job.out))
+    return score_rows(measured, shown, view, metrics, base, log_path(job.out))
 
 
 def failed_row(job: Job, fault: BaseException) -> Row:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterable
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sucre_bench import plugins
@@ -13,15 +13,31 @@ from sucre_bench.errors import ANY_FAULT, NotApplicableError, one_line
 from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.log import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row, Status, fingerprint
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["code_of", "score_rows", "without"]
+__all__ = ["Scorer", "metric_code", "score_code", "score_rows", "scorers", "without"]
+
+
+@dataclass(frozen=True)
+class Scorer:
+    """A metric that is made once for all views of a job. code: see `metric_code`."""
+
+    plugin: Plugin
+    variants: tuple[str, ...]
+    metric: Metric
+    code: str
+
+
+def scorers(metrics: Iterable[MetricChoice]) -> tuple[Scorer, ...]:
+    """Make the metrics. Raises InputError if an option is not acceptable."""
+    return tuple(Scorer(m.plugin, m.variants, m.choice.make(), metric_code(m)) for m in metrics)
 
 
 def score_rows(
-    measured: Measured, shown: Array, view: View, metrics: Iterable[MetricChoice], base: Row, log: Path | None = None
+    measured: Measured, shown: Array, view: View, metrics: Iterable[Scorer], base: Row, log: Path | None = None
 ) -> list[Row]:
     """Return the rows of a restoration: what it took, then every score.
 
@@ -35,16 +51,16 @@ def score_rows(
     offers = _offers(view, measured.restoration)
     restoration = replace(measured.restoration, image=_locked(measured.restoration.image))
     shown = _locked(shown)
-    for choice in metrics:
-        plugin = choice.plugin
-        own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code_of(base, choice))
+    for scorer in metrics:
+        plugin, code = scorer.plugin, score_code(base, scorer.code)
+        own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code)
         absent = plugins.missing_needs(plugin, offers).replace("the scene", "the view")
-        for variant in choice.variants:
+        for variant in scorer.variants:
             row = replace(own, variant=variant)
             if absent:
                 rows.append(without(row, "skipped", absent))
             else:
-                rows += _scored(choice, restoration, shown, view, row, log)
+                rows += _scored(scorer.metric, restoration, shown, view, row, log)
     return rows
 
 
@@ -55,10 +71,15 @@ def _locked(array: Array) -> Array:
     return locked
 
 
-def code_of(base: Row, metric: MetricChoice) -> str:
-    """What a score's row says as code: the restoration's hash, then the metric's source and options."""
+def metric_code(metric: MetricChoice) -> str:
+    """Return what a metric's scores rest on beside the restoration: a hash of its source, and one of its options."""
     options = f"-{fingerprint(metric.choice.options)[1]}" if metric.choice.options else ""
-    return f"{base.code.split('.')[0]}.{source_hash(metric.plugin)}{options}"
+    return f"{source_hash(metric.plugin)}{options}"
+
+
+def score_code(base: Row, metric: str) -> str:
+    """Return the `code` of a score's row: the restoration's hash, then the metric's code."""
+    return f"{base.code.split('.')[0]}.{metric}"
 
 
 def without(base: Row, status: Status, reason: str) -> Row:
@@ -67,10 +88,10 @@ def without(base: Row, status: Status, reason: str) -> Row:
 
 
 def _scored(
-    choice: MetricChoice, restoration: Restoration, shown: Array, view: View, base: Row, log: Path | None
+    metric: Metric, restoration: Restoration, shown: Array, view: View, base: Row, log: Path | None
 ) -> list[Row]:
     try:
-        scores = list(choice.choice.make().score(restoration, shown, view, base.variant))
+        scores = list(metric.score(restoration, shown, view, base.variant))
         rows = [
             replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=float(s.coverage))
             for s in scores

@@ -13,7 +13,7 @@ from sucre_bench import results
 from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.preflight import Planned, check, states
 from sucre_bench.jobs import command as config
-from sucre_bench.jobs.command import Sweep
+from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.schema import Tracking
 from sucre_bench.jobs.study import Study
 from sucre_bench.machine import provenance, terminal
@@ -79,16 +79,16 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
     if plugin_files:
         listed = ",".join("'" + str(Path(f).resolve()).replace("'", r"\'") + "'" for f in plugin_files)
         overrides.append(f"plugins=[{listed}]")
-    sweep = config.jobs(overrides, multirun)
-    out = sweep.jobs[0].out
+    command = config.jobs(overrides, multirun)
+    out = command.jobs[0].out
     with terminal.live():
-        planned = check(sweep)
-        _write_provenance(sweep, planned)
+        planned = check(command)
+        _write_provenance(command, planned)
         started = now()
         interrupted = crashed = False
         try:
             with terminated_as_interrupt():
-                ended = launch(sweep, sum(len(plan.tasks) for plan in planned))
+                ended = launch(command, sum(len(plan.tasks) for plan in planned))
                 crashed = ended is Ended.CRASHED
                 if ended is Ended.WORKER_DIED:
                     rescue(planned, started)
@@ -96,34 +96,34 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
             interrupted = True
         finally:
             rows = results.merge(out)
-            if sweep.sharing and not crashed:  # else jobs may still be at work on a cluster
-                shutil.rmtree(pairs_path(out) / sweep.sharing, ignore_errors=True)
+            if command.shared_pairs and not crashed:  # else jobs may still be at work on a cluster
+                shutil.rmtree(pairs_path(out) / command.shared_pairs, ignore_errors=True)
                 with suppress(OSError):  # another command shares there
                     pairs_path(out).rmdir()
     return _outcome(rows, planned, started, interrupted, crashed)
 
 
-def _write_provenance(sweep: Sweep, planned: Sequence[Planned]) -> None:
-    first = sweep.jobs[0]
+def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
+    first = command.jobs[0]
     ids: dict[str, set[str]] = {}
     for plan in planned:
         ids.setdefault(plan.job.dataset.label, set()).add(plan.data_id)
     data = {label: ",".join(sorted(own)) for label, own in ids.items()}
-    command = ["sucre-bench", "run", *(["-m"] if sweep.multirun else []), *sweep.overrides]
-    provenance.write(first.out / "environment.json", provenance.environment(command, first.seed, data))
-    write_atomically(first.out / "config.yaml", _config(sweep).encode())
+    words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
+    provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, data))
+    write_atomically(first.out / "config.yaml", _config(command).encode())
 
 
-def _config(sweep: Sweep) -> str:
-    """The configuration as YAML; of a sweep, what its jobs share, what it was asked for, and what differs by job."""
+def _config(command: Command) -> str:
+    """The configuration as YAML; for a sweep what its jobs have in common, its words, and what differs by job."""
     import yaml
 
-    if not sweep.multirun:
-        return sweep.jobs[0].config
-    each: list[dict[str, Any]] = [yaml.safe_load(job.config) for job in sweep.jobs]
+    if not command.is_sweep:
+        return command.jobs[0].config
+    each: list[dict[str, Any]] = [yaml.safe_load(job.config) for job in command.jobs]
     shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
     differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
-    return str(yaml.safe_dump({**shared, "sweep": list(sweep.overrides), "jobs": differing}, sort_keys=False))
+    return str(yaml.safe_dump({**shared, "sweep": list(command.words), "jobs": differing}, sort_keys=False))
 
 
 def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:

@@ -1,19 +1,19 @@
-"""Configuration: Hydra's, with the plugins' own fields as its schema.
+"""From the words of a command to its jobs: Hydra composes each job's configuration once.
 
-Every method, dataset and metric becomes an option of the group of its kind, typed by its dataclass, so that a wrong
-name or type is found before any work. `jobs` turns command-line overrides, sweeps included, into validated `Job`s.
+The plugins' own fields are the schema (`sucre_bench.jobs.schema`), so that a wrong name or type is found before any
+work.
 """
 
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, one_line
+from sucre_bench.errors import InputError
 from sucre_bench.jobs.explain import check_experiment, in_our_words, not_an_override
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.schema import CONF, register
@@ -24,29 +24,23 @@ if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
     from omegaconf import DictConfig
 
-__all__ = ["Sweep", "jobs"]
+__all__ = ["Command", "jobs"]
 
 
 @dataclass(frozen=True)
-class Sweep:
-    """What a command asks for.
+class Command:
+    """What the words of a command ask for.
 
-    overrides: the command's, as Hydra takes them; told: what the bench tells each job beside them; multirun: whether it
-    is a sweep; launcher: the class of Hydra's that runs its jobs; sharing: where its jobs share what they pair, named
-    alike for the same command, empty where they do not.
+    words: the overrides, with ~ expanded; is_sweep: whether Hydra's launcher hands out the jobs; settings: the first
+    job's configuration with Hydra's own part, `hydra`, which names the launcher and its options; shared_pairs: the
+    folder where its jobs share pairs, the same for the same words, empty if they share none.
     """
 
     jobs: tuple[Job, ...]
-    overrides: tuple[str, ...]
-    told: tuple[str, ...]
-    multirun: bool
-    launcher: str
-    sharing: str
-
-    @property
-    def in_process(self) -> bool:
-        """Whether its jobs run one by one, here."""
-        return self.launcher.endswith("BasicLauncher")
+    words: tuple[str, ...]
+    is_sweep: bool
+    settings: DictConfig
+    shared_pairs: str
 
 
 @contextmanager
@@ -60,13 +54,13 @@ def _hydra() -> Iterator[None]:
         yield
 
 
-def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
-    """Read overrides, expand what they sweep over, and validate every job.
+def jobs(overrides: Sequence[str], multirun: bool) -> Command:
+    """Read overrides, expand their sweeps, and check every job.
 
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
-    or two jobs of one label.
+    or two jobs with one label.
     """
-    overrides = [_at_home(text) for text in overrides]
+    overrides = [_expand_home(text) for text in overrides]
     parsed = _parse(overrides)
     for override in parsed:
         if override.key_or_group == "plugins":  # before its plugins can be configured
@@ -75,27 +69,30 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Sweep:
                 plugins.load_file(str(file))
     with _hydra():
         check_experiment(parsed)
-        expansion = _expand(parsed, multirun)
-        told = [f"swept=[{','.join(expansion.swept)}]"] if expansion.swept else []
-        planned = tuple(Job.of(_compose([*one, *told])) for one in expansion.jobs)
-    _distinct(planned)
-    sharing = f"x{fingerprint({'command': overrides})[1]}" if _pair_alike(planned) else ""
-    told += [f"sharing={sharing}"] if sharing else []
-    return Sweep(planned, tuple(overrides), tuple(told), expansion.multirun, expansion.launcher, sharing)
+        composed = _compose_jobs(parsed, multirun)
+        planned = [Job.composed(config, composed.swept) for config in composed.configurations]
+    _refuse_same_place(planned)
+    shared_pairs = f"x{fingerprint({'command': overrides})[1]}" if _can_share_pairs(planned) else ""
+    return Command(
+        jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in planned),
+        words=tuple(overrides),
+        is_sweep=composed.is_sweep,
+        settings=composed.configurations[0],
+        shared_pairs=shared_pairs,
+    )
 
 
 @dataclass(frozen=True)
-class _Expansion:
-    """The overrides of every job, the keys that differ between them, and the class of Hydra's that runs them."""
+class _Composed:
+    """The configuration of every job with Hydra's own part, and the keys that differ between them."""
 
-    jobs: list[list[str]]
-    swept: tuple[str, ...]
-    multirun: bool
-    launcher: str
+    configurations: list[DictConfig]
+    swept: tuple[str, ...] = ()
+    is_sweep: bool = False
 
 
-def _at_home(override: str) -> str:
-    """An override with a leading ~ expanded; the shell only does that to whole words."""
+def _expand_home(override: str) -> str:
+    """Expand a leading ~ of the value; the shell does so only at the start of a word."""
     key, equals, value = override.partition("=")
     bare = value.strip("'\"")
     return f"{key}='{Path(bare).expanduser()}'" if equals and bare.startswith("~/") else override
@@ -114,62 +111,77 @@ def _parse(overrides: Sequence[str]) -> list[Override]:
     return parsed
 
 
-def _expand(parsed: list[Override], multirun: bool) -> _Expansion:
-    """What the command line and an experiment's own sweep span."""
-    from hydra._internal.core_plugins.basic_sweeper import BasicSweeper
-    from hydra.errors import HydraException
+def _texts(overrides: Sequence[Override]) -> list[str]:
+    return [override.input_line or "" for override in overrides if not override.is_sweep_override()]
+
+
+def _compose_jobs(parsed: list[Override], multirun: bool) -> _Composed:
+    """Compose what the words and an experiment's own sweep span, each job once."""
     from hydra.types import RunMode
 
-    fixed = [o.input_line or "" for o in parsed if not o.is_sweep_override()]
-    # How to sweep is Hydra's and the experiment's to say; the rest may only make sense with the values swept over.
+    # An experiment or Hydra's options decide whether this is a sweep. The other words may fit only the swept values.
     deciding = [o for o in parsed if o.is_hydra_override() or o.key_or_group == "experiment"]
-    base = _compose([o.input_line or "" for o in deciding if not o.is_sweep_override()], hydra=True)
-    launcher = str(base.hydra.launcher.get("_target_", ""))
+    is_one_job = not (multirun or deciding or any(o.is_sweep_override() for o in parsed))
+    base = _compose(_texts(parsed if is_one_job else deciding))
     if base.hydra.job.chdir:
-        raise InputError("hydra.job.chdir=true: paths are taken from where you are; leave it false")
+        raise InputError("hydra.job.chdir=true: paths are relative to the folder where you are; leave it false")
+    if base.hydra.callbacks:
+        raise InputError("hydra.callbacks: sucre-bench calls none; leave them out")
+    if is_one_job:
+        return _Composed([base])
     if not (multirun or base.hydra.mode == RunMode.MULTIRUN):
         for override in parsed:
             if override.is_sweep_override():
                 raise InputError(f"{override.input_line}: several values; add -m to run them all")
             if override.key_or_group == "hydra/launcher":
                 raise InputError(f"{override.input_line}: hands out the jobs of a sweep; add -m")
-        return _Expansion([fixed], (), False, launcher)
-    everything = [*_parse([f"{k}={v}" for k, v in (base.hydra.sweeper.get("params") or {}).items()]), *parsed]
+        return _Composed([_compose(_texts(parsed))])
+    params = base.hydra.sweeper.get("params") or {}
+    everything = [*_parse([f"{key}={value}" for key, value in params.items()]), *parsed]
     swept = tuple(dict.fromkeys(o.key_or_group for o in everything if o.is_sweep_override()))
-    try:
-        (batch,) = BasicSweeper.split_arguments([o for o in everything if not o.is_hydra_override()], None)
-    except HydraException as fault:
-        if str(base.hydra.sweeper._target_).endswith("BasicSweeper"):
-            raise InputError(f"{one_line(fault)}; list the values, or choose hydra/sweeper=...") from fault
-        # Another sweeper decides the values as it goes; only what is fixed can be checked.
-        return _Expansion([fixed], swept, True, launcher)
-    settings = [o.input_line or "" for o in everything if o.is_hydra_override()]
-    return _Expansion([settings + one for one in batch], swept, True, launcher)
+    settings = _texts([o for o in everything if o.is_hydra_override()])
+    combinations = _combinations(base, [o for o in everything if not o.is_hydra_override()])
+    return _Composed([_compose(settings + one) for one in combinations], swept, is_sweep=True)
 
 
-def _compose(overrides: list[str], hydra: bool = False) -> DictConfig:
-    import hydra as hydra_module
+def _combinations(base: DictConfig, overrides: list[Override]) -> list[list[str]]:
+    """Every combination of the swept values, by Hydra's sweeper."""
+    from hydra.utils import get_class
+
+    for override in overrides:
+        if override.is_sweep_override() and not override.is_discrete_sweep():
+            raise InputError(f"{override.input_line}: no list of values; list them, or write range(start,stop,step)")
+    sweeper = get_class(base.hydra.sweeper["_target_"])
+    if not hasattr(sweeper, "split_arguments"):
+        name = base.hydra.runtime.choices["hydra/sweeper"]
+        raise InputError(f"hydra/sweeper={name}: chooses values while jobs run; all jobs are checked before, use basic")
+    (combinations,) = sweeper.split_arguments(overrides, None)
+    return list(combinations)
+
+
+def _compose(overrides: list[str]) -> DictConfig:
+    import hydra
     from hydra.errors import HydraException
     from omegaconf import DictConfig
     from omegaconf.errors import OmegaConfBaseException
 
     try:
-        config = hydra_module.compose("config", overrides=overrides, return_hydra_config=hydra)
+        config = hydra.compose("config", overrides=overrides, return_hydra_config=True)
     except (HydraException, OmegaConfBaseException, ValueError) as fault:
         raise in_our_words(fault, overrides) from fault
     assert isinstance(config, DictConfig)
     return config
 
 
-def _pair_alike(planned: Sequence[Job]) -> bool:
-    """Whether several methods look at the same views among others, and may have pairs to share."""
-    looking = [job for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
-    views = [(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in looking]
+def _can_share_pairs(planned: Sequence[Job]) -> bool:
+    """Whether several jobs with methods of several views work on the same views, and may share pairs."""
+    pairing = [job for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
+    views = [(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing]
     return len(set(views)) < len(views)
 
 
-def _distinct(planned: Sequence[Job]) -> None:
-    """Raise InputError where two jobs would write to one place."""
+def _refuse_same_place(planned: Sequence[Job]) -> None:
+    """Raise InputError if two jobs would write to one place."""
     seen: dict[tuple[str, str, int, int, int], Job] = {}
     for job in planned:
         part = (job.replicate, job.shard.index, job.shard.count)

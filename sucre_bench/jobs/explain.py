@@ -95,7 +95,7 @@ def _unknown_key(path: str, groups: list[str]) -> InputError | None:
         if part not in node:
             place = ".".join(done) or "the configuration"
             of = f" of {node.name}" if "name" in node and done else ""
-            known = [str(k) for k in node if not str(k).startswith("_") and k != "swept"]
+            known = [str(k) for k in node if not str(k).startswith("_")]
             return InputError(f"{path}: no option '{part}' in {place}{of}; {did_you_mean(part, known)}")
         if OmegaConf.is_missing(node, part):
             return None

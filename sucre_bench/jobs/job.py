@@ -92,7 +92,8 @@ class MetricChoice:
 class Job:
     """One dataset, one method, some metrics: what one Hydra job does.
 
-    degrade: what is done to the dataset first; shard: which part of the views it does.
+    degrade: what is done to the dataset first; shard: which part of the views it does; config: all of this as YAML, see
+    `read`; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none.
     """
 
     dataset: Choice
@@ -111,9 +112,9 @@ class Job:
     report: bool
     study: Study | None
     pairs_gb: float
-    sharing: str
     tracking: Tracking
-    config: str  # as YAML, resolved
+    config: str
+    shared_pairs: str = ""
 
     @property
     def drawn(self) -> Degradation:
@@ -121,17 +122,34 @@ class Job:
         return replace(self.degrade, seed=seed_of(self.degrade.seed, "degrade", self.replicate))
 
     @classmethod
-    def of(cls, config: DictConfig) -> Job:
-        """Read a composed configuration. InputError for what its types alone cannot tell."""
-        import yaml
-        from omegaconf import OmegaConf
+    def composed(cls, config: DictConfig, swept: Sequence[str] = ()) -> Job:
+        """Read a configuration that Hydra composed. swept: the keys that a sweep varies, see `of`."""
         from omegaconf.errors import OmegaConfBaseException
 
         try:
-            values: dict[str, Any] = OmegaConf.to_container(config, resolve=True)  # type: ignore[assignment]
+            values = {str(key): _resolved(config[key]) for key in config if key != "hydra"}
         except OmegaConfBaseException as fault:
             raise InputError(f"{str(fault).splitlines()[0]}; mend the ${{...}} in an override") from fault
-        values.pop("hydra", None)
+        return cls.of(values, swept)
+
+    @classmethod
+    def read(cls, config: str) -> Job:
+        """Read `config` of a job again, in another process say; its plugin files are loaded first."""
+        import yaml
+
+        values: dict[str, Any] = yaml.safe_load(config)
+        for file in values["plugins"]:
+            plugins.load_file(file)
+        return cls.of(values)
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any], swept: Sequence[str] = ()) -> Job:
+        """Read a configuration. swept: the keys that a sweep varies; labels name their values.
+
+        Raises InputError for what its types alone cannot tell.
+        """
+        import yaml
+
         _only_known("the configuration", values, {f.name for f in fields(RunConfig)})
         for name, choices in (("overwrite", ("missing", "always", "never")), ("save", ("display", "full"))):
             if values[name] not in choices:
@@ -144,13 +162,16 @@ class Job:
         if replicate < 0:
             raise InputError(f"replicate={replicate}: at least 0; -m 'replicate=range(5)' repeats with other draws")
         degrade = Degradation.of(values["degrade"])
-        dataset = _choice("dataset", values["dataset"], values["swept"])
+        dataset, method = _choice("dataset", values["dataset"], swept), _choice("method", values["method"], swept)
+        for kind, choice in (("dataset", dataset), ("method", method)):
+            if choice.label != choice.plugin.name:  # `read` knows no sweep
+                values = {**values, kind: {**values[kind], "label": choice.label}}
         return cls(
             dataset=replace(dataset, label=degrade.labelled(dataset.label), replicate=replicate),
             degrade=degrade,
             replicate=replicate,
             shard=Shard(**values["shard"]),
-            method=replace(_choice("method", values["method"], values["swept"]), replicate=replicate),
+            method=replace(method, replicate=replicate),
             metrics=_metrics(values["metrics"]),
             out=Path(values["out"]).expanduser(),
             views=_view_names(values["views"]),
@@ -162,10 +183,15 @@ class Job:
             report=values["report"],
             study=None if values["study"] in (None, Study.defaults()) else Study.of(values["study"]),
             pairs_gb=values["pairs_gb"],
-            sharing=values["sharing"],
             tracking=Tracking(**values["tracking"]),
             config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
         )
+
+
+def _resolved(node: Any) -> Any:
+    from omegaconf import OmegaConf
+
+    return OmegaConf.to_container(node, resolve=True) if OmegaConf.is_config(node) else node
 
 
 def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:

@@ -29,10 +29,10 @@ def register() -> None:
 
     from sucre_bench.jobs.slurm_settings import Settings
 
-    Plugins.instance()  # Hydra's own plugins store their settings first; ours replace those of SLURM
+    Plugins.instance()  # Hydra's own plugins store their settings first; ours replace some
     store = ConfigStore.instance()
-    for name in ("slurm", "submitit_slurm"):
-        store.store(group="hydra/launcher", name=name, node=Settings, provider="sucre_bench")
+    for name, settings in (("basic", OneByOne), ("slurm", Settings), ("submitit_slurm", Settings)):
+        store.store(group="hydra/launcher", name=name, node=settings, provider="sucre_bench")
     store.store(name="base_run", node=RunConfig)
     for group, kind in GROUPS.items():
         for plugin in list(plugins.discover(kind).values()):
@@ -86,6 +86,13 @@ T = TypeVar("T")
 
 
 @dataclass
+class OneByOne:
+    """Options of the launcher that runs the jobs of a sweep in this process: none."""
+
+    _target_: str = "sucre_bench.engine.launch.OneByOne"
+
+
+@dataclass
 class Tracking:
     """Where results are logged besides the table.
 
@@ -127,8 +134,7 @@ _Degrade = make_dataclass("Degrade", [(f.name, _hints[f.name], field(default=f.d
 class RunConfig:
     """What `sucre-bench run` accepts beside dataset, method and metrics.
 
-    swept: the keys a sweep goes over, told to each of its jobs by the bench: labels name them; sharing: told likewise,
-    where its jobs share what they pair, on at most pairs_gb of disk while the sweep runs (0: share nothing);
+    pairs_gb: disk space that the jobs of a sweep may use to share pairs while it runs (0: they share none);
     degrade: what is done to the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which
     repetition, each with other draws, averaged over when methods are compared; study: the tables and figures that an
     experiment makes of its rows, the fields of `sucre_bench.reports.paper.Study`.
@@ -146,8 +152,6 @@ class RunConfig:
     seed: int = 0
     report: bool = True
     plugins: list[str] = field(default_factory=list)
-    swept: list[str] = field(default_factory=list)
-    sharing: str = ""
     pairs_gb: float = 8.0
     tracking: Tracking = field(default_factory=Tracking)
     degrade: Any = field(default_factory=_Degrade)

@@ -19,7 +19,7 @@ class Settings:
     shared file system: a job that has ended, says SLURM, and left none by then is lost. The others are sbatch's.
     """
 
-    _target_: str = "hydra_plugins.sucre_bench.slurm"  # Hydra makes plugins only of what is called so
+    _target_: str = "sucre_bench.engine.slurm.launcher.Launcher"
     timeout_min: int = 60
     cpus_per_task: int = 1
     mem_gb: float | None = None

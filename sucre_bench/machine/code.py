@@ -32,7 +32,8 @@ def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: objec
     that counts, by its repr. Raises FileNotFoundError if a room of the numerics is not there.
     """
     versions = [(name, version_of(distribution_of(name))) for name in sorted({*_LIBRARIES, *libraries})]
-    made_of = (sorted(_statements((*places, *_numerics()))), version_of("sucre-bench"), versions, more)
+    code = {digest for place in (*places, *_numerics()) for digest in _statements(place)}
+    made_of = (sorted(code), version_of("sucre-bench"), versions, more)
     return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
 
 
@@ -48,9 +49,9 @@ def _numerics() -> tuple[Path, ...]:
 
 
 @functools.cache
-def _statements(places: tuple[Path, ...]) -> frozenset[bytes]:
-    """Digests of every top-level statement in Python files, and of the tables (.csv) beside them."""
-    files = [file for place in places for file in (place.rglob("*") if place.is_dir() else [place])]
+def _statements(place: Path) -> frozenset[bytes]:
+    """Digests of every top-level statement of a file, or of a folder's Python files, and of the tables (.csv) there."""
+    files = list(place.rglob("*")) if place.is_dir() else [place]
     code = (digest for file in files if file.suffix == ".py" for digest in _statements_of(file))
     return frozenset([*code, *(_digest(file.read_bytes()) for file in files if file.suffix == ".csv")])
 

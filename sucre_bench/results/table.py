@@ -27,11 +27,11 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = ["Part", "merge", "read"]
+__all__ = ["FLUSH_S", "Part", "merge", "read"]
 
 TABLE = "scores.parquet"
 PARTS = "parts"
-_FLUSH_SECONDS = 1.0
+FLUSH_S = 1.0
 _TAKEN = "taken-"
 _JOINED = 8  # files at a time
 _ATTEMPTS = 5  # at reading parts that another process is merging
@@ -107,16 +107,17 @@ def _newest(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 class Part:
-    """The rows of one job, written as they come: at most a second's worth is not yet on the disk.
+    """The rows of one job, written as they come.
 
     Each flush writes the rows since the last one to a file of its own. Eight files are joined into one, eight of those
     into one again: after n flushes a row was written at most 1 + log8(n) times, and few files lie there.
 
-    job: a word that tells people whose rows these are.
+    job: a word that tells people whose rows these are; flush_s: most seconds between two writes, while rows come.
     """
 
-    def __init__(self, out: Path, job: str) -> None:
+    def __init__(self, out: Path, job: str, flush_s: float = FLUSH_S) -> None:
         self._folder, self._name = out / PARTS, f"{job}-{uuid.uuid4().hex}"  # no other run's, whatever its process id
+        self._flush_s = flush_s
         self._pending: list[Row] = []
         self._files: list[tuple[Path, int]] = []  # and how often each was joined, which falls from file to file
         self._written = time.monotonic()
@@ -125,7 +126,7 @@ class Part:
     def add(self, rows: Sequence[Row]) -> None:
         """Store rows. Raises OutputError if they cannot be written."""
         self._pending.extend(rows)
-        if time.monotonic() - self._written > _FLUSH_SECONDS:
+        if time.monotonic() - self._written >= self._flush_s:
             self.flush()
 
     def flush(self) -> None:

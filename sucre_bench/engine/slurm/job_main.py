@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import signal
 from collections.abc import Callable
-from typing import Any
 
 from sucre_bench.engine.slurm.waiting import WORDS
 
@@ -15,14 +14,14 @@ class _TimeIsUp(BaseException):
     """The queue's warning before it ends a job; no fault of a method, so nothing may take it for one."""
 
 
-def work(task: Callable[[Any], Any], configuration: str) -> str:
-    """Do one job of a sweep, in a job of the queue; return why it stopped early, if it did.
+def work(run: Callable[[str, str], None], config: str, shared_pairs: str) -> str:
+    """Run one job of a sweep in a job of the queue; return why it stopped early, if it did.
 
-    Both of SLURM's signals end the work as Ctrl-C would, with every row written: the warning before the time limit with
-    a result that says so; SIGTERM, which may also mean that the job will start anew, without one.
+    run: see `engine.launch.run_text`; config, shared_pairs: of a `Job`.
+
+    Both of SLURM's signals end the work as Ctrl-C would, with every row written. The warning before the time limit
+    gives a result that says so. SIGTERM gives none, since it may also mean that the job will start again.
     """
-    import yaml
-    from omegaconf import OmegaConf
     from submitit import JobEnvironment
 
     def time_is_up(*_: object) -> None:
@@ -35,7 +34,7 @@ def work(task: Callable[[Any], Any], configuration: str) -> str:
     signal.signal(getattr(signal, f"SIG{JobEnvironment.USR_SIG}"), time_is_up)
     signal.signal(signal.SIGTERM, terminated)
     try:
-        task(OmegaConf.create(yaml.safe_load(configuration)))
+        run(config, shared_pairs)
     except _TimeIsUp:
         return WORDS["TIMEOUT"]
     return ""

@@ -1,8 +1,8 @@
-"""Hydra's launcher for SLURM: a job of the queue for every job of a sweep, and one report at the end.
+"""The launcher for SLURM: a job of the queue for every job of a sweep, and one report at the end.
 
-What a job gets is its configuration as text, so that nothing of this process need exist where it runs but the same
-Python, the same files and plugin files. What it gives are rows, in a part of its own under the output folder: a job
-that is killed takes only the view it was at with it, and the same command does what is left.
+A job receives its configuration as text; it only needs the same Python environment, data and plugin files. It writes
+its rows to a part of its own under the output folder. A killed job loses only the view it was at, and the same command
+does what is left.
 """
 
 from __future__ import annotations
@@ -13,10 +13,8 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from hydra.core.utils import JobReturn, JobStatus
-from hydra.plugins import launcher as hydra_launcher
-
 from sucre_bench import results
+from sucre_bench.engine.launch import run_text
 from sucre_bench.engine.score import without
 from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.job_main import work
@@ -28,8 +26,6 @@ from sucre_bench.machine import progress
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
-    from hydra.types import HydraContext, TaskFunction
-    from omegaconf import DictConfig
     from submitit import Executor
 
 __all__ = ["Launcher"]
@@ -40,58 +36,43 @@ _COMMON = {"timeout_min", "cpus_per_task", "mem_gb", "gpus_per_node", "name"}
 _THREADS = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS", "NUMBA_NUM_THREADS", "OPENCV_FOR_THREADS_NUM")
 
 
-class Launcher(hydra_launcher.Launcher):
+class Launcher:
     """Submits jobs, waits for all of them, and reports those that were lost. Options: see `jobs.slurm_settings`."""
 
     def __init__(self, submitit_folder: str, latency_s: float, **asked: Any) -> None:
         self._folder = Path(submitit_folder).absolute()
         self._latency_s = latency_s
-        self._asked = {name: _plain(value) for name, value in asked.items()}
+        self._asked = asked
 
-    def setup(self, *, hydra_context: HydraContext, task_function: TaskFunction, config: DictConfig) -> None:
-        """Keep what jobs are made of."""
-        self._context, self._config, self._task = hydra_context, config, task_function
+    def launch(self, jobs: Sequence[Job], restorations: int) -> None:
+        """Run the jobs; their rows say how each ended.
 
-    def launch(self, job_overrides: Sequence[Sequence[str]], initial_job_idx: int) -> Sequence[JobReturn]:
-        """Run the jobs. InputError before any is submitted, PluginError when the queue refuses them.
-
-        However a job ends, that is told by its rows: the values returned say nothing.
+        Raises InputError before it submits any, PluginError if the queue refuses them.
         """
-        jobs = [self._job(overrides) for overrides in job_overrides]
         squeue.check_is_there()
         self._folder.mkdir(parents=True, exist_ok=True)
         _check_nobody_works(self._folder)
         submitted: list[Submitted] = []
         try:
-            self._submit([job.config for job in jobs], submitted)
+            self._submit(jobs, submitted)
             self._wait(jobs, submitted)
         except BaseException:
             _cancel(submitted)
             raise
-        done = JobReturn(status=JobStatus.COMPLETED)
-        return [done] * len(jobs)
 
-    def _job(self, overrides: Sequence[str]) -> Job:
-        from hydra.core.hydra_config import HydraConfig
-        from omegaconf import open_dict
-
-        settings = self._context.config_loader.load_sweep_config(self._config, list(overrides))
-        HydraConfig.instance().set_config(settings)  # for values that refer to Hydra's own
-        with open_dict(settings):
-            return Job.of(settings)
-
-    def _submit(self, configurations: Sequence[str], submitted: list[Submitted]) -> None:
+    def _submit(self, jobs: Sequence[Job], submitted: list[Submitted]) -> None:
         """Submit jobs in arrays as large as SLURM takes, noting each in `submitted` at once."""
         executor, most = self._executor(), squeue.largest_array()
-        for start in range(0, len(configurations), most):
-            own = configurations[start : start + most]
+        for start in range(0, len(jobs), most):
+            array = jobs[start : start + most]
+            configurations, pairs = [job.config for job in array], [job.shared_pairs for job in array]
             try:
                 with _in_no_job():
-                    jobs = executor.map_array(work, [self._task] * len(own), own)
+                    queued = executor.map_array(work, [run_text] * len(array), configurations, pairs)
             except Exception as fault:  # sbatch's refusal, in its words
-                taken = f"SLURM took {len(submitted)} of {len(configurations)} jobs"
+                taken = f"SLURM took {len(submitted)} of {len(jobs)} jobs"
                 raise PluginError(f"{taken}; {_refusal(fault)}") from fault
-            for job in jobs:
+            for job in queued:
                 paths = job.paths
                 submitted.append(Submitted(job.job_id, paths.result_pickle, paths.stdout, paths.stderr))
 
@@ -131,12 +112,6 @@ class Launcher(hydra_launcher.Launcher):
             part = results.Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
             part.add([without(base_row(job), "failed", reason + more)])
             part.flush()
-
-
-def _plain(value: Any) -> Any:
-    from omegaconf import OmegaConf
-
-    return OmegaConf.to_container(value, resolve=True) if OmegaConf.is_config(value) else value
 
 
 @contextmanager

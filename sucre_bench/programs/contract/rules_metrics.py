@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.engine.score import score_rows
+from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.imaging.display import display
 from sucre_bench.jobs.job import Choice, MetricChoice
 from sucre_bench.plugins.plugin import Plugin
@@ -35,7 +35,7 @@ def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATE
         measured,
         display(image, "none", view.encoding),
         view,
-        [MetricChoice(choice, tuple(subject.plugin.variants))],
+        scorers([MetricChoice(choice, tuple(subject.plugin.variants))]),
         Row(),
     )
     return [row for row in rows if row.metric == subject.plugin.name]
