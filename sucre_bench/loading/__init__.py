@@ -1,1 +1,1 @@
-"""What loaders of datasets share: images, depth maps, cameras and charts in files, decoded when they are asked for."""
+"""Reads the files of datasets: images, depth maps, cameras, lenses, charts; pixels are decoded when first used."""

@@ -1,10 +1,10 @@
-"""Brown's lens with all the terms that photogrammetry tools fit.
+"""Brown's lens model with all the terms that photogrammetry tools fit.
 
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + (2 p1 x y + p2 (r^2 + 2 x^2)) (1 + p3 r^2 + p4 r^4)
     y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + (2 p2 x y + p1 (r^2 + 2 y^2)) (1 + p3 r^2 + p4 r^4)
 
-and then K, with a skew if it has one; a fisheye bends x, y to the angle from the axis before. OpenCV has neither k4 nor
-p3 and p4, a skew, or p1 and p2 of a fisheye; a lens without these is a plain `Lens`.
+Then K is applied, with its skew if it has one. A fisheye first turns x, y into the angle from the axis. OpenCV has no
+k4, p3, p4, no skew, and no p1, p2 for a fisheye; a lens without these is a plain `Lens`.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ class BrownLens(Lens):
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """All that tells this lens from another, for hashes."""
+        """What identifies this lens, for hashes."""
         return ("brown", self.camera.K.tolist(), self.camera.width, self.camera.height, self.model, self.coefficients)
 
     def bent(self, x: Array, y: Array) -> tuple[Array, Array]:

@@ -1,11 +1,11 @@
-"""Reads charts.json: where colour charts lie in the images.
+"""Reads charts.json: the corners of colour charts in the images.
 
     {"kind": "dgk", "images": {"sub/a.png": {"chart1": [[x, y], [x, y], [x, y], [x, y]],
                                              "chart2": {"kind": "colorchecker24", "corners": [...]}}}}
 
 Corners are pixels of the image as stored, of the chart's frame: top left, top right, bottom right, bottom left as the
-chart is read. "kind" holds for charts that do not say theirs; without it they are "dgk". It may be the path, from
-here, of a CSV file that describes the chart (see `imaging.charts.kinds`). Anything else in the file is left alone.
+chart is read. "kind" applies to charts without a kind of their own; its default is "dgk". It may be the path, relative
+to charts.json, of a CSV file that describes the chart (see `imaging.charts.kinds`). Other entries are ignored.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ __all__ = ["chart_of", "read_charts"]
 
 
 def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, tuple[Chart, ...]]:
-    """Return the charts of each image that has some; none when the file is not there.
+    """Return the charts of each image that has some; none if the file does not exist.
 
-    sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, when the file is not
-    of the format above, or names an unknown image, an unknown kind, or corners that are no chart in the image.
+    sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not
+    in the format above, or names an unknown image, an unknown kind, or corners that form no chart in the image.
     """
     if not path.is_file():
         return {}
@@ -55,9 +55,10 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
 
 
 def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tuple[int, int]) -> Chart:
-    """Return the chart that an entry of the file `path` describes. InputError, naming the entry, when it is none.
+    """Return the chart that an entry of the file `path` describes. Raises InputError, naming a wrong entry.
 
-    image, name: the image's and the chart's; kind: of charts that say none; size: (width, height), the image's.
+    image, name: the image's and the chart's; kind: of a chart without one of its own; size: (width, height), the
+    image's.
     """
     place = f"{path}: {image}, {name}"
     if isinstance(entry, dict):

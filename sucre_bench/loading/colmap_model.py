@@ -1,9 +1,9 @@
 """Reads the cameras and poses of a COLMAP sparse model, binary or text.
 
-Only cameras.{bin,txt} and images.{bin,txt} are read: the 2-D points of an image are stepped over and the 3-D points
-left alone, so a dive of thousands of images takes a moment. The files are read here, and not by pycolmap, because that
-never returns from an images.bin or points3D.bin that was cut short, and takes a camera from a cut cameras.bin.
-Rigs and frames (COLMAP 3.12 on) change nothing: images.* holds the pose of every registered image all the same.
+Only cameras.{bin,txt} and images.{bin,txt} are read. The 2-D and 3-D points are skipped, so a dive of thousands of
+images takes a moment. The reader is our own because pycolmap hangs on a truncated images.bin or points3D.bin, and
+accepts a camera from a truncated cameras.bin. Rigs and frames (from COLMAP 3.12) change nothing: images.* still has the
+pose of every registered image.
 Source of the format: https://colmap.github.io/format.html
 """
 
@@ -27,7 +27,7 @@ from sucre_bench.loading.lens import Lens
 
 __all__ = ["Posed", "read_model"]
 
-# By their number in cameras.bin. Beyond the first two the name serves the message only.
+# By their number in cameras.bin. From the third on, the name is for messages only.
 _CAMERA_MODELS = (
     *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"),
     *("SIMPLE_RADIAL_FISHEYE", "RADIAL_FISHEYE", "THIN_PRISM_FISHEYE", "RAD_TAN_THIN_PRISM_FISHEYE"),
@@ -43,9 +43,9 @@ _REMEDY = "copy the model again, or export it with 'colmap model_converter'"
 
 @dataclass(frozen=True, eq=False)
 class Posed:
-    """A registered image: its name, its camera at the size the model says, cam_from_world (4, 4) float64.
+    """A registered image: its name, its camera at the model's size, cam_from_world (4, 4) float64.
 
-    lens: of the image as it is stored, where that is distorted; camera is then that of the undistorted image.
+    lens: of the stored image, if that is distorted; camera is then that of the undistorted image.
     """
 
     name: str
@@ -54,7 +54,7 @@ class Posed:
     lens: Lens | None = None
 
 
-# A row of either file as it stands there, before it is checked.
+# A row of either file, before it is checked.
 _CameraRow = tuple[int, str, int, int, tuple[float, ...]]  # id, model, width, height, parameters
 _ImageRow = tuple[tuple[float, ...], int, str]  # qw qx qy qz tx ty tz, camera id, name
 _Row = TypeVar("_Row")
@@ -63,9 +63,9 @@ _Row = TypeVar("_Row")
 def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Posed]:
     """Return the registered images of the model in `sparse` or `sparse`/0, ordered by name.
 
-    images: the image folder, which the advice on distorted cameras names; distorted: admit cameras with a lens. Raises
-    InputError when there is no model, or it cannot be read, is empty, has a distorted camera that is not admitted, of
-    an unknown model, or that cannot be undistorted, or an image name that is double or leaves the folder.
+    images: the image folder, for the remedy in messages; distorted: accept distorted cameras. Raises InputError if
+    there is no model, if it cannot be read or is empty, if a camera is distorted and not accepted, of an unknown model,
+    or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
     cameras_file, images_file = _find(sparse)
     binary = cameras_file.suffix == ".bin"
@@ -141,7 +141,7 @@ def _rigid(pose: tuple[float, ...], place: str) -> Array:
 
 
 def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
-    """Run one of the readers below; whatever it trips over becomes one line about the file."""
+    """Run one of the readers below; any fault becomes an InputError that names the file."""
     try:
         yield from read(path)
     except OSError as fault:
@@ -154,7 +154,7 @@ def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
 
 
 class _Cursor:
-    """A place in a binary file that moves on as values are read."""
+    """A position in a binary file, which advances as values are read."""
 
     def __init__(self, path: Path) -> None:
         with path.open("rb") as file:
@@ -214,12 +214,12 @@ def _text_cameras(path: Path) -> Iterator[_CameraRow]:
 
 
 def _text_images(path: Path) -> Iterator[_ImageRow]:
-    """Two lines an image; the second holds its points, and is there, empty, when it has none."""
+    """Two lines an image; the second holds its points, and is empty if it has none."""
     with path.open(encoding="utf-8") as lines:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue
-            words = line.strip().split(maxsplit=9)  # the name is the rest: it may hold spaces
+            words = line.strip().split(maxsplit=9)  # the name is the rest of the line: it may hold spaces
             if len(words) < 10:
                 raise ValueError(f"no image is written '{line.strip()}'")
             points = next(lines, "").rsplit(maxsplit=1)

@@ -1,4 +1,4 @@
-"""The scene of a COLMAP model whose cameras may be distorted, and of the files that belong to its images."""
+"""Makes a scene of a COLMAP model, whose cameras may be distorted, and of the files of its images."""
 
 from __future__ import annotations
 
@@ -30,12 +30,12 @@ def registered_scene(
     references: Mapping[str, Path] | None = None,
     charts: Path | None = None,
 ) -> Scene:
-    """Return the scene of a model's registered images, undistorted on the way. Reads headers and samples.
+    """Return the scene of a model's registered images, undistorted when they are decoded. Reads headers only.
 
-    image_of: where the image of a name in the model lies; depths: folder of depth maps in metres, of the undistorted
-    images, which need not exist; metres_per_unit: what the model's lengths are multiplied with; references: the image
-    without water of each image that has one, stored as that is; charts: see `charts_file`, need not exist. Raises
-    InputError when no image is there; what is wrong with the files of one view becomes a fault of that view.
+    image_of: the file of each image name of the model; depths: folder of depth maps in metres, of the undistorted
+    images (may be missing); metres_per_unit: factor for the model's lengths; references: the image without water of
+    each image that has one, distorted like it; charts: see `charts_file` (may be missing).
+    Raises InputError if no image exists. A fault in the files of one view becomes a fault of that view.
     """
     names = [posed.name for posed in model]
     paths = {name: image_of(name) for name in names}

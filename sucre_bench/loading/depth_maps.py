@@ -2,7 +2,7 @@
 
 The map of image ``sub/a.jpg`` is ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or else one of
 these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr
-(float metres). A map that may belong to two images is given to neither.
+(float metres). A map that could belong to two images is used for neither.
 """
 
 from __future__ import annotations
@@ -27,10 +27,10 @@ _FARTHEST_M = 1000.0
 
 
 def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
-    """Return the depth map of each image that has one, and for each image whose map is ambiguous what is wrong.
+    """Return the depth map of each image that has one, and the fault of each image whose map is ambiguous.
 
-    names: of the images, relative to the image folder. A folder that is not there holds no maps. Raises InputError when
-    it holds maps, but none of these images'.
+    names: of the images, relative to the image folder. The folder may be missing. Raises InputError if it holds maps,
+    but none of these images.
     """
     there = _files_by_stem(folder)
     claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
@@ -50,7 +50,7 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
         owners = sorted(owner for rank, owner in claims[stem] if rank == closest)
         files = sorted(there[stem])
         if name not in owners:
-            continue  # it is another image's own map
+            continue  # it is the map of another image
         if len(owners) > 1:
             fault = f"may belong to {owners[0]} or {owners[1]}"
             faults[name] = f"{folder / files[0]}: {fault}; put depth maps into sub-folders as the images are"
@@ -62,7 +62,7 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
 
 
 def _stems(name: str) -> list[str]:
-    """Where an image's depth map may be, the closest name first, without suffix."""
+    """Possible paths of an image's depth map without suffix, the closest name first."""
     path = PurePosixPath(name)
     places = [path.parent] if path.parent == PurePosixPath() else [path.parent, PurePosixPath()]
     return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", f"depth{path.stem}", path.stem)]
@@ -79,15 +79,15 @@ def _files_by_stem(folder: Path) -> dict[str, list[str]]:
 
 
 def read_depth(path: Path) -> Array:
-    """Return the depth map of a file as it is stored, (H, W) float32 in metres; InputError when it cannot be read."""
+    """Return the depth map in a file, (H, W) float32 in metres. Raises InputError if it cannot be read."""
     return _READERS[path.suffix.lower()](path)
 
 
 def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
     """Return a depth map (H, W) float32 in metres, 0 = unknown, at `size` (width, height) by the nearest value.
 
-    path: for what is said. Raises InputError when the map is empty, negative or farther than 1 km, or its shape is not
-    the image's.
+    path: for messages. Raises InputError if the map is empty, negative or farther than 1 km, or if its shape is not the
+    image's.
     """
     import cv2
 
@@ -109,7 +109,7 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
 
 
 def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
-    """Return an image of one channel (H, W) uint16. InputError for any other, which says that 16-bit `of` are due."""
+    """Return an image of one channel (H, W) uint16. Raises InputError for any other, asking for 16-bit `of`."""
     import cv2
 
     values = decode(path, cv2.IMREAD_UNCHANGED)
@@ -128,10 +128,10 @@ def _read_tiff(path: Path) -> Array:
 
     try:
         values = tifffile.imread(path)
-    except Exception as fault:  # of any kind: each of its decoders has its own
+    except Exception as fault:  # each of its decoders raises errors of its own
         if "imagecodecs" not in str(fault):
             raise InputError(f"{path}: cannot be read, cut short or not a TIFF; copy it again") from fault
-        values = decode(path, cv2.IMREAD_UNCHANGED)  # a compression that tifffile wants another package for
+        values = decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
     return _metres(values, path)
 
 
@@ -143,7 +143,7 @@ def _read_npy(path: Path) -> Array:
                 np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
             )(file)
             if math.prod(shape) * dtype.itemsize > os.fstat(file.fileno()).st_size - file.tell():
-                raise ValueError("a shape that the file does not hold")  # before anything of that size is asked for
+                raise ValueError("a shape that the file does not hold")  # before memory of that size is allocated
             file.seek(0)
             return _metres(np.lib.format.read_array(file, allow_pickle=False), path)
     except (OSError, ValueError, EOFError) as fault:

@@ -15,14 +15,14 @@ from sucre_bench.errors import InputError
 
 __all__ = ["read_exr"]
 
-_DEPTH = ("Z", "V", "Y", "depth", "R")  # the channels that programs put a depth into, the plainest first
-_LARGEST = 1 << 28  # pixels; a damaged header may ask for anything
+_DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
+_LARGEST = 1 << 28  # pixels; a damaged header may give any size
 
 
 def read_exr(path: Path) -> Array:
-    """Return the depth map of a file as it is stored, (H, W) float32: its only channel, or Z, V, Y, depth or R.
+    """Return the depth map in a file, (H, W) float32: its only channel, or Z, V, Y, depth or R.
 
-    Raises InputError when it cannot be read, has no such channel, or the package is not installed.
+    Raises InputError if it cannot be read, has no such channel, or the package is not installed.
     """
     try:
         exr = importlib.import_module("OpenEXR")
@@ -35,7 +35,7 @@ def read_exr(path: Path) -> Array:
             raise ValueError("its size")
         with exr.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
-    except Exception as fault:  # of any kind: it is a foreign decoder's
+    except Exception as fault:  # the decoder raises errors of many kinds
         raise InputError(f"{path}: cannot be read, cut short or not an OpenEXR file; copy it again") from fault
     name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":

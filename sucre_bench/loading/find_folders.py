@@ -1,4 +1,4 @@
-"""Finds the folders and files of a dataset below the one that a user names, however deep it was unpacked."""
+"""Finds the folders and files of a dataset below the folder that a user names, at any depth."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["existing", "folders_below", "inside", "scene_name", "walk"]
 
 
 def existing(root: Path, holds: str = "the data") -> Path:
-    """Return `root` with ~ expanded. InputError, saying what it is to hold, when it is not a folder."""
+    """Return `root` with ~ expanded. Raises InputError, naming the expected content, if it is no folder."""
     root = Path(root).expanduser()
     if not root.is_dir():
         fault = "is a file, not a folder" if root.exists() else "no such folder"
@@ -23,8 +23,8 @@ def existing(root: Path, holds: str = "the data") -> Path:
 def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     """Yield each folder from `root` down with the names of its folders and of its files, in order of name.
 
-    Links are followed, after folders that are none; a folder that several paths lead to is there once, so that links in
-    a circle come to an end. Names that the caller takes out of the list of folders are not looked into.
+    Links are followed, after real folders. A folder that several paths lead to is yielded once, so circular links end.
+    The caller may remove names from the list of folders: these are not entered.
     """
     seen = set()
     for place, below, names in os.walk(root, followlinks=True):
@@ -42,7 +42,7 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
 def folders_below(root: Path, wanted: Callable[[Path, set[str]], bool]) -> Iterator[Path]:
     """Yield `root` and the folders below it, in order of name, that `wanted(folder, names of its folders)` accepts.
 
-    Links are followed as by `walk`; hidden folders, and what lies below an accepted one, are not looked into.
+    Links are followed as by `walk`. Hidden folders and folders below an accepted one are not entered.
     """
     for place, below, _ in walk(root):
         if wanted(place, set(below)):
@@ -52,9 +52,9 @@ def folders_below(root: Path, wanted: Callable[[Path, set[str]], bool]) -> Itera
 
 
 def inside(root: Path, base: Path, named: str) -> Path | None:
-    """Return the path, relative to `root`, that `named` means in a file of the folder `base`; None where it leads out.
+    """Return the path, relative to `root`, that `named` means in a file in `base`; None if it leads out of `root`.
 
-    Of links only the names count: whoever wrote the file cannot have made them.
+    Links are not resolved: the author of the file cannot have made them.
     """
     posix = named.replace("\\", "/")
     full, top = (Path(os.path.abspath(path)) for path in (base / posix, root))  # noqa: PTH100
@@ -64,6 +64,6 @@ def inside(root: Path, base: Path, named: str) -> Path | None:
 
 
 def scene_name(folder: Path, root: Path) -> str:
-    """Return a scene's name: its path below the root, a part that repeats the one before (D1/D1) left out."""
+    """Return a scene's name: its path below the root, without a part that repeats the one before (D1/D1)."""
     parts = folder.relative_to(root).parts or (folder.resolve().name,)
     return "_".join(part for part, before in zip(parts, ("", *parts), strict=False) if part != before)

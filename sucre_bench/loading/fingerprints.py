@@ -1,4 +1,4 @@
-"""What identifies data: fingerprints of files, and the data_id of views."""
+"""Identifies data: fingerprints of files, and the data_id of views."""
 
 from __future__ import annotations
 
@@ -13,16 +13,16 @@ from sucre_bench.scene import View
 
 __all__ = ["data_id_of", "fingerprint"]
 
-_WHOLE = 1 << 20  # bytes of a file up to which all of it is hashed, else so many blocks of so many bytes
+_WHOLE = 1 << 20  # bytes; larger files are hashed in blocks
 
 
 _BLOCKS, _BLOCK = 16, 4096
 
 
 def data_id_of(views: Sequence[View], *more: object) -> str:
-    """Return a hash of all that views hold: cameras, poses, charts, options and their files; and of `more`.
+    """Return a hash of cameras, poses, charts, options and files of views, and of `more`.
 
-    Of the files it takes `fingerprint`s, whose limit is its own.
+    Files are hashed by `fingerprint`, with its limits.
     """
     digest = hashlib.blake2b(repr(more).encode() if more else b"", digest_size=6)
     for view in track(views, "hashing"):
@@ -39,12 +39,12 @@ def data_id_of(views: Sequence[View], *more: object) -> str:
 
 
 def fingerprint(path: Path) -> bytes:
-    """Return a hash of a file's size and content, whatever its date.
+    """Return a hash of a file's size and content; its date does not count.
 
-    All of the content up to 1 MiB. Of larger files 16 blocks of 4 KiB at even distances, the first and the last among
-    them: all of them would be 90 GB of a large dataset at every start. A change between the blocks that keeps the size
-    is then not seen. Of PNG and JPEG the first and last block: both are compressed, and PNG ends on a checksum, so that
-    their size or their end tells.
+    Files up to 1 MiB are hashed whole. Larger files are hashed in 16 blocks of 4 KiB at equal distances, first and last
+    included: whole files would be 90 GB of a large dataset at every start. A change between the blocks that keeps the
+    size goes unnoticed. PNG and JPEG files count by their first and last block: both are compressed, and PNG ends on a
+    checksum, so a change shows in the size or at the end.
     """
     try:
         with path.open("rb") as file:

@@ -1,4 +1,4 @@
-"""Images without a camera: in a folder, alone or each with a reference of the same name in another folder."""
+"""Scenes of images without cameras: a folder, with or without references of the same names in another folder."""
 
 from __future__ import annotations
 
@@ -40,11 +40,11 @@ def image_folder_scene(
     subfolders: bool = False,
     charts: Path | None = None,
 ) -> Scene:
-    """Return the scene of a folder's images, each with the reference whose path below `references` is the same.
+    """Return the scene of a folder's images, each with the reference that has the same path below `references`.
 
-    charts: a charts.json, see `charts_file`; it need not exist. A reference may have another suffix. An image without
-    one gets a fault. Raises InputError when there is no image, when `references` holds none of theirs, or when the file
-    of charts is wrong.
+    charts: a charts.json, see `charts_file` (may be missing). A reference may have another suffix. An image without a
+    reference gets a fault. Raises InputError if there is no image, if `references` holds none of the images, or if
+    charts.json is wrong.
     """
     names = image_names(folder, subfolders, but=references)
     if not names:
@@ -100,7 +100,7 @@ def paired_folders(
 ) -> Iterator[tuple[Path, Path, Path | None]]:
     """Yield each folder at or below root that holds one of the folders `inputs`: itself, that, and one of `references`.
 
-    Capitals do not matter; the first name that is there is taken. What was unpacked into a folder of its own name is
+    Case does not matter; the first name found counts. An archive that was unpacked into a folder of its own name is
     found there.
     """
     inputs, references = list(inputs), list(references)
@@ -112,6 +112,6 @@ def paired_folders(
 
 
 def innermost(folder: Path) -> Path:
-    """Return the folder below that alone holds anything, as archives unpack to raw-890/raw-890."""
+    """Return the innermost of folders that hold only one folder each, as archives unpack to raw-890/raw-890."""
     below = [path for path in folder.iterdir() if path.is_dir() and not path.name.startswith((".", "__MACOSX"))]
     return folder if len(below) != 1 or image_names(folder) else innermost(below[0])

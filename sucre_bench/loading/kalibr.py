@@ -1,4 +1,4 @@
-"""Reads a camera as Kalibr calibrated it, from its camchain (YAML) or its report (TXT).
+"""Reads a camera that Kalibr calibrated, from its camchain (YAML) or its report (TXT).
 
     cam0:                                       cam0
       camera_model: pinhole                     -----
@@ -44,8 +44,8 @@ _REPORT = {
 def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
     """Return the lens of the first camera in a file.
 
-    size: (width, height) of the images in pixels, for a file that does not state it. Raises InputError when the file
-    cannot be read or holds no pinhole camera with one of the distortions above.
+    size: (width, height) of the images in pixels, for a file without it. Raises InputError if the file cannot be read
+    or holds no pinhole camera with one of the distortions above.
     """
     import yaml
 
@@ -72,7 +72,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
 
 
 def _report(text: str) -> dict[str, Any]:
-    """Return the report's camera in the camchain's words."""
+    """Return the report's camera in the camchain's form."""
     found = {name: match[1] for name, pattern in _REPORT.items() if (match := re.search(pattern, text))}
     numbers = {name: found[name].replace(",", " ").split() for name in ("focal", "centre", "distortion_coeffs")}
     return {**found, **numbers, "intrinsics": numbers["focal"] + numbers["centre"]}

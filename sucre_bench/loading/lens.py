@@ -1,9 +1,9 @@
-"""Distorted cameras, and the pinhole images made of theirs.
+"""Distorted cameras, and pinhole images made from their images.
 
 Distortion is OpenCV's: "perspective" with k1 k2 p1 p2 k3 k4 k5 k6 (Brown's model, rational), "fisheye" with k1 k2 k3 k4
 (Kannala & Brandt 2006). COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV are special cases of the first, its
-fisheye models of the second. The pinhole camera keeps the principal point and the size; its focal lengths are those at
-which no pixel looks past the photograph, so that nothing black comes in at the borders.
+fisheye models of the second. The pinhole camera has the same principal point and size. Its focal lengths are such
+that no pixel looks past the photograph: there are no black borders.
 """
 
 from __future__ import annotations
@@ -20,17 +20,17 @@ from sucre_bench.errors import InputError
 
 __all__ = ["Lens"]
 
-# By how much a pinhole's focal length may differ from the photograph's: a quarter is a fisheye of 160 degrees, and
-# shows the middle of the photograph at a quarter of its resolution.
+# The least ratio of the pinhole's focal length to the photograph's. A quarter is a fisheye of 160 degrees; it shows the
+# middle of the photograph at a quarter of its resolution.
 _STRETCH = 4.0
 _NEAR_PX = 0.5
-# Pixels to bring over at a time: their places stay in the processor's cache, and take no memory to speak of.
+# Pixels a block: their coordinates fit the processor's cache and take little memory.
 _AT_A_TIME = 200_000
 
 
 @dataclass(frozen=True, eq=False)
 class Lens:
-    """A camera as it photographs.
+    """A distorted camera.
 
     camera: K and size of the distorted image, pixel centres at +0.5; coefficients: of the model's distortion, in
     OpenCV's order, trailing zeros left out.
@@ -42,19 +42,19 @@ class Lens:
 
     @property
     def identity(self) -> tuple[object, ...]:
-        """All that tells this lens from another, for hashes."""
+        """What identifies this lens, for hashes."""
         return (self.camera.K.tolist(), self.camera.width, self.camera.height, self.model, self.coefficients)
 
     @property
     def pinhole(self) -> Camera:
-        """The camera of the undistorted image, of the same size. InputError where there is a `fault`."""
+        """The camera of the undistorted image, of the same size. Raises InputError if there is a `fault`."""
         if isinstance(self._pinhole, str):
             raise InputError(f"a lens of distortion {self.coefficients}: {self.fault}; undistort the images before")
         return self._pinhole
 
     @property
     def fault(self) -> str:
-        """Why there is no pinhole image of this lens; empty where there is one."""
+        """Why there is no pinhole image of this lens; empty if there is one."""
         return self._pinhole if isinstance(self._pinhole, str) else ""
 
     @functools.cached_property
@@ -65,8 +65,8 @@ class Lens:
         edge = sides.any(axis=0)
         x, y = np.full((2, u.size), np.nan)
         x[edge], y[edge] = self.rays(np.stack([u[edge], v[edge]], -1)).T
-        away = np.where(sides, [-x, x, -y, y], np.nan)  # NaN where there is no ray: in corners, often
-        # Of each side of the photograph how near to the axis it comes: the pinhole may not look beyond.
+        away = np.where(sides, [-x, x, -y, y], np.nan)  # NaN where there is no ray, often in corners
+        # How near each side of the photograph comes to the axis: the pinhole may not look beyond.
         nearest = np.fmin.reduce(away, axis=1, initial=np.inf)
         with np.errstate(all="ignore"):
             focals = np.array([K[0, 2], width - K[0, 2], K[1, 2], height - K[1, 2]]) / nearest
@@ -86,7 +86,7 @@ class Lens:
         return undone if folded.any() or not within.all() else Camera(pinhole, width, height)
 
     def undistorted(self, image: Array, size: tuple[int, int]) -> Array:
-        """Return an image (H, W[, C]) of the distorted camera, at any scale, as the pinhole sees it, at `size`."""
+        """Return an image (H, W[, C]) of the distorted camera, at any scale, as a pinhole image of `size`."""
         import cv2
 
         height, width = image.shape[:2]
@@ -98,9 +98,9 @@ class Lens:
         return np.asarray(straight, dtype=np.float32)
 
     def resampled(self, image: Array, to: Camera, nearest: bool = False) -> Array:
-        """Return an image (H, W[, C]) of the distorted camera, at any scale, as a pinhole at its place has it.
+        """Return an image (H, W[, C]) of the distorted camera, at any scale, as the image of a pinhole at its place.
 
-        nearest: take each pixel from one, and 0 beyond the image; else blend four, and go on with the border's.
+        nearest: copy the nearest pixel, and 0 beyond the image; else interpolate, and extend the border.
         """
         import cv2
 
@@ -116,15 +116,15 @@ class Lens:
         return straight
 
     def straightened(self, pixels: Array) -> Array:
-        """Return where the pinhole sees pixels (P, 2) of the distorted image: (P, 2), NaN where it cannot."""
+        """Return the places (P, 2) in the pinhole image of pixels (P, 2) of the distorted image; NaN if outside."""
         K = self.pinhole.K
         return np.asarray(self.rays(pixels) * (K[0, 0], K[1, 1]) + K[:2, 2])
 
     def rays(self, pixels: Array) -> Array:
         """Return the rays (P, 2) at unit depth through pixels (P, 2) of the distorted image, NaN where there is none.
 
-        By Newton's method, from the distorted place, which a barrel's ray lies beyond and a cushion's short of: it does
-        not overshoot there.
+        By Newton's method, started at the distorted place, from where it does not overshoot: a barrel's ray lies
+        beyond it, a cushion's short of it.
         """
         wanted = np.linalg.solve(self.camera.K, np.vstack([pixels.T, np.ones(len(pixels))]))[:2]  # (2, P)
         at, h = wanted, 1e-6
@@ -141,12 +141,12 @@ class Lens:
                     break
             rays = self._ray(at)
             missed = np.linalg.norm(self._pixels(*rays) - pixels, axis=-1)
-            # Further out some distortions turn back, and image more rays in the same place: those are none of a lens.
+            # Further out some polynomials turn back and map other rays to the same place: no lens does that.
             found = (missed < _NEAR_PX) & (turn > 0) & ((at * wanted).sum(axis=0) >= 0)
         return np.where(found[:, None], rays.T, np.nan)
 
     def bent(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Return where rays x, y at unit depth, arrays of one shape, come to lie at unit depth by the distortion."""
+        """Return rays x, y at unit depth, arrays of one shape, after distortion, at unit depth."""
         import cv2
 
         rays = np.stack([x, y, np.ones_like(x)], -1).reshape(-1, 1, 3).astype(np.float64)
@@ -158,7 +158,7 @@ class Lens:
         return bent[..., 0], bent[..., 1]
 
     def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
-        """Where a pinhole's pixels lie in an image of `size` (width, height) that the lens made from the same place.
+        """The places of a pinhole's pixels in an image of `size` (width, height) of this lens at the same place.
 
         Returns x and y, (H, W) float32 of the pinhole's size, for cv2.remap: pixel centres at whole numbers.
         """
@@ -175,13 +175,13 @@ class Lens:
         return np.array([*self.coefficients, *[0.0] * (length - len(self.coefficients))])
 
     def _pixels(self, x: Array, y: Array) -> Array:
-        """Where rays x, y (P,) at unit depth come to lie in the distorted image: (P, 2)."""
+        """The places (P, 2) in the distorted image of rays x, y (P,) at unit depth."""
         x, y = self.bent(x, y)
         K = self.camera.K
         return np.stack([K[0, 0] * x + K[0, 1] * y + K[0, 2], K[1, 1] * y + K[1, 2]], -1)
 
     def _ray(self, at: Array) -> Array:
-        """The rays (2, P) of what `rays` looks for: they themselves; of a fisheye their angle from the axis."""
+        """The rays (2, P) of the solution of `rays`: itself, or for a fisheye the ray at that angle from the axis."""
         if self.model == "perspective":
             return at
         angle = np.maximum(np.linalg.norm(at, axis=0), 1e-9)

@@ -1,7 +1,7 @@
-"""Finds the image files that another program's export names, on this machine.
+"""Finds, in a folder, the image files that another program's export names.
 
-Exports name images by absolute paths of another computer, by paths from elsewhere, or by a label without suffix. An
-image is the file whose path ends like that name in the most parts; nothing outside of the folder is ever taken.
+Exports name images by absolute paths of another computer, by other relative paths, or by a label without suffix. The
+image is the file whose path shares the most last parts with that name. Files outside the folder are never used.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ class ImageFolder:
                     self._by_stem[without_suffix(name).lower()].append(relative)
 
     def find(self, name: str) -> list[str]:
-        """Return the files (relative, posix) that a name means: one, none, or several that it cannot tell apart."""
+        """Return the files (relative, posix) that a name may mean: one, none, or several equally good ones."""
         wanted = _parts(name.lower())
         files = self._by_stem.get(without_suffix(wanted[-1]), []) if wanted else []
         exact = [file for file in files if _parts(file.lower())[-1] == wanted[-1]]
@@ -36,13 +36,13 @@ class ImageFolder:
 
 
 def without_suffix(name: str) -> str:
-    """Return a file's name without the suffix of an image; what else follows a dot is part of the name."""
+    """Return a file's name without an image's suffix; other text after a dot is part of the name."""
     path = PurePosixPath(name)
     return path.stem if path.suffix.lower() in SUFFIXES else path.name
 
 
 def inner_path(name: str) -> str:
-    """Return a name of elsewhere as a path (posix) that cannot leave a folder: without a drive, a root or ".."."""
+    """Return a foreign path as a relative one (posix) that cannot leave a folder: no drive, root or ".."."""
     return "/".join(_parts(name))
 
 

@@ -32,11 +32,11 @@ _MOST_VIEWS = 100_000
 
 @dataclass(frozen=True, eq=False)
 class Header:
-    """What stands before the depths.
+    """The header of a depth map.
 
-    image: name of the image file, as OpenMVS had it; camera: at the image's size, pixel centres at +0.5;
+    image: name of the image file in OpenMVS; camera: at the image's size, pixel centres at +0.5;
     cam_from_world: (4, 4) float64, in units of the reconstruction; shape: (height, width) of the depths; offset: of the
-    first depth, in bytes; dtype: of a depth; factor: what a stored depth is to be multiplied by.
+    first depth, in bytes; dtype: of a depth; factor: of stored depths.
     """
 
     image: str
@@ -49,7 +49,7 @@ class Header:
 
 
 def read_header(path: Path) -> Header:
-    """Return the header of a depth map. InputError when the file is none, breaks off, or has no camera in it."""
+    """Return the header of a depth map. Raises InputError if the file is no depth map, truncated, or has no camera."""
     try:
         with path.open("rb") as file:
             return _header(file)
@@ -60,12 +60,12 @@ def read_header(path: Path) -> Header:
 
 
 def read_dmap_depth(path: Path) -> Array:
-    """Return the depths (H, W) float32, in units of the reconstruction. InputError when they break off."""
+    """Return the depths (H, W) float32, in units of the reconstruction. Raises InputError if they are truncated."""
     header = read_header(path)
     count = header.shape[0] * header.shape[1]
     with path.open("rb") as file:
         there = os.fstat(file.fileno()).st_size - header.offset
-        if there < count * header.dtype.itemsize:  # before anything of that size is asked for
+        if there < count * header.dtype.itemsize:  # before memory of that size is allocated
             raise InputError(f"{path}: cut short, its depths need {count * header.dtype.itemsize} bytes; {_REMEDY}")
         file.seek(header.offset)
         stored = np.fromfile(file, header.dtype, count).reshape(header.shape)

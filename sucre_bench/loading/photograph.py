@@ -1,4 +1,4 @@
-"""Photographs, with what is known of their lens and place, and the views made of them."""
+"""Photographs with their lens and pose, and the views made of them."""
 
 from __future__ import annotations
 
@@ -23,14 +23,13 @@ __all__ = ["Photograph", "is_rigid", "straight_lens", "view_of"]
 
 @dataclass(frozen=True, eq=False)
 class Photograph:
-    """An image file, and what is known of it.
+    """An image file with lens, pose, depth map, reference and charts.
 
-    lens: as it photographed, at the size its program says, None when unknown; cam_from_world: (4, 4) float64, metres,
-    None when unknown; depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera that the
-    depth map is of, on the optical axis of this one; None when that is the undistorted image; reference: the image
-    without water, and charts, their corners in pixels, both of the image as it is stored; charts_file: where charts
-    stand, for what is said; size: of the stored image, (width, height), None when its header is still to be read;
-    read_image: see `Files`; faults: what is already known to be wrong, by plane.
+    lens: at the size its program states, None if unknown; cam_from_world: (4, 4) float64, metres, None if unknown;
+    depth: its depth map, which read_depth turns into planar metres; depth_lens: the camera of the depth map, with the
+    same optical axis, None if that is the undistorted camera; reference: the image without water, and charts, with
+    corners in pixels: both of the stored image; charts_file: for messages; size: (width, height) of the stored image,
+    None if its header is not read yet; read_image: see `Files`; faults: known faults, by plane.
     """
 
     name: str
@@ -54,10 +53,10 @@ def straight_lens(camera: Camera) -> Lens:
 
 
 def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding = "gamma") -> View:
-    """Return the view of a photograph, undistorted on the way where its lens distorts. Reads the image's header.
+    """Return the view of a photograph, undistorted when it is decoded. Reads the image's header.
 
-    What is wrong with the image's size becomes a fault of the view. Raises InputError for a lens that no pinhole
-    image can be made of, and a chart where it cannot be undone.
+    A wrong image size becomes a fault of the view. Raises InputError if no pinhole image can be made with the lens, or
+    if a chart lies where its distortion cannot be undone.
     """
     lens, image, faults = photograph.lens, photograph.image, dict(photograph.faults)
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
@@ -65,7 +64,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
         raise InputError(f"{image}: {lens.fault} (coefficients {lens.coefficients}); undistort the images before")
     straight = None if lens is None else lens.pinhole if distorts else lens.camera
     own = None if straight is None else (straight.width, straight.height)
-    # Where the header cannot be read, decoding will say what is wrong.
+    # If the header cannot be read, decoding gives the reason.
     size = photograph.size or image_size(image) or own or (1, 1)
     if own is not None and not same_shape(size, own):
         fault = f"is {size[0]}x{size[1]}, its camera {own[0]}x{own[1]}"
@@ -93,7 +92,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
 
 
 def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]) -> Chart:
-    """Bring a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
+    """Transform a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
     if lens is None:
         return scaled_chart(chart, size, target)
     own = lens.camera.width, lens.camera.height
@@ -106,7 +105,7 @@ def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, ta
 
 @dataclass(frozen=True, eq=False)
 class _Resampled:
-    """Reads a depth map of one lens as another camera at the same place, looking the same way, has it."""
+    """Reads a depth map of one lens as that of another camera with the same pose."""
 
     read: Callable[[Path], Array]
     lens: Lens
@@ -119,12 +118,12 @@ class _Resampled:
         if not same_shape((width, height), (of.width, of.height)):
             fault = f"is {width}x{height}, a size that cannot match its camera's {of.width}x{of.height}"
             raise InputError(f"{path}: {fault}; make it again of this camera")
-        # Nearest: between a diver and the seabed behind lies nothing.
+        # Nearest: no depth lies between a diver and the seabed behind.
         return self.lens.resampled(metres, to, nearest=True)
 
 
 def is_rigid(transform: Array) -> bool:
-    """Whether (4, 4) is a rotation and a translation, to the few digits that some programs write."""
+    """Whether (4, 4) is a rotation and a translation, within the few digits that some programs write."""
     R = transform[:3, :3]
     return bool(
         np.isfinite(transform).all()

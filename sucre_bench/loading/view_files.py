@@ -1,4 +1,4 @@
-"""A view's pixels in files, and the hash that tells whether a scene's data are the same."""
+"""A view's pixels in files, decoded on demand."""
 
 from __future__ import annotations
 
@@ -21,12 +21,10 @@ __all__ = ["Files", "check_length", "scaled_pose"]
 class Files:
     """A view's pixels, in files that are decoded on demand.
 
-    size: (width, height) in pixels to bring every plane to; read_depth: turns the depth file into planar metres
-    (H, W), 0 = unknown, of any size that is the image's but for scale; lens: of image and reference as they are stored,
-    which are then undistorted on the way, depth maps being of the undistorted image; depth_lens: whose depth map
-    read_depth brings to the view's camera, where it is another's; read_image: reads the image alone, as `read_rgb`;
-    faults: what is already known to be wrong with a plane, raised when that plane is asked for, so that other views go
-    on.
+    size: (width, height) in pixels of every plane; read_depth: returns planar metres (H, W), 0 = unknown, at any scale
+    of the image's size; lens: of the stored image and reference, which are then undistorted; depth maps are of the
+    undistorted image; depth_lens: the lens of the depth map, if it is not the view's camera; read_image: reads the
+    image, like `read_rgb`; faults: known faults of planes, raised when the plane is used, so that other views continue.
     """
 
     image: Path
@@ -40,7 +38,7 @@ class Files:
     faults: Mapping[Plane, str] = field(default_factory=dict)
 
     def load(self, plane: Plane) -> Array | None:
-        """Decode a plane. InputError for a file that cannot be read, or a fault that is known."""
+        """Decode a plane. Raises InputError for an unreadable file or a known fault."""
         if plane in self.faults:
             raise InputError(self.faults[plane])
         if plane == "depth":
@@ -59,7 +57,7 @@ def check_length(dataset: str, option: str, length: float) -> None:
 
 
 def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:
-    """Return a pose (4, 4) in metres, of one whose lengths are in another unit."""
+    """Return a pose (4, 4) in metres, from one in another unit of length."""
     metric = cam_from_world.copy()
     metric[:3, 3] *= metres_per_unit
     return metric
