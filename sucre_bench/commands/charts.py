@@ -14,9 +14,7 @@ if TYPE_CHECKING:
 __all__ = ["charts"]
 
 
-@click.command(
-    context_settings={"ignore_unknown_options": True}, short_help="Mark colour charts, in a page of the browser."
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(
     "words",
     nargs=-1,
@@ -24,12 +22,12 @@ __all__ = ["charts"]
     metavar="VIEW... [KEY=VALUE]...",
     shell_complete=complete.complete_views,
 )
-@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="What new charts are.")
-@click.option("--accept", is_flag=True, help="Open no page: take proposals whose patches are in order.")
-@click.option("--no-browser", is_flag=True, help="Print the page's address, open no browser.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the page; default any that is free.")
+@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of new charts.")
+@click.option("--accept", is_flag=True, help="Open no page; accept the proposals whose patches are in order.")
+@click.option("--no-browser", is_flag=True, help="Print the address of the page; do not open a browser.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; 0: any free port.")
 def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
-    """Mark colour charts: click four corners in a page of this machine's browser.
+    """Mark colour charts: click their four corners on a page in your browser.
 
     \b
     sucre-bench charts dive/images/a.png
@@ -37,10 +35,10 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     sucre-bench charts dive/images/a.png --kind colorchecker24
     sucre-bench charts dataset=colmap dataset.root=dive/ --accept
 
-    VIEW is an image in a folder images/ of the layout that dataset=colmap reads, or a view's name beside dataset=.
-    Kinds: dgk, colorchecker24, colorchecker_sg, or a CSV file. ColorCheckers are looked for first; charts marked in one
-    view are carried over to all others of the scene by depth and poses, to be confirmed there; the page shows the views
-    that are named first. All is kept in the scene's charts.json.
+    VIEW is an image in the folder images/ of a scene, or with dataset= the name of a view. Kinds: dgk, colorchecker24,
+    colorchecker_sg, or a CSV file. ColorCheckers are detected. A chart marked in one view is proposed in all other
+    views by depth and poses; you confirm it there. The page shows the named views first. charts.json of the scene
+    stores everything.
     """
     import webbrowser
 
@@ -56,7 +54,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
         for proposal, fault in doubtful:
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
         proposals = "1 proposal" if len(accepted) == 1 else f"{len(accepted)} proposals"
-        click.echo(f"{proposals} taken, {len(doubtful)} left to be looked at")
+        click.echo(f"{proposals} accepted, {len(doubtful)} left for you to check")
     else:
         from sucre_bench.programs.mark_charts.server import PageServer
 
@@ -67,7 +65,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
             try:
                 server.serve_forever()
             except KeyboardInterrupt:
-                click.echo("stopped; what was confirmed is kept")
+                click.echo("stopped; confirmed charts are stored")
     _show(session)
 
 
@@ -75,6 +73,6 @@ def _show(session: Session) -> None:
     for view in session.everything:
         marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
         if marked or proposed:
-            open_ = f", {len(proposed)} to be confirmed" if proposed else ""
+            open_ = f", {len(proposed)} to confirm" if proposed else ""
             click.echo(f"{view.name}: {len(marked)} chart{'' if len(marked) == 1 else 's'}{open_}")
     click.echo(f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}")

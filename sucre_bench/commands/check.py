@@ -1,4 +1,4 @@
-"""`sucre-bench check`: whether a plugin keeps the contract."""
+"""`sucre-bench check`: test a plugin against the contract."""
 
 from __future__ import annotations
 
@@ -16,17 +16,17 @@ if TYPE_CHECKING:
 __all__ = ["check"]
 
 
-@click.command(
-    short_help="Does a plugin keep the contract? What to mend.", context_settings={"ignore_unknown_options": True}
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("plugin")
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=complete_words)
-@click.option("--kind", type=KINDS, help="Where plugins of two kinds have the name.")
-@click.option("--on", default="demo", show_default=True, metavar="DATASET", help="What a method is tried on at last.")
-@click.option("--quick", is_flag=True, help="Leave out what starts processes or makes scenes.")
+@click.option("--kind", type=KINDS, help="Needed if plugins of two kinds have this name.")
+@click.option(
+    "--on", default="demo", show_default=True, metavar="DATASET", help="Dataset for the last rule: a real view."
+)
+@click.option("--quick", is_flag=True, help="Leave out rules that start processes or make scenes.")
 @json_option
 def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool) -> None:
-    """Say whether a plugin keeps the contract, and what to do where it does not.
+    """Test a plugin against the contract; for each breach, say what to change.
 
     \b
     sucre-bench check gray_world
@@ -35,7 +35,7 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     sucre-bench check colmap dataset.root=dive/
 
     PLUGIN is a name, or a .py file with plugins. Options follow as in `sucre-bench run`: method.NAME=VALUE,
-    dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE. The exit code is 1 where something must be mended.
+    dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE. The exit code is 1 if a rule is broken.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.programs.contract import contract, report

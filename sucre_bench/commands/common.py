@@ -1,4 +1,4 @@
-"""What commands share: their common options, and a line on stderr."""
+"""Options that several commands have, and a line on stderr."""
 
 from __future__ import annotations
 

@@ -14,7 +14,7 @@ from sucre_bench.errors import InputError
 __all__ = ["compare"]
 
 
-@click.command(short_help="One table of output folders, with 95 % intervals.")
+@click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option("--by", type=click.Choice(["method", "view", "region"]), default="method", show_default=True)
 @click.option(

@@ -25,7 +25,7 @@ _OPEN = ("=", ".", "/")  # the end of a word that goes on
 
 class _Shell(ShellComplete):
     def get_completion_args(self) -> tuple[list[str], str]:
-        """Return the words after the program's name, and the one that is being written."""
+        """Return the words after the program's name, and the unfinished one."""
         import os
 
         words, incomplete = _split(os.environ.get("COMP_LINE", ""))
@@ -33,7 +33,7 @@ class _Shell(ShellComplete):
         return words[next(starts, 0) + 1 :], incomplete
 
     def get_completions(self, args: list[str], incomplete: str) -> list[CompletionItem[str]]:
-        """As click finds them, with the files that it leaves to the shells."""
+        """Return click's completions, and the files that click leaves to the shells."""
         found: list[CompletionItem[str]] = []
         for item in super().get_completions(args, incomplete):
             is_place = item.type in ("file", "dir")
@@ -41,12 +41,12 @@ class _Shell(ShellComplete):
         return found
 
     def format_completion(self, item: CompletionItem[str]) -> str:
-        """Return "open" or "plain" (with a space behind it), the word and what it means, parted by tabs."""
+        """Return "open" or "plain" (a space follows), the word and its meaning, with tabs between them."""
         return f"{'open' if item.value.endswith(_OPEN) else 'plain'}\t{item.value}\t{_line(item)}"
 
 
 class _Bash(_Shell):
-    """Bash takes for a word what follows "=" or ":"; COMP_WORD is that, and what stands before it is left out."""
+    """Bash splits words at "=" and ":". COMP_WORD is the part after it; the text before it is left out."""
 
     name = "bash"
     source_template = """\
@@ -122,18 +122,18 @@ def install() -> None:
         add_completion_class(shell, name)
 
 
-@click.command("completion", short_help="Print what makes <TAB> complete in your shell.")
+@click.command("completion")
 @click.argument("shell", type=click.Choice(list(SHELLS)))
 def completion(shell: str) -> None:
-    """Print the script by which a shell completes commands, options and key=value words.
+    """Print the script that completes commands, options and key=value words in a shell.
 
     \b
     echo 'source <(sucre-bench completion bash)' >> ~/.bashrc
     echo 'source <(sucre-bench completion zsh)' >> ~/.zshrc
     sucre-bench completion fish > ~/.config/fish/completions/sucre-bench.fish
 
-    It then holds in every new shell in which sucre-bench is found, as after `source .venv/bin/activate`. In this shell
-    alone, now: source <(sucre-bench completion bash). Bash from 4.4 on; in ~/.zshrc, behind compinit.
+    It then works in every new shell that finds sucre-bench, for example after `source .venv/bin/activate`. For this
+    shell only: source <(sucre-bench completion bash). Needs bash 4.4; in ~/.zshrc, put the line after compinit.
     """
     click.echo(script(shell, click.get_current_context().find_root().command), nl=False)
 

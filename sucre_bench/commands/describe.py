@@ -1,4 +1,4 @@
-"""`sucre-bench describe`: what a dataset holds, and what is wrong with it."""
+"""`sucre-bench describe`: what a dataset holds, and its faults."""
 
 from __future__ import annotations
 
@@ -14,9 +14,7 @@ __all__ = ["describe"]
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 
 
-@click.command(
-    context_settings={"ignore_unknown_options": True}, short_help="What a dataset holds, and what is wrong with it."
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(
     "words",
     nargs=-1,
@@ -29,10 +27,16 @@ _SUFFIXES = (".png", ".jpg", ".jpeg")
     "--sheet",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Contact sheet, .png or .jpg [default: SCENE-sheet.png]",
+    help="File of the contact sheet, .png or .jpg [default: SCENE-sheet.png]",
 )
 @click.option("--no-sheet", is_flag=True, help="Write no contact sheet.")
-@click.option("--most", default=400, show_default=True, type=click.IntRange(1), help="Views of a scene, evenly chosen.")
+@click.option(
+    "--most",
+    default=400,
+    show_default=True,
+    type=click.IntRange(1),
+    help="Describe at most this many views of a scene, evenly chosen.",
+)
 @plugin_option
 def describe(
     words: tuple[str, ...],
@@ -42,14 +46,14 @@ def describe(
     most: int,
     plugin_files: tuple[str, ...],
 ) -> None:
-    """Say what a dataset holds, show it on a contact sheet, and find what is wrong with it.
+    """Say what a dataset holds, write a contact sheet, and list faults with their remedies.
 
     \b
     sucre-bench describe colmap dataset.root=dive/
     sucre-bench describe dataset=demo dataset.water=turbid every=4 --json
 
     Words are those of `sucre-bench run`: dataset=, its options, views=, every=, first=, degrade.
-    What is wrong is listed with its remedy; the exit code is 0 unless no view could be read.
+    The exit code is 0 unless no view could be read.
     """
     from sucre_bench.engine.tasks import select
     from sucre_bench.errors import InputError
@@ -61,9 +65,9 @@ def describe(
 
     suffix = ".png" if sheet is None else sheet.suffix
     if sheet is not None and sheet.is_dir():
-        raise InputError(f"{sheet}: is a folder; give --sheet a file, like {sheet / 'sheet.png'}")
+        raise InputError(f"{sheet}: is a folder; give --sheet a file, for example {sheet / 'sheet.png'}")
     if suffix.lower() not in _SUFFIXES:
-        raise InputError(f"{sheet}: is not named as a picture; end it in {', '.join(_SUFFIXES)}")
+        raise InputError(f"{sheet}: has no suffix of a picture; end it in {', '.join(_SUFFIXES)}")
     load_plugins(plugin_files)
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]

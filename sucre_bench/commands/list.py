@@ -20,12 +20,12 @@ from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 __all__ = ["list_"]
 
 
-@click.command("list", short_help="List plugins, their options, and if they can run here.")
+@click.command("list")
 @click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
 @json_option
 @plugin_option
 def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
-    """List what there is, what it needs, every option, and whether it is installed.
+    """List plugins or experiments with their needs and options, and whether they run here.
 
     \b
     sucre-bench list methods

@@ -12,15 +12,18 @@ from sucre_bench.commands.common import KINDS
 __all__ = ["new"]
 
 
-@click.command(short_help="A plugin to start from, and its test.")
+@click.command()
 @click.argument("kind", type=KINDS)
 @click.argument("name")
 @click.option(
-    "--package", type=click.Path(path_type=Path, file_okay=False), metavar="DIR", help="Make a package of it there."
+    "--package",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write a package of its own there.",
 )
-@click.option("--depth", is_flag=True, help="A method that needs depth, and leaves holes where there is none.")
+@click.option("--depth", is_flag=True, help="For a method that needs depth: it leaves holes where depth is unknown.")
 def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
-    """Write a plugin to start from, which works as it is, and its test.
+    """Write a working plugin to start from, and its test.
 
     \b
     sucre-bench new method warm_up_reds

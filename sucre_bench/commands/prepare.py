@@ -1,4 +1,4 @@
-"""The command `sucre-bench prepare`."""
+"""`sucre-bench prepare`: from photos to a scene."""
 
 from __future__ import annotations
 
@@ -11,21 +11,23 @@ import click
 __all__ = ["prepare"]
 
 _CAMERAS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
-_MOST_NAMED = 5  # photos that were left out, of a kind
+_MOST_NAMED = 5  # left-out photos of a kind that are named
 
 
-@click.command(short_help="Make a scene of a folder of photos.")
+@click.command()
 @click.argument("photos", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
-    "--masks", type=click.Path(path_type=Path), help="Folder of masks, a.jpg.png or a.png for a.jpg; black is left out."
+    "--masks",
+    type=click.Path(path_type=Path),
+    help="Folder of masks, a.jpg.png or a.png for a.jpg; black parts are not used.",
 )
 @click.option(
     "--matching",
     type=click.Choice(["auto", "exhaustive", "sequential"]),
     default="auto",
     show_default=True,
-    help="Pairs of photos: all, or neighbours by name; auto: all up to 80 photos.",
+    help="Match all pairs of photos, or neighbours by name; auto: all pairs up to 80 photos.",
 )
 @click.option(
     "--camera", type=click.Choice(_CAMERAS), default="SIMPLE_RADIAL", show_default=True, help="COLMAP camera model."
@@ -35,21 +37,21 @@ _MOST_NAMED = 5  # photos that were left out, of a kind
     type=click.Choice(["single", "folder", "image"]),
     default="single",
     show_default=True,
-    help="Which photos share a camera (those of another size never do).",
+    help="Photos that share a camera; photos of different sizes never do.",
 )
 @click.option(
     "--max-size",
     type=click.IntRange(min=0),
     default=0,
     metavar="PIXELS",
-    help="Shrink larger photos to this longest side.",
+    help="Shrink larger photos to this longest side; 0: do not.",
 )
 @click.option(
     "--surface",
     type=click.Choice(["auto", "dense", "sparse"]),
     default="auto",
     show_default=True,
-    help="Plane sweep, or a relief of the sparse points for flat seabeds; auto: dense up to 500 photos.",
+    help="dense: plane sweep; sparse: a relief of the sparse points, for flat seabeds; auto: dense up to 500 photos.",
 )
 @click.option(
     "--depth-size",
@@ -57,11 +59,9 @@ _MOST_NAMED = 5  # photos that were left out, of a kind
     default=800,
     show_default=True,
     metavar="PIXELS",
-    help="Longest side at which depth is swept.",
+    help="Longest side of the images that the plane sweep uses.",
 )
-@click.option(
-    "--scale", "factor", type=float, metavar="FACTOR", help="Metres per unit of the model, where known from before."
-)
+@click.option("--scale", "factor", type=float, metavar="FACTOR", help="Metres per unit of the model, if known.")
 @click.option(
     "--distance",
     "distances",
@@ -82,9 +82,9 @@ _MOST_NAMED = 5  # photos that were left out, of a kind
     "--depth-track",
     type=click.Path(path_type=Path),
     metavar="CSV",
-    help="Table of image,depth: metres below the surface.",
+    help="Table with columns image,depth: metres below the water's surface.",
 )
-@click.option("--again", is_flag=True, help="Make OUT anew where it was made with other options.")
+@click.option("--again", is_flag=True, help="Replace an OUT that was made with other options.")
 def prepare(
     photos: Path,
     out: Path,
@@ -102,9 +102,9 @@ def prepare(
     sucre-bench prepare photos/ dive/ --distance IMG_1.jpg IMG_9.jpg 1.85
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
 
-    Look at OUT/quality.html. Photos alone do not tell how large a scene is: without one of --distance, --length,
-    --depth-track or --scale the depths are not metres. That may be given later, and is kept until another is given;
-    what is done is not done again, and the same command goes on where it was stopped.
+    Look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length, --depth-track
+    or --scale the depths are not metres. You may add one of these later; it stays until you give another. Finished
+    stages are not repeated, and after a stop the same command continues.
     """
     from sucre_bench.jobs.quoting import quoted
     from sucre_bench.machine import terminal
@@ -124,16 +124,16 @@ def prepare(
         try:
             done = pipeline.prepare(photos, out, pipeline.Options(**options), known, again)
         except KeyboardInterrupt:
-            raise KeyboardInterrupt("stopped; the same command goes on from here") from None
+            raise KeyboardInterrupt("stopped; the same command continues from here") from None
     if not done.is_new:
-        click.echo("nothing to do: all is there already, made of these photos with these options")
+        click.echo("nothing to do: OUT was made of these photos with these options")
     for kind, left_out in (("damaged", done.damaged), ("without a place", done.unplaced)):
         for name, why in list(left_out.items())[:_MOST_NAMED]:
             click.echo(f"left out {name}: {why}")
         if len(left_out) > _MOST_NAMED:
             click.echo(f"left out {len(left_out) - _MOST_NAMED} more {kind}, named on the page")
     for warning in done.warnings:
-        click.echo(f"beware   {warning}")
+        click.echo(f"warning  {warning}")
     covered = sum(q.coverage for q in done.qualities) / len(done.qualities)
     click.echo(f"placed   {len(done.qualities)} of {done.photos} photos, {100 * covered:.0f} % of pixels with depth")
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")

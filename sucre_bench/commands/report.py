@@ -9,7 +9,7 @@ import click
 __all__ = ["report"]
 
 
-@click.command("report", short_help="Write the page of tables and pictures.")
+@click.command("report")
 @click.argument("folder", type=click.Path(path_type=Path))
 def report(folder: Path) -> None:
     """Write FOLDER/report/index.html, a page of tables, plots and pictures that opens from disk.

@@ -14,9 +14,7 @@ from sucre_bench.commands.common import json_option, plugin_option, refuse_optio
 __all__ = ["run"]
 
 
-@click.command(
-    context_settings={"ignore_unknown_options": True}, short_help="Restore a dataset's views with methods, score them."
-)
+@click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(
     "overrides", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...", shell_complete=complete.complete_words
 )

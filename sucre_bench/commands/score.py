@@ -14,7 +14,7 @@ from sucre_bench.commands.common import load_plugins, plugin_option, say
 __all__ = ["score"]
 
 
-@click.command(short_help="Score a folder of images with any metric, as published.")
+@click.command()
 @click.argument("images", type=click.Path(path_type=Path))
 @click.option("--reference", type=click.Path(path_type=Path), help="Folder with the same names, or one image.")
 @click.option(

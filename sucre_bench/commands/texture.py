@@ -1,4 +1,4 @@
-"""`sucre-bench texture`: a scene as a coloured surface, from what a run left."""
+"""`sucre-bench texture`: a scene as a coloured surface, from a results folder."""
 
 from __future__ import annotations
 
@@ -12,17 +12,27 @@ from sucre_bench.commands.common import load_plugins, plugin_option
 __all__ = ["texture"]
 
 
-@click.command(short_help="A scene as points or a mesh in restored colours.")
+@click.command()
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--method", required=True, metavar="LABEL", help='Whose colours; "input" for the views themselves.')
-@click.option("--dataset", default="", metavar="LABEL", help="Where the results have several.")
-@click.option("--scene", default="", metavar="NAME", help="Where the dataset has several.")
 @click.option(
-    "--voxel", type=click.FloatRange(0, min_open=True), metavar="METRES", help="How fine [default: as the pixels]."
+    "--method", required=True, metavar="LABEL", help='Label of the method whose colours to use; "input" for the views.'
 )
-@click.option("--mesh", is_flag=True, help="Triangles, not points, in a .ply; a .glb always has them.")
-@click.option("--picture", type=click.Path(path_type=Path), metavar="FILE", help="Also a .png: input beside restored.")
+@click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
+@click.option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
+@click.option(
+    "--voxel",
+    type=click.FloatRange(0, min_open=True),
+    metavar="METRES",
+    help="Size of a voxel [default: a pixel's size on the surface].",
+)
+@click.option("--mesh", is_flag=True, help="Write triangles, not points, in a .ply; a .glb always has triangles.")
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Also write a .png: the input beside the restored surface.",
+)
 @plugin_option
 def texture(
     results: Path,
@@ -42,7 +52,7 @@ def texture(
     sucre-bench texture results points.ply --method sucre --voxel 0.005
     sucre-bench texture results input.glb --method input
 
-    RESULTS is what `sucre-bench run out=RESULTS` wrote. Needs depth and poses; views come from the dataset again.
+    RESULTS is a folder that `sucre-bench run out=RESULTS` wrote. The dataset is opened again; it needs depth and poses.
     """
     from sucre_bench.engine.reopen import INPUT, revisit
     from sucre_bench.errors import InputError
@@ -51,9 +61,9 @@ def texture(
     from sucre_bench.programs.surface.write_ply_glb import SUFFIXES, mean_up, write_model
 
     if out.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{out}: is not named as a surface; end it in {' or '.join(SUFFIXES)}")
+        raise InputError(f"{out}: has no suffix of a surface; end it in {' or '.join(SUFFIXES)}")
     if picture is not None and picture.suffix.lower() != ".png":
-        raise InputError(f"{picture}: is not named as a picture; end it in .png")
+        raise InputError(f"{picture}: has no suffix of a picture; end it in .png")
     load_plugins(plugin_files)
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"

@@ -13,7 +13,7 @@ from sucre_bench.errors import OutputError, SucreBenchError, one_line
 __all__ = ["track"]
 
 
-@click.command(short_help="Tell mlflow what a folder holds; open mlflow's page.")
+@click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI; default: a store in FOLDER.")
 @click.option("--experiment", default="sucre_bench", show_default=True, help="mlflow's experiment.")

@@ -1,4 +1,4 @@
-"""`sucre-bench video`: a before/after video of a run's views, and how much methods flicker."""
+"""`sucre-bench video`: a video of the views before and after, and how much methods flicker."""
 
 from __future__ import annotations
 
@@ -18,15 +18,21 @@ if TYPE_CHECKING:
 __all__ = ["video"]
 
 
-@click.command(short_help="A dive before and after, as a video; how it flickers.")
+@click.command()
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--methods", required=True, metavar="A,B", help="Labels, in the order of their panels.")
-@click.option("--dataset", default="", metavar="LABEL", help="Where the results have several.")
-@click.option("--scene", default="", metavar="NAME", help="Where the dataset has several.")
+@click.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of their panels.")
+@click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
+@click.option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
 @click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(0.1, 120), help="Views a second.")
-@click.option("--split", is_flag=True, help="One panel a method: the input left of a moving divider.")
-@click.option("--height", default=540, show_default=True, type=click.IntRange(64, 4320), help="Of a panel, at most.")
+@click.option("--split", is_flag=True, help="Show one panel a method, with the input left of a moving divider.")
+@click.option(
+    "--height",
+    default=540,
+    show_default=True,
+    type=click.IntRange(64, 4320),
+    help="Greatest height of a panel, in pixels.",
+)
 @plugin_option
 def video(
     results: Path,
@@ -39,14 +45,13 @@ def video(
     height: int,
     plugin_files: tuple[str, ...],
 ) -> None:
-    """Show a run's views in capture order, before and after, and say how much each method flickers.
+    """Write the views of a run in capture order, before and after, and measure how much each method flickers.
 
     \b
     sucre-bench video results dive.mp4 --methods gray_world,sucre
     sucre-bench video results dive.webm --methods sucre --split --fps 5
 
-    RESULTS is what `sucre-bench run out=RESULTS` wrote. Beside the video comes OUT.json, as dive.mp4.json, with the
-    flicker as numbers.
+    RESULTS is a folder that `sucre-bench run out=RESULTS` wrote. OUT.json, for example dive.mp4.json, gets the numbers.
     """
     from sucre_bench.engine.reopen import revisit
     from sucre_bench.errors import InputError
@@ -57,17 +62,17 @@ def video(
     from sucre_bench.programs.video.write_vp9 import SUFFIXES, write_video
 
     if out.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{out}: is not named as a video; end it in {' or '.join(SUFFIXES)}")
+        raise InputError(f"{out}: has no suffix of a video; end it in {' or '.join(SUFFIXES)}")
     labels = _labels(methods)
     if not labels:
-        raise InputError("--methods: no label; name some, parted by commas")
+        raise InputError("--methods: no label; give labels with commas between them")
     load_plugins(plugin_files)
     with terminal.live():
         found = revisit(results, labels, dataset, scene)
         size = panel_size(found.frames[0], height)
         count = write_video(out, composed(found.frames, labels, size, fps, split), fps)
         flickers = flicker(found.frames, labels)
-    left_out = f" ({found.left_out} that some method lacks are left out)" if found.left_out else ""
+    left_out = f" ({found.left_out} that a method did not restore are left out)" if found.left_out else ""
     click.echo(f"{found.dataset} / {found.scene}: {count} views{left_out}, {out.stat().st_size / 1e6:.1f} MB")
     terminal.out.print(_table(flickers))
     click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
@@ -79,7 +84,7 @@ def video(
 
 
 def _labels(text: str) -> list[str]:
-    """Labels parted by commas, where a label may hold one itself: what has no "=" before it begins another."""
+    """Labels with commas between them; a label may hold commas: a part with "=" belongs to the one before."""
     labels: list[str] = []
     for word in (part.strip() for part in text.split(",")):
         if "=" in word and labels:
@@ -90,7 +95,7 @@ def _labels(text: str) -> list[str]:
 
 
 def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
-    """A line a method and measure, which is narrow enough for every terminal."""
+    """A line a method and measure, narrow enough for any terminal."""
     from rich.table import Table
     from rich.text import Text
 
@@ -107,7 +112,7 @@ def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
 
 
 def _plain(flickers: Mapping[str, Mapping[str, Flicker]]) -> dict[str, Any]:
-    """As JSON keeps it, which knows no NaN."""
+    """As plain data for JSON, which has no NaN."""
 
     def number(value: float) -> float | None:
         return value if math.isfinite(value) else None

@@ -305,7 +305,7 @@ def test_accepted_proposals_are_charts_of_the_scene(tmp_path: Path) -> None:
     write_scene(tmp_path)
     result = CliRunner().invoke(charts, [str(tmp_path / "images" / "b.png"), "--accept"], catch_exceptions=False)
     assert result.exit_code == 0
-    assert "1 proposal taken, 0 left" in result.output
+    assert "1 proposal accepted, 0 left" in result.output
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
     assert view.camera is not None
     assert view.cam_from_world is not None
@@ -322,7 +322,7 @@ def test_charts_are_found_in_photos_without_a_camera(tmp_path: Path) -> None:
     write_image(tmp_path / "a.png", np.rint(255 * scene).astype(np.uint8))
     words = ["dataset=photos", f"dataset.root={tmp_path}", "--kind", "colorchecker24", "--accept"]
     result = CliRunner().invoke(charts, words, catch_exceptions=False)
-    assert "1 proposal taken, 0 left" in result.output
+    assert "1 proposal accepted, 0 left" in result.output
     (view,) = next(sb.load_scenes("photos", root=tmp_path))
     np.testing.assert_allclose(view.charts[0].corners, corners, atol=7)
 
@@ -399,7 +399,7 @@ def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
 def test_a_chart_of_the_one_view_that_is_named_is_carried_to_all(tmp_path: Path) -> None:
     write_scene(tmp_path)
     result = CliRunner().invoke(charts, [str(tmp_path / "images" / "a.png"), "--accept"], catch_exceptions=False)
-    assert "1 proposal taken, 0 left" in result.output
+    assert "1 proposal accepted, 0 left" in result.output
     assert "b.png: 1 chart" in result.output
 
 
