@@ -20,7 +20,7 @@ from sucre_bench.errors import ANY_FAULT, InputError, PluginError, did_you_mean,
 from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
-__all__ = ["discover", "find", "load_file", "set_aside", "unknown"]
+__all__ = ["discover", "find", "load_file", "only_built_in", "set_aside", "unknown"]
 
 _files: dict[Path, ModuleType] = {}
 
@@ -53,6 +53,20 @@ def load_file(path: str | Path) -> None:
         raise PluginError(f"{path}: holds no plugin; decorate a class with @method, @dataset or @metric")
     _files[path] = module
     discover.cache_clear()
+
+
+@contextlib.contextmanager
+def only_built_in() -> Iterator[None]:
+    """Begin without plugin files, and forget those loaded within: as in a new process."""
+    before = dict(_files)
+    _files.clear()
+    discover.cache_clear()
+    try:
+        yield
+    finally:
+        _files.clear()
+        _files.update(before)
+        discover.cache_clear()
 
 
 @functools.cache

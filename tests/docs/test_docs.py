@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.command_line import commands as command_objects
 from support.places import ROOT
 
 from sucre_bench import plugins
-from sucre_bench.cli import cli
 from sucre_bench.jobs import command as config
 from sucre_bench.plugins.plugin import Plugin
 
@@ -43,7 +43,7 @@ def mentioned() -> list[str]:
 
 def check_options(words: list[str]) -> None:
     """Of a command other than run."""
-    command = cli.commands[words[0]]
+    command = command_objects()[words[0]]
     known = {"-h", "--help", *(option for p in command.params for option in (*p.opts, *p.secondary_opts))}
     assert {word.split("=")[0] for word in words[1:] if word.startswith("--")} <= known
 
@@ -62,7 +62,7 @@ def test_a_documented_command_exists_with_its_options(line: str):
 def test_a_command_within_a_sentence_exists_with_its_options(line: str):
     words = shlex.split(line)[1:]
     if words[0] == "run":
-        assert "run" in cli.commands
+        assert "run" in command_objects()
     elif not words[0].startswith("-"):
         check_options(words)
 

@@ -111,12 +111,12 @@ def is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
-def test_a_package_is_installed_and_found_under_its_name(bench: Bench, folder: Path) -> None:
+def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:
     done = new("method", "tried_out", "--package", "my-restorers")
     assert "install  pip install -e my-restorers" in done.stdout
     install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-compile"]
     subprocess.run([*install, "--target", "there", "./my-restorers"], check=True)
-    listed = bench("list", "methods", PYTHONPATH=str(folder / "there")).stdout
+    listed = program("list", "methods", PYTHONPATH=str(folder / "there")).stdout
     assert "tried_out\n    Multiply the red channel by a factor." in listed
     assert "2 passed" in pytest_in(folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there"))
 
