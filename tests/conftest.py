@@ -3,11 +3,15 @@
 from __future__ import annotations
 
 import functools
+import os
 import signal
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
+
 from support.command_line import Done, run_here, run_program
 from support.places import TOYS
 

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_camera, make_pose, make_scene, make_view
+from support.places import TOYS
 
 from sucre_bench import Arrays, Camera, Chart, InputError, Scene, View, Water, plugins
 from sucre_bench.arrays import Array
@@ -387,7 +388,6 @@ class Diary:
 @pytest.fixture
 def run(tmp_path: Path, toys: str):
     (tmp_path / "diary.py").write_text(METHOD)
-    plugins.load_file(tmp_path / "diary.py")
     base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]
 
     def run(*overrides: str) -> tuple[sweep.Outcome, list[str]]:
@@ -395,9 +395,10 @@ def run(tmp_path: Path, toys: str):
         outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
         return outcome, (tmp_path / "log").read_text().split()[before:]
 
-    yield run
-    plugins._files.pop((tmp_path / "diary.py").resolve())
-    plugins.discover.cache_clear()
+    with plugins.registry.only_built_in():
+        plugins.load_file(TOYS)
+        plugins.load_file(tmp_path / "diary.py")
+        yield run
 
 
 def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped(run, tmp_path: Path):

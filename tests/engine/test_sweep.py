@@ -6,14 +6,14 @@ import errno
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from support.command_line import Started
+from support.places import TOYS
 from support.toy_runs import calls, run
 
 import sucre_bench as sb
@@ -221,10 +221,10 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
     (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(registry, "_files", dict(registry._files))
-    plugins.load_file(tmp_path / "uses.py")
-    outcome = run(out, "method=uses,gain", multirun=True)
-    plugins.discover.cache_clear()
+    with registry.only_built_in():
+        plugins.load_file(TOYS)
+        plugins.load_file(tmp_path / "uses.py")
+        outcome = run(out, "method=uses,gain", multirun=True)
     assert (outcome.ok, outcome.exit_code) == (3, 1)
     assert {f.reason for f in outcome.failed} == {"OSError: libcudart.so: cannot open"}
 
@@ -329,11 +329,8 @@ SLOW = ["run", "dataset=toy", "dataset.views=8", "dataset.label=toy", "method=ga
 SLOW += ["tracking.uri=off", "method.pause=0.7", "method.label=slow"]
 
 
-def start(out: Path, toys: str, log: Path) -> subprocess.Popen[str]:
-    command = [str(Path(sys.executable).with_name("sucre-bench")), *SLOW, f"out={out}", f"method.log={log}"]
-    return subprocess.Popen(
-        [*command, "--plugin", toys], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+def start(out: Path, toys: str, log: Path) -> Started:
+    return Started(out.parent, *SLOW, f"out={out}", f"method.log={log}", "--plugin", toys)
 
 
 def wait_for(log: Path, views: int) -> None:
@@ -348,14 +345,13 @@ def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path)
     log = tmp_path / "log"
     killed = start(out, toys, log)
     wait_for(log, 5)
-    os.killpg(killed.pid, signal.SIGKILL)
-    killed.communicate()
+    killed.send(signal.SIGKILL, to_group=True)
+    assert killed.ended().returncode == -signal.SIGKILL
     done = results.read(out)["view"].nunique()
     assert done >= 2
-    resumed = start(out, toys, log)
-    said, _ = resumed.communicate(timeout=120)
+    resumed = start(out, toys, log).ended()
     assert resumed.returncode == 0
-    assert f"8 ok ({done} cached), 0 failed" in said
+    assert f"8 ok ({done} cached), 0 failed" in resumed.stdout
     assert len(calls(log)) == 5 + 8 - done
     assert results.read(out).groupby("metric").size().tolist() == [8, 8, 8]
 
@@ -365,12 +361,12 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, t
     log = tmp_path / "log"
     stopped = start(out, toys, log)
     wait_for(log, 3)
-    stopped.send_signal(how)
-    said, wrong = stopped.communicate(timeout=60)
-    assert stopped.returncode == 130
-    assert "stopped; the same command goes on from here" in said
-    assert "2 ok, 0 failed" in said
-    assert "Traceback" not in wrong
+    stopped.send(how)
+    done = stopped.ended()
+    assert done.returncode == 130
+    assert "stopped; the same command goes on from here" in done.stdout
+    assert "2 ok, 0 failed" in done.stdout
+    assert "Traceback" not in done.stderr
     assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2
 
 
@@ -397,20 +393,18 @@ def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
     assert (outcome.exit_code, outcome.cached, outcome.ok) == (1, 0, 3)
 
 
-def test_a_method_that_is_not_installed_stops_before_any_work(
-    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(registry, "_files", dict(registry._files))
+def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_path: Path):
     path = tmp_path / "needy.py"
     path.write_text(
         "from dataclasses import dataclass\nfrom sucre_bench import Restoration, method\n\n"
         "@method(requires=('nonexistent_package_xyz',))\n@dataclass(frozen=True)\nclass Needy:\n    '''x'''\n"
         "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
     )
-    plugins.load_file(path)
-    with pytest.raises(
-        preflight.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
-    ):
-        run(out, "method=gain,needy", multirun=True)
+    with registry.only_built_in():
+        plugins.load_file(TOYS)
+        plugins.load_file(path)
+        with pytest.raises(
+            preflight.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
+        ):
+            run(out, "method=gain,needy", multirun=True)
     assert not out.exists() or not list(out.rglob("*.png"))
-    plugins.discover.cache_clear()

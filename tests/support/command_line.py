@@ -4,9 +4,13 @@ from __future__ import annotations
 
 import contextlib
 import io
+import multiprocessing
 import os
+import shutil
+import signal
 import subprocess
 import sys
+import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -64,6 +68,46 @@ def run_here(folder: Path, *arguments: str) -> Done:
             status = ended.code
     assert isinstance(status, int)
     return Done(status, *(stream.buffer.getvalue().decode() for stream in (out, err)))  # type: ignore[attr-defined]
+
+
+class Started:
+    """`sucre-bench ARGUMENTS` at work in a process of its own, which leads a group of processes.
+
+    The process is forked from one that has imported the engine already: for tests that kill many.
+    """
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        self._said = Path(tempfile.mkdtemp())
+        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments))
+        self._process.start()
+
+    def send(self, number: signal.Signals, to_group: bool = False) -> None:
+        assert self._process.pid
+        (os.killpg if to_group else os.kill)(self._process.pid, number)
+
+    def ended(self, timeout: float = 120) -> Done:
+        """Wait for the end. returncode: minus the signal's number where a signal was the end."""
+        self._process.join(timeout)
+        status = self._process.exitcode
+        said = [(self._said / name).read_text(encoding="utf-8") for name in ("out", "err")]
+        shutil.rmtree(self._said)
+        assert status is not None, "the command does not end"
+        return Done(status, *said)
+
+
+_FORKS = multiprocessing.get_context("forkserver")
+_FORKS.set_forkserver_preload(["pandas", "cv2", "sucre_bench.engine.sweep", "sucre_bench.engine.run_job", __name__])
+
+
+def _run(folder: Path, said: Path, arguments: tuple[str, ...]) -> None:
+    os.setsid()
+    os.chdir(folder)
+    for name, stream in (("out", 1), ("err", 2)):
+        os.dup2(os.open(said / name, os.O_WRONLY | os.O_CREAT), stream)
+    sys.stdout, sys.stderr = (open(stream, "w", encoding="utf-8") for stream in (1, 2))  # noqa: PTH123, SIM115
+    terminal.out.width = terminal.err.width = WIDTH
+    sys.argv = [PROGRAM, *arguments]
+    main()
 
 
 def run_program(folder: Path, *arguments: str, **environment: str) -> Done:
