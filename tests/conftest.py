@@ -5,7 +5,7 @@ from __future__ import annotations
 import functools
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
@@ -16,6 +16,7 @@ from support.command_line import Done, run_here, run_program
 from support.places import TOYS
 
 from sucre_bench import plugins
+from sucre_bench.plugins import registry
 
 # A shell without job control starts what it puts behind (`.ci/run &`) deaf to Ctrl-C, and all its children are born
 # so; the programs that tests interrupt must hear it.
@@ -28,6 +29,13 @@ def toys() -> str:
     """The toy plugins, loaded in this process; the path of their file for other processes."""
     plugins.load_file(TOYS)
     return str(TOYS)
+
+
+@pytest.fixture
+def only_built_in() -> Iterator[None]:
+    """No plugin file is loaded, and those that the test loads are forgotten after it."""
+    with registry.only_built_in():
+        yield
 
 
 @pytest.fixture

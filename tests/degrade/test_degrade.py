@@ -20,6 +20,7 @@ from sucre_bench.degrade import Degradation, degraded
 from sucre_bench.engine import preflight, sweep
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.jobs import command
+from sucre_bench.plugins import registry
 from sucre_bench.scene import Encoding, Plane
 
 NINE = (0.1, 0.2, 0.3, 0.4, 0.2, 0.1, 0.3, 0.2, 0.15)
@@ -395,7 +396,7 @@ def run(tmp_path: Path, toys: str):
         outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
         return outcome, (tmp_path / "log").read_text().split()[before:]
 
-    with plugins.registry.only_built_in():
+    with registry.only_built_in():
         plugins.load_file(TOYS)
         plugins.load_file(tmp_path / "diary.py")
         yield run

@@ -11,11 +11,12 @@ import pytest
 import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.command import jobs
-from sucre_bench.plugins import registry
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import Broken
 from sucre_bench.plugins.registry import discover, find, load_file
 from sucre_bench.plugins.requirements import missing_packages
+
+pytestmark = pytest.mark.usefixtures("only_built_in")
 
 METHOD = """
 from dataclasses import dataclass
@@ -28,15 +29,6 @@ class {name}:
     def restore(self, scene: Scene, view: View) -> Restoration:
         return Restoration(view.rgb)
 """
-
-
-@pytest.fixture(autouse=True)
-def only_built_in(monkeypatch: pytest.MonkeyPatch):
-    """Plugins loaded by a test are forgotten after it."""
-    monkeypatch.setattr(registry, "_files", {})
-    discover.cache_clear()
-    yield
-    discover.cache_clear()
 
 
 def write(folder: Path, name: str, file: str | None = None) -> Path:
