@@ -45,7 +45,8 @@ def read(out: str | Path, **labels: str) -> pd.DataFrame:
     Raises InputError when there are none, or a file is damaged.
     """
     out = Path(out)
-    if not (out / TABLE).is_file() and not list((out / PARTS).glob("*.parquet")):
+    # In this order: a merge writes the table before it removes the parts.
+    if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).is_file():
         raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
     return _read(out, **labels)
 
