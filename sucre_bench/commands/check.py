@@ -38,22 +38,22 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE. The exit code is 1 if a rule is broken.
     """
     from sucre_bench.machine import terminal
-    from sucre_bench.programs.contract import contract, report
+    from sucre_bench.programs.contract import contract, text
     from sucre_bench.programs.contract.subjects import subjects
 
     refuse_options(overrides, "check")
     checked: list[tuple[Subject, list[Outcome]]] = []
     for subject in subjects(plugin, overrides, kind, on):
         if not as_json:
-            terminal.out.print(report.title(subject), soft_wrap=True)
+            terminal.out.print(text.title(subject), soft_wrap=True)
         outcomes: list[Outcome] = []
         for outcome in contract.check(subject, contract.rules(subject.plugin, lasting=not quick)):
             outcomes.append(outcome)
-            for line in () if as_json else report.lines(outcome, terminal.out.encoding):
+            for line in () if as_json else text.lines(outcome, terminal.out.encoding):
                 terminal.out.print(line, soft_wrap=True)
         if not as_json:
-            terminal.out.print(report.summary(outcomes), soft_wrap=True)
+            terminal.out.print(text.summary(outcomes), soft_wrap=True)
         checked.append((subject, outcomes))
     if as_json:
-        click.echo(report.as_json(checked))
+        click.echo(text.as_json(checked))
     sys.exit(1 if any(outcome.status == "broken" for _, outcomes in checked for outcome in outcomes) else 0)
