@@ -4,37 +4,35 @@ from __future__ import annotations
 
 import functools
 import hashlib
-import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.degrade.water import read_water
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import unknown_name
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Water
 
 __all__ = ["VIEWS", "Degradation", "hashed"]
 
 _VERSION = 1  # increase this when equal degradations give other data than before
 
-# What each option may be: least, greatest, and whether it is a whole number.
-_RANGES: dict[str, tuple[float, float, bool]] = {
-    "within": (0, math.inf, True),
-    "keep": (1, math.inf, True),
-    "blur_px": (0, 100, False),
-    "scale": (0.01, 1, False),
-    "noise": (0, 1, False),
-    "bits": (1, 16, True),
-    "jpeg_quality": (1, 100, True),
-    "depth_noise": (0, 1, False),
-    "depth_noise_px": (0, 1000, False),
-    "depth_holes": (0, 0.99, False),
-    "depth_hole_px": (0, 1000, False),
-    "pose_noise_m": (0, 1000, False),
-    "pose_noise_deg": (0, 180, False),
-    "seed": (0, math.inf, True),
+_RANGES = {
+    "within": "[0, inf)",
+    "keep": "[1, inf)",
+    "blur_px": "[0, 100]",
+    "scale": "[0.01, 1]",
+    "noise": "[0, 1]",
+    "bits": "[1, 16]",
+    "jpeg_quality": "[1, 100]",
+    "depth_noise": "[0, 1]",
+    "depth_noise_px": "[0, 1000]",
+    "depth_holes": "[0, 0.99]",
+    "depth_hole_px": "[0, 1000]",
+    "pose_noise_m": "[0, 1000]",
+    "pose_noise_deg": "[0, 180]",
+    "seed": "[0, inf)",
 }
 # Options that choose views.
 VIEWS = ("within", "keep")
@@ -86,14 +84,7 @@ class Degradation:
     """Seed of all that is random here; independent of the run's."""
 
     def __post_init__(self) -> None:
-        for name, (least, greatest, whole) in _RANGES.items():
-            value = getattr(self, name)
-            is_number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-            unset = value is None and getattr(type(self), name) is None
-            if not unset and not (is_number and least <= value <= greatest):
-                kind = "a whole number" if whole else "a number"
-                upto = f"from {least} to {greatest}" if math.isfinite(greatest) else f"of at least {least}"
-                raise InputError(f"degrade.{name}: {value} is not {kind} {upto}; mend it or leave it out")
+        check_ranges(self, "degrade", **_RANGES)
         _ = self.water
 
     @classmethod
@@ -102,7 +93,7 @@ class Degradation:
         known = {f.name for f in fields(cls)}
         for name in options:
             if name not in known:
-                raise InputError(f"degrade.{name}: no option of degrade; {did_you_mean(name, known)}")
+                raise unknown_name(f"degrade.{name}", name, known)
         return cls(**options)
 
     @functools.cached_property

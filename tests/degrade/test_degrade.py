@@ -385,7 +385,13 @@ class Diary:
 
 
 @pytest.fixture
-def run(tmp_path: Path, toys: str):
+def own_plugins(toys: str):
+    with plugins.using(plugins.current().copy()):
+        yield
+
+
+@pytest.fixture
+def run(tmp_path: Path, own_plugins: None):
     (tmp_path / "diary.py").write_text(METHOD)
     plugins.load_file(tmp_path / "diary.py")
     base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]
@@ -395,9 +401,7 @@ def run(tmp_path: Path, toys: str):
         outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
         return outcome, (tmp_path / "log").read_text().split()[before:]
 
-    yield run
-    plugins._files.pop((tmp_path / "diary.py").resolve())
-    plugins.discover.cache_clear()
+    return run
 
 
 def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped(run, tmp_path: Path):
@@ -430,13 +434,13 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
     ("override", "said"),
     [
         ("nois=1", "did you mean 'noise'"),
-        ("noise=-1", "degrade.noise: -1.0 is not a number from 0 to 1;"),
-        ("noise=nan", "degrade.noise: nan is not a number"),
+        ("noise=-1", "degrade.noise: -1.0; give a number in [0, 1]"),
+        ("noise=nan", "degrade.noise: nan; give a number"),
         ("noise=lots", "degrade.noise: Value 'lots'"),
-        ("bits=0", "degrade.bits: 0 is not a whole number from 1 to 16"),
-        ("jpeg_quality=101", "from 1 to 100"),
-        ("keep=0", "degrade.keep: 0 is not a whole number of at least 1"),
-        ("scale=0", "degrade.scale: 0.0 is not a number from 0.01 to 1"),
+        ("bits=0", "degrade.bits: 0; give a whole number in [1, 16]"),
+        ("jpeg_quality=101", "give a whole number in [1, 100]"),
+        ("keep=0", "degrade.keep: 0; give a whole number in [1, inf)"),
+        ("scale=0", "degrade.scale: 0.0; give a number in [0.01, 1]"),
         ("scale=null", "degrade.scale"),
         ("add_water=5", "degrade.add_water: not a water; give nine numbers"),
         ("add_water=[1,2,3]", "degrade.add_water: not a water; give nine numbers"),

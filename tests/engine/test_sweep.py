@@ -21,7 +21,6 @@ from sucre_bench import plugins, results
 from sucre_bench.engine import preflight, sweep
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.plugins import registry
 from sucre_bench.plugins.registry import find
 
 
@@ -221,10 +220,9 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
     (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
-    monkeypatch.setattr(registry, "_files", dict(registry._files))
-    plugins.load_file(tmp_path / "uses.py")
-    outcome = run(out, "method=uses,gain", multirun=True)
-    plugins.discover.cache_clear()
+    with plugins.using(plugins.current().copy()):
+        plugins.load_file(tmp_path / "uses.py")
+        outcome = run(out, "method=uses,gain", multirun=True)
     assert (outcome.ok, outcome.exit_code) == (3, 1)
     assert {f.reason for f in outcome.failed} == {"OSError: libcudart.so: cannot open"}
 
@@ -397,20 +395,17 @@ def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
     assert (outcome.exit_code, outcome.cached, outcome.ok) == (1, 0, 3)
 
 
-def test_a_method_that_is_not_installed_stops_before_any_work(
-    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-):
-    monkeypatch.setattr(registry, "_files", dict(registry._files))
+def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_path: Path):
     path = tmp_path / "needy.py"
     path.write_text(
         "from dataclasses import dataclass\nfrom sucre_bench import Restoration, method\n\n"
         "@method(requires=('nonexistent_package_xyz',))\n@dataclass(frozen=True)\nclass Needy:\n    '''x'''\n"
         "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
     )
-    plugins.load_file(path)
-    with pytest.raises(
-        preflight.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
-    ):
+    missing = pytest.raises(
+        preflight.ProblemsError, match=r"'needy': not installed; pip install nonexistent_package_xyz"
+    )
+    with plugins.using(plugins.current().copy()), missing:
+        plugins.load_file(path)
         run(out, "method=gain,needy", multirun=True)
     assert not out.exists() or not list(out.rglob("*.png"))
-    plugins.discover.cache_clear()

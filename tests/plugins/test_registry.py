@@ -11,7 +11,6 @@ import pytest
 import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.command import jobs
-from sucre_bench.plugins import registry
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import Broken
 from sucre_bench.plugins.registry import discover, find, load_file
@@ -31,12 +30,10 @@ class {name}:
 
 
 @pytest.fixture(autouse=True)
-def only_built_in(monkeypatch: pytest.MonkeyPatch):
+def only_built_in():
     """Plugins loaded by a test are forgotten after it."""
-    monkeypatch.setattr(registry, "_files", {})
-    discover.cache_clear()
-    yield
-    discover.cache_clear()
+    with plugins.using(plugins.Registry()):
+        yield
 
 
 def write(folder: Path, name: str, file: str | None = None) -> Path:
@@ -241,3 +238,11 @@ def test_what_is_not_installed_comes_with_the_line_that_installs_it():
         pass
 
     assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz.part"
+
+
+def test_what_one_registry_loads_another_does_not_have(tmp_path: Path):
+    path = write(tmp_path, "Alone")
+    with plugins.using(plugins.current().copy()) as own:
+        plugins.load_file(path)
+        assert own.find("method", "alone") is plugins.find("method", "alone")
+    assert "alone" not in plugins.discover("method")

@@ -6,14 +6,11 @@ from collections.abc import Iterator
 
 import pytest
 
-from sucre_bench.plugins import registry
-from sucre_bench.plugins.registry import discover
+from sucre_bench import plugins
 
 
 @pytest.fixture
-def only_built_in(monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
+def only_built_in() -> Iterator[None]:
     """Plugins loaded by a test are forgotten after it."""
-    monkeypatch.setattr(registry, "_files", {})
-    discover.cache_clear()
-    yield
-    discover.cache_clear()
+    with plugins.using(plugins.Registry()):
+        yield
