@@ -1,9 +1,11 @@
-"""The errors that a user meets. A message is one line: ``place: fault; remedy``."""
+"""The errors that a user meets, and checks of what a user gives. A message is one line: ``place: fault; remedy``."""
 
 from __future__ import annotations
 
 import difflib
 from collections.abc import Iterable
+from numbers import Integral, Real
+from typing import Any
 
 __all__ = [
     "ANY_FAULT",
@@ -13,8 +15,11 @@ __all__ = [
     "PluginError",
     "SolveError",
     "SucreBenchError",
+    "check_number",
     "did_you_mean",
+    "is_number_in",
     "one_line",
+    "unknown_name",
 ]
 
 
@@ -82,6 +87,30 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
     return f"{hint}known: {', '.join(names) or 'none'}"
+
+
+def unknown_name(place: str, name: str, known: Iterable[str], what: str = "option") -> InputError:
+    """Return the error for a name that is none of the known ones, with the nearest. place: as the user typed it."""
+    return InputError(f"{place}: no {what} '{name}'; {did_you_mean(name, known)}")
+
+
+def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
+    """Whether a value is a number in an interval, "[0, 1)" say: "(" and ")" exclude the bound. NaN is in none.
+
+    whole: only whole numbers are. True and False are no numbers.
+    """
+    if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
+        return False
+    value = float(value)
+    low, high = (float(bound) for bound in interval[1:-1].split(","))
+    is_above = value > low if interval[0] == "(" else value >= low
+    return bool(is_above and (value < high if interval[-1] == ")" else value <= high))
+
+
+def check_number(place: str, value: Any, interval: str, whole: bool = False) -> None:
+    """Raise InputError unless a value is a number in an interval, see `is_number_in`. place: as the user typed it."""
+    if not is_number_in(interval, value, whole):
+        raise InputError(f"{place}: {value!r}; give a {'whole ' if whole else ''}number in {interval}")
 
 
 def one_line(fault: BaseException) -> str:

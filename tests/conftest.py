@@ -16,7 +16,6 @@ from support.command_line import Done, run_here, run_program
 from support.places import TOYS
 
 from sucre_bench import plugins
-from sucre_bench.plugins import registry
 
 # A shell without job control starts what it puts behind (`.ci/run &`) deaf to Ctrl-C, and all its children are born
 # so; the programs that tests interrupt must hear it.
@@ -34,7 +33,7 @@ def toys() -> str:
 @pytest.fixture
 def only_built_in() -> Iterator[None]:
     """No plugin file is loaded, and those that the test loads are forgotten after it."""
-    with registry.only_built_in():
+    with plugins.using(plugins.Registry()):
         yield
 
 

@@ -10,8 +10,10 @@ one water and one colour a pixel.
 | `model.py` | the image formation model, its derivatives, `WaterParameters` |
 | `normal_equations.py`, `kernels/` | the least-squares problem in the water, and the passes that sum it up |
 | `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
+| `weak_priors.py` | channels that the observations do not determine |
 | `adam.py`, `solvers.py` | the paper's optimiser; all solvers with one kind of result |
-| `robust.py`, `lamp.py`, `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
+| `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
+| `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
 | `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
 """
 

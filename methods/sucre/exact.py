@@ -22,13 +22,14 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.sucre.diagnostics import ROUNDING, WaterUncertainty, uncertainty_of
+from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.starting_points import bounds_for, promising
+from sucre_bench.methods.sucre.weak_priors import has_veil, undetermined, with_priors
 from sucre_bench.multiview.observations import Observations
 
 __all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
@@ -92,6 +93,7 @@ def fit(
     with _all_opened(fewest, backend, device) as kernels:
         evaluate = _summed(kernels, None)
         starts = promising(evaluate, distance, bounds, keep=_STARTS)
+        grid = starts[:2]
         ends = [minimise(evaluate, start, bounds, tolerance=_SCREENED, max_steps=15) for start in starts]
     with _all_opened(few, backend, device) as kernels:
         evaluate = _summed(kernels, None)
@@ -105,15 +107,23 @@ def fit(
         with _all_opened([*few, *dark], backend, device) as kernels:
             evaluate, starts = _summed(kernels, margin), [*_distinct(ends), *starts]
             ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in starts]
+    dead = _is_constant(few)
     with _all_opened([*images, *dark], backend, device) as kernels:
         evaluate, starts = _summed(kernels, margin), _distinct(ends, _UNDECIDED)
         end = _best([minimise(evaluate, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in starts])
+        known = _uncertainty(end, images, dead)
+        weak = undetermined(end.at, known, end.free, dead)
+        if weak.any():
+            prior = with_priors(evaluate, known.noise, distance, weak)
+            again = [minimise(prior, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in (end.at, *grid)]
+            end = _with_weak_channels(end, _best(again), weak, evaluate, distance)
         system = end.system
         if physical:  # without the shortfall of negative colours
             system = replace(system, cost=_summed(kernels, None)(end.at).cost)
-    dead = _is_constant(few)
     water = WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # J = I
-    uncertainty = uncertainty_of(water, system, end.free, sum(one.n_excess for one in images), dead)
+    uncertainty = _uncertainty(replace(end, system=system), images, dead)
+    if weak.any():
+        uncertainty = replace(uncertainty, limits=(*uncertainty.limits, *_decided_by_priors(weak, end.at)))
     return WaterFit(water, system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
@@ -142,6 +152,33 @@ def sampled(observations: Observations, n: int, singles: bool, seed: int) -> Obs
         share = round((all_pixels - repeated) * n / repeated)
         chosen.append(repeated + rng.choice(all_pixels - repeated, share, replace=False))
     return observations.take(np.sort(np.concatenate(chosen)))
+
+
+def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask) -> WaterUncertainty:
+    water = WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))
+    return uncertainty_of(water, end.system, end.free, sum(one.n_excess for one in images), dead)
+
+
+def _decided_by_priors(weak: Mask, rows: Array) -> list[str]:
+    """Say which model the channels have that the observations did not determine."""
+    limits = []
+    for c, colour in enumerate(CHANNELS):
+        if weak[c] and rows[c, 0] == 0:
+            limits.append(f"{colour}: no backscatter can be seen; fitted without")
+        elif weak[c]:
+            limits.append(f"{colour}: only a combination of B, beta and gamma is known; a weak prior decides")
+    return limits
+
+
+def _with_weak_channels(
+    end: Minimum, prior: Minimum, weak: Mask, evaluate: Callable[[Array], ReducedSystem], distance: float
+) -> Minimum:
+    """Take the weak channels (3,) from the fit with priors, without backscatter where no veil can be seen."""
+    veiled = np.where(has_veil(prior.at, distance)[:, None], prior.at, prior.at * [0, 1, 0])
+    at = np.where(weak[:, None], veiled, end.at)
+    free = np.where(weak[:, None], prior.free, end.free)
+    converged = np.where(weak, prior.converged, end.converged)
+    return Minimum(at, evaluate(at), free, end.steps + prior.steps + 2, converged)
 
 
 def _first_slot(observations: Observations) -> Observations:

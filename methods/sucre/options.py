@@ -3,9 +3,9 @@
 Options are fields of the groups below, so that a user types `method.physical=true` whatever group it is in. Where the
 water comes from decides what else may be chosen:
 
-| way | chosen by | physical | robust | lamp |
+| way | chosen by | physical | robust | lamp, exposure=per_view |
 |---|---|---|---|---|
-| EXACT | water=own, solver=exact | yes | yes | yes, with colours=multi_view |
+| EXACT | water=own, solver=exact | yes | yes | one of them, with colours=multi_view |
 | ADAM | water=own, solver=adam | no | no | no |
 | CLOSED_FORM | water=own, solver=adam_closed_form | no | no | no |
 | SHARED | water=shared | yes | no | no |
@@ -29,7 +29,7 @@ __all__ = ["ColourOptions", "ComputeOptions", "FitOptions", "PairingOptions", "W
 class Way(enum.Enum):
     """How the water is found. The value holds the options that go with it and no other way."""
 
-    EXACT = frozenset({"physical", "robust", "lamp"}), "own"
+    EXACT = frozenset({"physical", "robust", "lamp", "exposure"}), "own"
     ADAM = frozenset[str](), "adam"
     CLOSED_FORM = frozenset[str](), "adam_closed_form"
     SHARED = frozenset({"physical"}), "shared"
@@ -57,6 +57,10 @@ class FitOptions:
 
     robust: bool = False
     """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
+
+    exposure: Literal["constant", "per_view"] = "constant"
+    """per_view: fit one gain a view with the water, for cameras that expose automatically (solver=exact); constant: all
+    views have the same exposure."""
 
     lamp: bool = False
     """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
@@ -155,14 +159,18 @@ def check(options: Any, method: str) -> None:
     ]
     if len(given) > 1:
         raise InputError(f"{method}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
-    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name)]
+    off = {"physical": False, "robust": False, "lamp": False, "exposure": "constant"}
+    extras = [name for name, value in off.items() if getattr(options, name) != value]
     if extras and options.solver != "exact":
         fault = f"goes with solver=exact, not with solver={options.solver}"
-        raise InputError(f"{method}.{extras[0]}: {fault}; give method.{extras[0]}=false")
+        raise InputError(f"{method}.{extras[0]}: {fault}; give method.{extras[0]}={str(off[extras[0]]).lower()}")
     if given and options.solver != "exact":
         raise InputError(f"{method}.{given[0]}: leaves nothing to solver={options.solver}; leave one out")
     for name in extras:
         if name not in way_of(options).options:
             raise InputError(f"{method}.{name}: is found with the image's own water; leave out {given[0]}")
-    if options.lamp and options.colours == "single_view":
-        raise InputError(f"{method}.lamp: is found with colours of all views; leave out colours=single_view")
+    alone = [name for name in ("lamp", "exposure") if name in extras]
+    if len(alone) == 2:
+        raise InputError(f"{method}.exposure: a lamp explains the same differences of light; leave out lamp=true")
+    if alone and options.colours == "single_view":
+        raise InputError(f"{method}.{alone[0]}: is found with colours of all views; leave out colours=single_view")

@@ -104,6 +104,7 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
             "tolerance": self.tolerance,
             "encoding": self.encoding,
             "with_ray": self.lamp,
+            "with_view": self.exposure == "per_view",
         }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
@@ -131,17 +132,25 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
         return observations, solution
 
     def _solve_exactly(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
+        from sucre_bench.methods.sucre.exposure import differing_exposure
         from sucre_bench.methods.sucre.solvers import solve_exact
 
         matched = self._matched(scene, view, observations)
         about: dict[str, Any] = {"footprint": matched is not None}
+        limits: tuple[str, ...] = ()
         if self.lamp:
-            observations, matched, lamp = self._without_lamp(observations, matched)
-            about |= lamp
+            observations, matched, found = self._without_lamp(observations, matched)
+            about |= found
+        if self.exposure == "per_view":
+            observations, matched, found, limits = self._at_equal_exposure(view, observations, matched)
+            about |= found
         solution = solve_exact(
             observations, matched=matched, physical=self.physical, robust=self.robust, **self._compute
         )
-        return observations, replace(solution, about=solution.about | about)
+        if matched is not None and self.exposure == "constant" and not self.lamp:
+            limits = differing_exposure(matched, solution.water)
+        uncertainty = replace(solution.uncertainty, limits=(*solution.uncertainty.limits, *limits))
+        return observations, replace(solution, uncertainty=uncertainty, about=solution.about | about)
 
     def _matched(self, scene: Scene, view: View, observations: Observations) -> Observations | None:
         """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
@@ -152,7 +161,9 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
             return None
         places = np.random.default_rng(self.seed).choice(n, min(n, _MATCHED), replace=False)
         views = [other for other in scene.views if other.name in set(observations.views)]
-        found = matched_footprints(view, views, observations.pixels[places], **self._pairing)
+        options = self._pairing
+        options["with_view"] = True
+        found = matched_footprints(view, views, observations.pixels[places], **options)
         return found if found.n_repeated >= _FEWEST_MATCHED else None
 
     @property
@@ -188,6 +199,20 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
             raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
         even = None if matched is None else lit(matched, found.lamp)
         return observations, even, {"lamp": about | {"found": True} | lamp}
+
+    def _at_equal_exposure(
+        self, view: View, observations: Observations, matched: Observations | None
+    ) -> tuple[Observations, Observations | None, dict[str, Any], tuple[str, ...]]:
+        """Return both kinds of observations in the target's exposure, a record of the gains, and their limits."""
+        from sucre_bench.methods.sucre.exact import fit
+        from sucre_bench.methods.sucre.exposure import corrected, estimate
+
+        sample = observations if matched is None else matched
+        found = estimate(sample, view.name, fit(sample, **self._compute).water, seed=self.seed)
+        about = dict(zip(found.names, found.gains.tolist(), strict=True))
+        limits = () if found.is_separable else (found.limit,)
+        even = None if matched is None else corrected(matched, found)
+        return corrected(observations, found), even, {"gains": about, "gains_separable": found.is_separable}, limits
 
     def _intensities(self, view: View) -> Array:
         """Return the target's intensities (H W, 3) in the encoding that is fitted."""

@@ -19,8 +19,6 @@ __all__ = ["complete_datasets", "complete_metrics", "complete_views", "complete_
 
 # Words of `sucre-bench run` whose values are these alone; booleans are known by their type.
 _VALUES = {
-    "overwrite": ("missing", "always", "never"),
-    "save": ("display", "full"),
     "hydra/launcher": ("joblib", "slurm"),
 }
 

@@ -1,10 +1,10 @@
-"""Any dataset, made worse in a known way: fewer views, worse depth, poses and images, added water.
+"""Makes any dataset worse in a known way: fewer views, worse depth, poses and images, added water.
 
-A degradation is a wrapper: planes are degraded when they are loaded, files stay as they are. What is done to an image
-follows the light: added water, blur of the lens, size of the sensor, its noise, its bits, the JPEG file. A depth map is
-brought to the image's size, then gets noise, then holes; water is added by the depth as it was. The reference only
-follows in size. Random numbers belong to the seed, the scene's name and the view's: a view gets the same noise
-whichever others are selected.
+A degradation wraps a scene: planes are degraded when they are loaded, files do not change. An image is degraded in the
+order of the light: added water, blur of the lens, size of the sensor, noise, bits, JPEG. A depth map is brought to the
+image's size, then gets noise, then holes; water is added with the original depth. The reference only changes its size.
+Random numbers depend on the seed and the names of scene and view: a view gets the same noise whichever others are
+selected.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def degraded(scene: Scene, degradation: Degradation | None = None, target: str =
 
 
 def around(scene: Scene, target: View, degradation: Degradation) -> Scene:
-    """Return a scene with only the views that a degradation leaves beside a target."""
+    """Return a scene with only the views that `within` and `keep` leave around a target."""
     if not degradation.chooses_views:
         return scene
     names = [view.name for view in scene.views]
@@ -70,7 +70,10 @@ def around(scene: Scene, target: View, degradation: Degradation) -> Scene:
 
 
 def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
-    """Return a scene with all its views, but for `within` and `keep` degraded. InputError where it lacks what is."""
+    """Apply every degradation except `within` and `keep` to all views.
+
+    Raises InputError if the scene lacks the depth or poses that are to be degraded.
+    """
     done = degradation.identity(without=VIEWS)
     if not done:
         return scene
@@ -93,7 +96,7 @@ def _view(scene: Scene, view: View, d: Degradation) -> View:
         size = (camera.width, camera.height)
         camera = scaled_camera(camera, size, d.scale)
         charts = [scaled_chart(chart, size, (camera.width, camera.height)) for chart in charts]
-    elif d.scale != 1:  # without the image's size, to half a pixel
+    elif d.scale != 1:  # the image's size is unknown: right to half a pixel
         charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
     if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
         rng = generator(d.seed, scene.name, view.name, "pose")
@@ -106,7 +109,7 @@ def _view(scene: Scene, view: View, d: Degradation) -> View:
 
 @dataclass(frozen=True, eq=False)
 class _Degraded:
-    """A view's pixels, degraded when they are loaded. has_references: whether water goes over the view's reference."""
+    """A view's pixels, degraded when they are loaded. has_references: whether water is added to the reference."""
 
     view: View
     scene: str
@@ -114,7 +117,7 @@ class _Degraded:
     has_references: bool
 
     def load(self, plane: Plane) -> Array | None:
-        """Return a degraded plane. InputError where there is nothing to add water to."""
+        """Return a degraded plane. Raises InputError if there is no image to add water to."""
         match plane:
             case "rgb":
                 return self._rgb()
@@ -149,7 +152,7 @@ class _Degraded:
         return depth
 
     def _dry(self) -> Array:
-        """The image without water: the reference where the scene has some, else the image itself."""
+        """The image without water: the reference if the scene has references, else the image."""
         dry = self.view.pixels.load("reference" if self.has_references else "rgb")
         if dry is None:
             raise InputError(f"{self.view.name}: no reference, as other views have, to add water to; leave it out")

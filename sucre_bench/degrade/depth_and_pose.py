@@ -1,4 +1,4 @@
-"""Worse geometry: depth maps with noise and holes, poses that are a little off."""
+"""Degrades geometry: noise and holes in depth maps, noise of poses."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ __all__ = ["noisy_depth", "noisy_pose", "with_holes"]
 
 
 def noisy_depth(depth: Array, relative_sd: float, grain_px: float, rng: np.random.Generator) -> Array:
-    """Return depth d (1 + sd n), (H, W) float32 metres, n a Gaussian random field; what is not positive becomes 0.
+    """Return depth d (1 + sd n), (H, W) float32 metres, n a Gaussian random field; negative values become 0.
 
     depth: (H, W) metres, 0 = unknown, which stays; grain_px: see `random_field`.
     """
@@ -20,7 +20,7 @@ def noisy_depth(depth: Array, relative_sd: float, grain_px: float, rng: np.rando
 
 
 def with_holes(depth: Array, share: float, grain_px: float, rng: np.random.Generator) -> Array:
-    """Return depth (H, W) without a share of its known pixels, in blobs: where a random field is lowest."""
+    """Return depth (H, W) with holes: a share of its known pixels, where a random field is lowest."""
     field, known = random_field(rng, (depth.shape[0], depth.shape[1]), grain_px), depth > 0
     if not known.any():
         return depth

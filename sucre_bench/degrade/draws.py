@@ -1,4 +1,4 @@
-"""Random numbers that belong to a view by its name: the same whichever other views there are, and in any order."""
+"""Random numbers of a view: they depend on names and seed, not on other views or their order."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ __all__ = ["generator", "random_field"]
 
 
 def generator(seed: int, *names: str) -> np.random.Generator:
-    """Return the generator of a seed and names: of a scene, a view and what is drawn."""
+    """Return the generator of a seed and names: of the scene, the view and the quantity."""
     digest = hashlib.blake2b(repr((seed, names)).encode(), digest_size=16).digest()
     return np.random.default_rng(np.random.SeedSequence(int.from_bytes(digest, "big")))
 

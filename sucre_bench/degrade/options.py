@@ -1,47 +1,45 @@
-"""What a degradation is: its options, and how they show in labels and hashes."""
+"""The options of a degradation, and how they appear in labels and hashes."""
 
 from __future__ import annotations
 
 import functools
 import hashlib
-import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, fields
-from numbers import Integral, Real
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.degrade.water import read_water
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import unknown_name
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Water
 
 __all__ = ["VIEWS", "Degradation", "hashed"]
 
-_VERSION = 1  # to be raised whenever equal degradations make other data than before
+_VERSION = 1  # increase this when equal degradations give other data than before
 
-# What each option may be: least, greatest, and whether it is a whole number.
-_RANGES: dict[str, tuple[float, float, bool]] = {
-    "within": (0, math.inf, True),
-    "keep": (1, math.inf, True),
-    "blur_px": (0, 100, False),
-    "scale": (0.01, 1, False),
-    "noise": (0, 1, False),
-    "bits": (1, 16, True),
-    "jpeg_quality": (1, 100, True),
-    "depth_noise": (0, 1, False),
-    "depth_noise_px": (0, 1000, False),
-    "depth_holes": (0, 0.99, False),
-    "depth_hole_px": (0, 1000, False),
-    "pose_noise_m": (0, 1000, False),
-    "pose_noise_deg": (0, 180, False),
-    "seed": (0, math.inf, True),
+_RANGES = {
+    "within": "[0, inf)",
+    "keep": "[1, inf)",
+    "blur_px": "[0, 100]",
+    "scale": "[0.01, 1]",
+    "noise": "[0, 1]",
+    "bits": "[1, 16]",
+    "jpeg_quality": "[1, 100]",
+    "depth_noise": "[0, 1]",
+    "depth_noise_px": "[0, 1000]",
+    "depth_holes": "[0, 0.99]",
+    "depth_hole_px": "[0, 1000]",
+    "pose_noise_m": "[0, 1000]",
+    "pose_noise_deg": "[0, 180]",
+    "seed": "[0, inf)",
 }
-# Options that choose views, and not what is done to them.
+# Options that choose views.
 VIEWS = ("within", "keep")
 _POSES = ("pose_noise_m", "pose_noise_deg")
 _DEPTHS = ("add_water", "depth_noise", "depth_holes")
 _RANDOM = ("noise", "depth_noise", "depth_holes", *_POSES)
-# Options that mean nothing where another is off.
+# Options without effect if another is off.
 _OF = {"depth_noise_px": ("depth_noise",), "depth_hole_px": ("depth_holes",), "seed": ("keep", *_RANDOM)}
 
 
@@ -86,23 +84,16 @@ class Degradation:
     """Seed of all that is random here; independent of the run's."""
 
     def __post_init__(self) -> None:
-        for name, (least, greatest, whole) in _RANGES.items():
-            value = getattr(self, name)
-            is_number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
-            unset = value is None and getattr(type(self), name) is None
-            if not unset and not (is_number and least <= value <= greatest):
-                kind = "a whole number" if whole else "a number"
-                upto = f"from {least} to {greatest}" if math.isfinite(greatest) else f"of at least {least}"
-                raise InputError(f"degrade.{name}: {value} is not {kind} {upto}; mend it or leave it out")
+        check_ranges(self, "degrade", **_RANGES)
         _ = self.water
 
     @classmethod
     def of(cls, options: Mapping[str, Any]) -> Degradation:
-        """Return the degradation of these options. InputError for an unknown name, with the nearest, or value."""
+        """Return the degradation of these options. Raises InputError for an unknown name or a value out of range."""
         known = {f.name for f in fields(cls)}
         for name in options:
             if name not in known:
-                raise InputError(f"degrade.{name}: no option of degrade; {did_you_mean(name, known)}")
+                raise unknown_name(f"degrade.{name}", name, known)
         return cls(**options)
 
     @functools.cached_property
@@ -117,37 +108,37 @@ class Degradation:
 
     @property
     def alters_pixels(self) -> bool:
-        """Whether any plane of a view is not as it was."""
+        """Whether any plane of a view changes."""
         return bool(self.identity(without=(*VIEWS, *_POSES)))
 
     @property
     def record(self) -> dict[str, Any]:
-        """What is given, as a row keeps it; empty where nothing is done."""
+        """The given options, as rows store them; empty if nothing is degraded."""
         values = {name: getattr(self, name) for name in self._given()}
         return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
     def needs(self) -> Iterator[tuple[str, str]]:
-        """Yield the options that are on and need something, each with what of `Scene.has` that is."""
+        """Yield the options that need something of `Scene.has`, each with its need."""
         for name in self._given():
             if name in (*_DEPTHS, *_POSES):
                 yield name, "depth" if name in _DEPTHS else "poses"
 
     def labelled(self, dataset: str) -> str:
-        """Return a dataset's label with everything that is done to it: no two degradations share one."""
+        """Return a dataset's label with the degradation: different degradations have different labels."""
         return ",".join([dataset, *(f"{name}={self._word(name)}" for name in self._given())])
 
     def identity(self, without: Collection[str] = ()) -> tuple[object, ...]:
-        """Return all that tells this degradation from others that make other data, but for some options."""
+        """Return what identifies the degraded data, without some options."""
         given = [name for name in self._given() if name not in without]
         active = [name for name in given if name not in _OF or any(other in given for other in _OF[name])]
         return tuple((n, self._water_numbers() if n == "add_water" else float(getattr(self, n))) for n in active)
 
     def data_id(self, original: str) -> str:
-        """Return the hash that rows keep: of a scene's data and all that is done to them, for whichever target."""
+        """Return the data_id of rows: a hash of a scene's data and of the degradation, for any target."""
         return hashed(original, *self.identity())
 
     def _given(self) -> list[str]:
-        """The options that are not as they are by default."""
+        """The options that differ from their defaults."""
         values = ((f, getattr(self, f.name)) for f in fields(self))
         return [f.name for f, v in values if v is not f.default and (f.default is None or v != f.default)]
 
@@ -166,7 +157,7 @@ class Degradation:
 
 
 def hashed(original: str, *done: object) -> str:
-    """Return the hash of data that something was done to; the original's own where nothing was, or it has none."""
+    """Return the data_id of changed data; the original's if nothing changed or it has none."""
     if not (original and done):
         return original
     return hashlib.blake2b(repr((_VERSION, original, done)).encode(), digest_size=6).hexdigest()

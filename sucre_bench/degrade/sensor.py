@@ -1,4 +1,7 @@
-"""A worse camera: blur, fewer pixels, noise, fewer bits, JPEG. Images are (H, W, 3) float32 in [0, 1], RGB."""
+"""Degrades images as a worse camera would: blur, fewer pixels, noise, fewer bits, JPEG.
+
+Images are (H, W, 3) float32 in [0, 1], RGB.
+"""
 
 from __future__ import annotations
 
@@ -12,7 +15,7 @@ __all__ = ["blurred", "noisy", "quantised", "shrunk", "through_jpeg"]
 
 
 def blurred(image: Array, sd_px: float, encoding: Encoding) -> Array:
-    """Return an image blurred by a Gaussian: in linear light, where a lens does it."""
+    """Return an image blurred by a Gaussian in linear light, like a lens."""
     import cv2
 
     light: Array = np.asarray(cv2.GaussianBlur(converted(image, encoding, "linear"), (0, 0), sd_px), dtype=np.float32)
@@ -41,9 +44,9 @@ def quantised(image: Array, bits: int) -> Array:
 
 
 def through_jpeg(image: Array, quality: int, encoding: Encoding) -> Array:
-    """Return an image as an 8-bit JPEG file gives it back (libjpeg's quality, 4:2:0).
+    """Return an image after storage in an 8-bit JPEG file (libjpeg's quality, 4:2:0).
 
-    Such files hold gamma-encoded pictures: a linear image is encoded for it, and decoded again.
+    JPEG files are gamma-encoded: a linear image is encoded and decoded again.
     """
     import cv2
 

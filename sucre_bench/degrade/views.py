@@ -1,4 +1,4 @@
-"""Fewer views: which ones of a scene a target is seen with."""
+"""Chooses the views of a scene that remain around a target."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ __all__ = ["kept_views"]
 def kept_views(
     names: Sequence[str], target: str, within: int | None, keep: int | None, rng: np.random.Generator
 ) -> list[int]:
-    """Return the places of the views to keep, in capture order, the target's always among them.
+    """Return the places of the remaining views in capture order, with the target's.
 
-    names: of all views in capture order; within: how many frames before and after the target stay; keep: how many views
-    stay of those, drawn at random, the target counted. A smaller `keep` keeps a part of what a greater one does.
+    names: of all views in capture order; within: frames that remain before and after the target; keep: number of views
+    that remain of those, drawn at random, the target included. With the same seed, a smaller `keep` gives a subset of a
+    larger one.
     """
     at = names.index(target)
     first, last = (0, len(names) - 1) if within is None else (at - within, at + within)

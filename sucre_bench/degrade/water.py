@@ -17,10 +17,9 @@ _PLACE = "degrade.add_water"
 
 
 def read_water(given: Any, place: str = _PLACE) -> Water:
-    """Return the water that is given: as nine numbers, B, beta and gamma in RGB order, as the path of a JSON file with
-    those three, or as it is.
+    """Return a water given as a `Water`, as nine numbers (B, beta, gamma, each RGB), or as the path of a JSON file.
 
-    Raises InputError for a file that does not hold them, or a water that cannot be: B in [0, 1], beta and gamma >= 0.
+    Raises InputError for a file without these numbers, or for values out of range: B in [0, 1], beta and gamma >= 0.
     """
     parts, encoding = given, None
     if isinstance(given, Water):
@@ -61,8 +60,8 @@ def _from_file(path: Path) -> Water:
 def under_water(image: Array, z: Array, water: Water) -> Array:
     """Return an image (H, W, 3) float32 as it looks through water, of stored intensities, clipped to [0, 1].
 
-    z: (H, W) metres, 0 = unknown: such a pixel is taken to be as far as the nearest pixel that is known, of which there
-    must be one. Whatever lies there would otherwise stay as in air, which no image-only method is made for.
+    z: (H, W) metres, 0 = unknown. A pixel without distance gets that of the nearest pixel with one; there must be one.
+    It would otherwise look as in air, for which no image-only method is made.
     """
     if (z == 0).any():
         from scipy.ndimage import distance_transform_edt
@@ -70,7 +69,7 @@ def under_water(image: Array, z: Array, water: Water) -> Array:
         nearest = distance_transform_edt(z == 0, return_distances=False, return_indices=True)
         z = z[tuple(nearest)]
     seen = np.empty(image.shape, dtype=np.float32)
-    for c in range(3):  # a channel at a time: the planes of 24 megapixels add up
+    for c in range(3):  # a channel at a time, to save memory: 24 megapixels
         B, beta, gamma = (float(p[c]) for p in (water.veiling_light, water.attenuation, water.backscatter))
         seen[..., c] = (image[..., c] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))).clip(0, 1)
     return seen

@@ -160,11 +160,9 @@ def _job(out: Path, dataset: str, scene: str) -> Job:
 def _jobs(path: Path) -> Iterator[Job]:
     """The jobs that a run wrote down: see `sweep`."""
     import yaml
-    from omegaconf import DictConfig, OmegaConf
 
     from sucre_bench import plugins
     from sucre_bench.jobs.job import Job
-    from sucre_bench.jobs.schema import RunConfig
 
     try:
         told: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
@@ -176,6 +174,4 @@ def _jobs(path: Path) -> Iterator[Job]:
     for file in told.get("plugins") or ():
         plugins.load_file(file)
     for one in each:
-        config = OmegaConf.merge(OmegaConf.structured(RunConfig), OmegaConf.create({**told, **one}))
-        assert isinstance(config, DictConfig)
-        yield Job.composed(config, swept)  # labels of older folders follow from `swept`
+        yield Job.of({**told, **one}, swept)  # labels of older folders follow from `swept`

@@ -14,6 +14,7 @@ from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.preflight import Planned, check, states
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
+from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.schema import Tracking
 from sucre_bench.jobs.study import Study
 from sucre_bench.machine import provenance, terminal
@@ -77,8 +78,7 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
     """
     overrides = list(overrides)
     if plugin_files:
-        listed = ",".join("'" + str(Path(f).resolve()).replace("'", r"\'") + "'" for f in plugin_files)
-        overrides.append(f"plugins=[{listed}]")
+        overrides.append(f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     command = config.jobs(overrides, multirun)
     out = command.jobs[0].out
     with terminal.live():

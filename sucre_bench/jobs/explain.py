@@ -6,7 +6,8 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError, did_you_mean
+from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, unknown_name
+from sucre_bench.jobs.quoting import quoted
 from sucre_bench.plugins.plugin import Broken, Kind
 
 if TYPE_CHECKING:
@@ -23,8 +24,7 @@ def not_an_override(text: str, fault: Exception) -> InputError:
     """Say what cannot be read as key=value."""
     key, equals, value = text.partition("=")
     if equals and key and value and (value[0] not in "'\"[{$" or "}" in value[1:-1]):
-        quoted = value.replace("'", r"\'")
-        return InputError(f"{text}: special characters need quotes; write \"{key}='{quoted}'\", both kinds")
+        return InputError(f'{text}: special characters need quotes; write "{key}={quoted(value)}", both kinds')
     return InputError(f"{text}: {_first_line(fault)}; an override reads key=value")
 
 
@@ -88,19 +88,14 @@ def _unknown_key(path: str, groups: list[str]) -> InputError | None:
         node: Any = hydra.compose("config", overrides=groups, return_hydra_config=path.startswith("hydra."))
     except Exception:
         return None  # something else is wrong, and said elsewhere
-    done: list[str] = []
     for part in path.lstrip("+~").split("@")[0].split("."):
         if not isinstance(node, DictConfig):
             return None
         if part not in node:
-            place = ".".join(done) or "the configuration"
-            of = f" of {node.name}" if "name" in node and done else ""
-            known = [str(k) for k in node if not str(k).startswith("_")]
-            return InputError(f"{path}: no option '{part}' in {place}{of}; {did_you_mean(part, known)}")
+            return unknown_name(path, part, [str(key) for key in node if not str(key).startswith("_")])
         if OmegaConf.is_missing(node, part):
             return None
         node = node[part]
-        done.append(part)
     return None
 
 

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.errors import InputError, one_line, unknown_name
 from sucre_bench.imaging.display import check_display
-from sucre_bench.jobs.schema import RunConfig, Shard, Tracking
+from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Shard, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.study import Study
 from sucre_bench.plugins.options import check_options, create, options_of, typed
@@ -106,8 +106,8 @@ class Job:
     views: tuple[str, ...] | None
     every: int
     first: int | None
-    overwrite: str
-    save: str
+    overwrite: Overwrite
+    save: Save
     seed: int
     report: bool
     study: Study | None
@@ -150,40 +150,29 @@ class Job:
         """
         import yaml
 
-        _only_known("the configuration", values, {f.name for f in fields(RunConfig)})
-        for name, choices in (("overwrite", ("missing", "always", "never")), ("save", ("display", "full"))):
-            if values[name] not in choices:
-                raise InputError(f"{name}={values[name]}: not a choice; {did_you_mean(values[name], choices)}")
-        if values["every"] < 1:
-            raise InputError(f"every={values['every']}: at least 1; every=5 takes each fifth view")
-        if values["first"] is not None and values["first"] < 1:
-            raise InputError(f"first={values['first']}: at least 1; first=5 takes the first five views")
-        replicate = values["replicate"]
-        if replicate < 0:
-            raise InputError(f"replicate={replicate}: at least 0; -m 'replicate=range(5)' repeats with other draws")
-        degrade = Degradation.of(values["degrade"])
-        dataset, method = _choice("dataset", values["dataset"], swept), _choice("method", values["method"], swept)
+        run = RunConfig.of(values)
+        dataset, method = _choice("dataset", run.dataset, swept), _choice("method", run.method, swept)
         for kind, choice in (("dataset", dataset), ("method", method)):
             if choice.label != choice.plugin.name:  # `read` knows no sweep
                 values = {**values, kind: {**values[kind], "label": choice.label}}
         return cls(
-            dataset=replace(dataset, label=degrade.labelled(dataset.label), replicate=replicate),
-            degrade=degrade,
-            replicate=replicate,
-            shard=Shard(**values["shard"]),
-            method=replace(method, replicate=replicate),
-            metrics=_metrics(values["metrics"]),
-            out=Path(values["out"]).expanduser(),
-            views=_view_names(values["views"]),
-            every=values["every"],
-            first=values["first"],
-            overwrite=values["overwrite"],
-            save=values["save"],
-            seed=values["seed"],
-            report=values["report"],
-            study=None if values["study"] in (None, Study.defaults()) else Study.of(values["study"]),
-            pairs_gb=values["pairs_gb"],
-            tracking=Tracking(**values["tracking"]),
+            dataset=replace(dataset, label=run.degrade.labelled(dataset.label), replicate=run.replicate),
+            degrade=run.degrade,
+            replicate=run.replicate,
+            shard=run.shard,
+            method=replace(method, replicate=run.replicate),
+            metrics=_metrics(run.metrics),
+            out=Path(run.out).expanduser(),
+            views=_view_names(run.views),
+            every=run.every,
+            first=run.first,
+            overwrite=run.overwrite,
+            save=run.save,
+            seed=run.seed,
+            report=run.report,
+            study=run.study,
+            pairs_gb=run.pairs_gb,
+            tracking=run.tracking,
             config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
         )
 
@@ -205,17 +194,10 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     if label and not str(label).strip():
         raise InputError(f"{kind}.label: is blank; write a name, or leave it out")
     types = {o.name: o.type for o in options_of(plugin.cls)}
-    _only_known(plugin.name, values, set(types))
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
-    options = {name: typed(types[name], value) for name, value in given.items()}
+    options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
     check_options(plugin, options)
     return Choice(plugin, label or _label(plugin, {**options, "display": display}, swept), options, display)
-
-
-def _only_known(place: str, given: Iterable[str], known: set[str]) -> None:
-    for name in given:
-        if name not in known:
-            raise InputError(f"{name}: no option of {place}; {did_you_mean(name, known)}")
 
 
 def _label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:
@@ -265,7 +247,7 @@ def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
         return tuple(plugin.variants)
     for name in names:
         if name not in plugin.variants:
-            raise InputError(f"{plugin.name}: no variant '{name}'; {did_you_mean(name, plugin.variants)}")
+            raise unknown_name(plugin.name, name, plugin.variants, "variant")
     return tuple(dict.fromkeys(names))
 
 

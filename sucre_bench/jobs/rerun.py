@@ -9,14 +9,11 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.quoting import quoted
+from sucre_bench.jobs.quoting import value_of
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Command", "metric_words", "value_of"]
-
-# Words that Hydra takes for something other than text.
-_NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
+__all__ = ["Command", "metric_words", "shell"]
 
 
 @dataclass(frozen=True)
@@ -98,21 +95,6 @@ def metric_words(metric: str, variants: Collection[str]) -> list[str]:
     plugin = plugins.discover("metric").get(metric)
     is_default = isinstance(plugin, Plugin) and set(variants) == set(plugin.default)
     return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
-
-
-def value_of(value: Any) -> str:
-    """Return a value as Hydra reads it back, of an option as rows keep it."""
-    if value is None:
-        return "null"
-    if isinstance(value, bool):
-        return str(value).lower()
-    if isinstance(value, (list, tuple)):
-        return f"[{','.join(map(value_of, value))}]"
-    if isinstance(value, Mapping):
-        return "{" + ",".join(f"{quoted(str(k))}:{value_of(v)}" for k, v in value.items()) + "}"
-    if isinstance(value, str):
-        return f"'{value}'" if value.lower() in _NO_TEXT else quoted(value)
-    return repr(value)
 
 
 def shell(words: list[str]) -> str:

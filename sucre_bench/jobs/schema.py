@@ -2,21 +2,23 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import MISSING, dataclass, field, fields, make_dataclass
+import functools
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import MISSING, dataclass, field, is_dataclass, make_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.jobs.explain import GROUPS
 from sucre_bench.jobs.study import Study
-from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.options import check_values, options_of
 from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["CONF", "CONF_FOLDER", "RunConfig", "Shard", "Tracking", "register"]
+__all__ = ["CONF", "CONF_FOLDER", "Overwrite", "RunConfig", "Save", "Shard", "Tracking", "register"]
 
 CONF = "sucre_bench.conf"
 CONF_FOLDER = Path(__file__).parent.parent / "conf"
@@ -33,7 +35,7 @@ def register() -> None:
     store = ConfigStore.instance()
     for name, settings in (("basic", OneByOne), ("slurm", Settings), ("submitit_slurm", Settings)):
         store.store(group="hydra/launcher", name=name, node=settings, provider="sucre_bench")
-    store.store(name="base_run", node=RunConfig)
+    store.store(name="base_run", node=_run_schema())
     for group, kind in GROUPS.items():
         for plugin in list(plugins.discover(kind).values()):
             if isinstance(plugin, Plugin):
@@ -66,13 +68,21 @@ def _schema(plugin: Plugin) -> type[Any]:
 
 
 def _field(value: Any) -> Any:
-    mutable = isinstance(value, (list, tuple))
-    return field(default_factory=lambda: list(value)) if mutable else field(default=value)
+    if isinstance(value, (list, tuple)):
+        return field(default_factory=lambda: list(value))
+    return field(default_factory=lambda: value) if is_dataclass(value) or value == {} else field(default=value)
 
 
 def _hydra_type(annotation: Any) -> Any:
-    """The nearest type OmegaConf can check: it knows neither Literal (checked by `options.check_options`) nor tuple."""
+    """The nearest type that OmegaConf can check.
+
+    It knows neither Literal, which `options.check_values` checks, nor tuple, nor a choice that includes lists.
+    """
     origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Mapping or any(get_origin(arg) is Sequence for arg in args):
+        return Any
+    if origin is Sequence:
+        return list[args[0]]  # type: ignore[valid-type]
     if origin is Literal:
         return str
     if origin in (Union, UnionType):
@@ -123,38 +133,87 @@ class Shard:
         return items[n * self.index // self.count : n * (self.index + 1) // self.count]
 
 
-# A degradation's options, for Hydra: what is frozen, it would not let anyone override.
-_hints = get_type_hints(Degradation)
+Overwrite = Literal["missing", "always", "never"]
+Save = Literal["display", "full"]
 
 
-_Degrade = make_dataclass("Degrade", [(f.name, _hints[f.name], field(default=f.default)) for f in fields(Degradation)])
-
-
-@dataclass
+@dataclass(frozen=True)
 class RunConfig:
-    """What `sucre-bench run` accepts beside dataset, method and metrics.
+    """What `sucre-bench run` accepts."""
 
-    pairs_gb: disk space that the jobs of a sweep may use to share pairs while it runs (0: they share none);
-    degrade: what is done to the dataset first, the options of `sucre_bench.degrade.Degradation`; replicate: which
-    repetition, each with other draws, averaged over when methods are compared; study: the tables and figures that an
-    experiment makes of its rows, the fields of `sucre_bench.reports.paper.Study`.
-    """
-
-    dataset: Any = field(default_factory=dict)
-    method: Any = field(default_factory=dict)
-    metrics: dict[str, Any] = field(default_factory=dict)
+    dataset: Mapping[str, Any] = field(default_factory=dict)
+    """The dataset's name, label and options."""
+    method: Mapping[str, Any] = field(default_factory=dict)
+    """The method's name, label, display and options."""
+    metrics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
+    """Each metric's name, variants and options."""
     out: str = "outputs"
-    views: Any = None
+    """The results folder; the same one again adds to it."""
+    views: str | Sequence[str] | None = None
+    """Only these views, or those of a .txt file with a name a line; null: all."""
     every: int = 1
+    """Each Nth view."""
     first: int | None = None
-    overwrite: str = "missing"
-    save: str = "display"
+    """The first N views; null: all."""
+    overwrite: Overwrite = "missing"
+    """missing: restore what is missing or out of date; always: everything; never: nothing that is there."""
+    save: Save = "display"
+    """display: the restored images; full: also J, B, beta and gamma (.npz), so that later metrics need no restoring."""
     seed: int = 0
+    """Seed of datasets and methods that draw random numbers."""
     report: bool = True
-    plugins: list[str] = field(default_factory=list)
+    """Whether to write the page."""
+    plugins: Sequence[str] = ()
+    """Python files with more plugins."""
     pairs_gb: float = 8.0
+    """GB of disk that the jobs of a sweep may use to share pairs while it runs; 0: they share none."""
     tracking: Tracking = field(default_factory=Tracking)
-    degrade: Any = field(default_factory=_Degrade)
+    """Where results are logged besides the table."""
+    degrade: Degradation = field(default_factory=Degradation)
+    """What is done to the dataset first."""
     replicate: int = 0
+    """Which repetition, each with other random draws; comparisons average over them."""
     shard: Shard = field(default_factory=Shard)
-    study: Any = field(default_factory=Study.defaults)
+    """A part of the views."""
+    study: Study | None = None
+    """The tables and figures that an experiment makes of its rows."""
+
+    def __post_init__(self) -> None:
+        check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> RunConfig:
+        """Read a resolved configuration. Raises InputError for an unknown option, or a value that is not acceptable."""
+        nested: dict[str, Callable[[Any], Any]] = {
+            "tracking": lambda given: Tracking(**given),
+            "degrade": Degradation.of,
+            "shard": lambda given: Shard(**given),
+            "study": lambda given: None if given in (None, Study.defaults()) else Study.of(given),
+        }
+        check_values("", options_of(cls), values, "see `sucre-bench run --help`")
+        options: dict[str, Any] = {name: nested.get(name, _as_is)(value) for name, value in values.items()}
+        return cls(**options)
+
+
+def _as_is(value: Any) -> Any:
+    return value
+
+
+def _run_schema() -> type[Any]:
+    """`RunConfig` as Hydra can hold it: unfrozen, with the options of no study, and plugins of any kind."""
+    fields_ = []
+    for option in options_of(RunConfig):
+        if option.name == "degrade":
+            one: tuple[Any, Any] = _unfrozen(Degradation), field(default_factory=_unfrozen(Degradation))
+        elif option.name == "study":
+            one = Any, field(default_factory=Study.defaults)
+        else:
+            one = _hydra_type(option.type), _field(option.default)
+        fields_.append((option.name, *one))
+    return make_dataclass("RunSchema", fields_)
+
+
+@functools.cache
+def _unfrozen(cls: type[Any]) -> type[Any]:
+    """A copy of a frozen dataclass that Hydra lets users override."""
+    return make_dataclass(cls.__name__, [(o.name, o.type, _field(o.default)) for o in options_of(cls)])

@@ -8,7 +8,7 @@ from typing import Any, Literal, get_args
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
@@ -50,7 +50,7 @@ class Study:
     def of(cls, values: Mapping[str, Any]) -> Study:
         """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
         for name in values:
-            _known("study", str(name), [f.name for f in fields(cls)], "option of study")
+            _known(f"study.{name}", str(name), [f.name for f in fields(cls)], "option")
         given = {name: value for name, value in values.items() if value is not None}
         by = given.get("by", "method")
         _known("study.by", str(by), get_args(By), "grouping")
@@ -120,4 +120,4 @@ def _check_along(along: str) -> None:
 
 def _known(place: str, name: str, known: Collection[str], what: str) -> None:
     if name not in known:
-        raise InputError(f"{place}: no {what} is called '{name}'; {did_you_mean(name, known)}")
+        raise unknown_name(place, name, known, what)

@@ -8,18 +8,18 @@ import inspect
 import itertools
 import math
 import textwrap
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, one_line, unknown_name
 
 if TYPE_CHECKING:
     from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["RESERVED", "Option", "check_options", "create", "options_of", "typed", "unusable"]
+__all__ = ["RESERVED", "Option", "check_options", "check_values", "create", "options_of", "typed", "unusable"]
 
 
 # Set by the bench beside a plugin's own options.
@@ -81,22 +81,31 @@ def _field_docs(cls: type[Any]) -> dict[str, str]:
 
 
 def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
-    """Raise InputError for an unknown option, a missing one, or a word a Literal does not admit."""
-    known = {o.name: o for o in options_of(plugin.cls)}
-    for name, value in values.items():
-        if name not in known:
-            raise InputError(f"{plugin.kind} '{plugin.name}': no option '{name}'; {did_you_mean(name, known)}")
-        if not _fits(known[name].type, value):
-            of = getattr(known[name].type, "__name__", known[name].type)
-            raise InputError(f"{plugin.name}.{name}: {value!r} is not {of}; see `sucre-bench list {plugin.kind}s`")
-        if not _finite(value):
-            raise InputError(f"{plugin.name}.{name}: {value} is not a finite number; give one")
-        if known[name].is_closed and value not in known[name].choices:
-            hint = did_you_mean(str(value), known[name].choices)
-            raise InputError(f"{plugin.name}.{name}: '{value}' is not a choice; {hint}")
-    missing = [o.name for o in known.values() if o.default is MISSING and o.name not in values]
+    """Raise InputError for an unknown option, a missing one, or a word that a Literal does not admit."""
+    known = options_of(plugin.cls)
+    check_values(plugin.name, known, values, f"see `sucre-bench list {plugin.kind}s`")
+    missing = [option.name for option in known if option.default is MISSING and option.name not in values]
     if missing:
         raise InputError(f"{plugin.name}.{missing[0]}: must be given; add {plugin.kind}.{missing[0]}=...")
+
+
+def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any], remedy: str) -> None:
+    """Raise InputError for an unknown option, a value of another type, or a word that a Literal does not admit.
+
+    place: what stands before an option's name, nothing if empty; remedy: what to do about a value of another type.
+    """
+    known = {option.name: option for option in options}
+    for name, value in values.items():
+        where = f"{place}.{name}" if place else name
+        if name not in known:
+            raise unknown_name(where, name, known)
+        if not _fits(known[name].type, value):
+            of = getattr(known[name].type, "__name__", known[name].type)
+            raise InputError(f"{where}: {value!r} is not {of}; {remedy}")
+        if not _finite(value):
+            raise InputError(f"{where}: {value} is not a finite number; give one")
+        if known[name].is_closed and value not in known[name].choices:
+            raise InputError(f"{where}: '{value}' is not a choice; {did_you_mean(str(value), known[name].choices)}")
 
 
 def _fits(annotation: Any, value: Any) -> bool:
@@ -104,7 +113,12 @@ def _fits(annotation: Any, value: Any) -> bool:
     kinds = [kind for kind in (annotation, *get_args(annotation)) if kind in (bool, int, float, str)]
     if annotation not in (bool, int, float, str) and get_origin(annotation) not in (Union, UnionType):
         return True
-    if not kinds or (value is None and type(None) in get_args(annotation)) or isinstance(value, Path):
+    if (
+        not kinds
+        or any(get_origin(kind) is not None for kind in get_args(annotation))
+        or (value is None and type(None) in get_args(annotation))
+        or isinstance(value, Path)
+    ):
         return True
     return any(type(value) is kind or (kind is float and type(value) is int) for kind in kinds)
 

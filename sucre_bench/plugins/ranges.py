@@ -1,29 +1,29 @@
-"""Ranges of restorers' options: checked where a restorer is made, before any view is read."""
+"""Ranges of options: checked where a plugin is made, before any view is read."""
 
 from __future__ import annotations
 
-from numbers import Integral, Real
 from typing import Any, get_args, get_origin
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.plugins.options import options_of
 
 __all__ = ["check_ranges"]
 
 
-def check_ranges(plugin: Any, **ranges: str) -> None:
+def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> None:
     """Raise InputError for the first option outside of its range: one line with its name, its value and the range.
 
-    plugin: a decorated dataclass; ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound;
-    of a tuple, each element is to lie in it. NaN lies in none. A whole number is asked for where the field is an int,
-    and None is let through where it may be.
+    options: a dataclass, of a plugin say; place: what stands before the option's name, default the plugin's name;
+    ranges: option -> interval, such as ``"(0, 1]"``, of which "(" excludes the bound. Each element of a tuple must lie
+    in it. NaN lies in none. A field of type int takes whole numbers only, and an optional one takes None.
     """
-    types = {option.name: option.type for option in options_of(type(plugin))}
+    types = {option.name: option.type for option in options_of(type(options))}
     for option, interval in ranges.items():
-        value, kind = getattr(plugin, option), types[option]
+        value, kind = getattr(options, option), types[option]
         if not _fits(value, kind, interval):
-            place = f"{type(plugin).__plugin__.name}.{option}"
-            raise InputError(f"{place}: {value!r}; give {_noun(kind)} in {interval}{' or none' * _is_optional(kind)}")
+            before = type(options).__plugin__.name if place is None else place
+            name = f"{before}.{option}" if before else option
+            raise InputError(f"{name}: {value!r}; give {_noun(kind)} in {interval}{' or none' * _is_optional(kind)}")
 
 
 def _fits(value: Any, kind: Any, interval: str) -> bool:
@@ -31,14 +31,7 @@ def _fits(value: Any, kind: Any, interval: str) -> bool:
         return isinstance(value, (tuple, list)) and all(_fits(one, get_args(kind)[0], interval) for one in value)
     if value is None:
         return _is_optional(kind)
-    is_number = isinstance(value, Integral if _is_whole(kind) else Real) and not isinstance(value, bool)
-    return is_number and _within(value, interval)
-
-
-def _within(value: float, interval: str) -> bool:
-    low, high = (float(bound) for bound in interval[1:-1].split(","))
-    above = value > low if interval[0] == "(" else value >= low
-    return bool(above and (value < high if interval[-1] == ")" else value <= high))
+    return is_number_in(interval, value, _is_whole(kind))
 
 
 def _noun(kind: Any) -> str:

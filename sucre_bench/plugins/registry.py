@@ -11,18 +11,101 @@ import importlib.util
 import inspect
 import pkgutil
 import sys
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextvars import ContextVar
 from pathlib import Path
-from types import ModuleType
+from types import MappingProxyType, ModuleType
 from typing import Any
 
 from sucre_bench.errors import ANY_FAULT, InputError, PluginError, did_you_mean, one_line
 from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
-__all__ = ["discover", "find", "load_file", "only_built_in", "set_aside", "unknown"]
+__all__ = ["Registry", "current", "discover", "find", "load_file", "set_aside", "unknown", "using"]
 
-_files: dict[Path, ModuleType] = {}
+
+class Registry:
+    """The plugins that can be chosen by name: those of this package, of installed packages, and of files.
+
+    files: modules of plugin files, by the path they were loaded from.
+    """
+
+    def __init__(self, files: Mapping[Path, ModuleType] = MappingProxyType({})) -> None:
+        self._files = dict(files)
+        self._known: dict[Kind, dict[str, Plugin | Broken]] = {}
+
+    def copy(self) -> Registry:
+        """Return a registry with the same files; what is loaded into one of them is not in the other."""
+        return Registry(self._files)
+
+    def load_file(self, path: str | Path) -> None:
+        """Add the plugins of one Python file. Raises PluginError if it does not exist or does not import."""
+        path = Path(path).resolve()
+        if path not in self._files:
+            self._files[path] = _module_of(path)
+            self._known.clear()
+
+    def discover(self, kind: Kind) -> dict[str, Plugin | Broken]:
+        """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
+        if kind not in self._known:
+            self._known[kind] = self._find_all(kind)
+        return self._known[kind]
+
+    def _find_all(self, kind: Kind) -> dict[str, Plugin | Broken]:
+        found: dict[str, Plugin | Broken] = {}
+        for entry in self._everywhere(kind):
+            if isinstance(entry, Plugin) and entry.kind != kind:
+                continue
+            if isinstance(entry, Plugin) and (fault := unusable(entry)):
+                entry = Broken(entry.name, fault)
+            other = found.get(entry.name)
+            if other is not None and _where(other) != _where(entry):
+                entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
+            found[entry.name] = entry
+        return dict(sorted(found.items()))
+
+    def _everywhere(self, kind: Kind) -> Iterator[Plugin | Broken]:
+        package = importlib.import_module(f"sucre_bench.{kind}s")
+        for info in pkgutil.iter_modules(package.__path__):
+            if not info.name.startswith("_"):
+                module = f"{package.__name__}.{info.name}"
+                yield from _try(info.name, functools.partial(importlib.import_module, module))
+        for entry in importlib.metadata.entry_points(group="sucre_bench.plugins"):
+            yield from _try(entry.name, entry.load)
+        for loaded in self._files.values():
+            yield from _plugins_in(loaded)
+
+    def find(self, kind: Kind, name: str) -> Plugin:
+        """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
+        known = self.discover(kind)
+        plugin = known.get(name)
+        if plugin is None:
+            raise unknown(kind, name, known)
+        if isinstance(plugin, Broken):
+            raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
+        return plugin
+
+    def set_aside(self, plugin: Plugin, reason: str) -> None:
+        """From now on, treat a plugin as one that cannot be used."""
+        self.discover(plugin.kind)[plugin.name] = Broken(plugin.name, reason)
+
+
+_current: ContextVar[Registry] = ContextVar("registry", default=Registry())  # noqa: B039, one for the whole process
+
+
+@contextlib.contextmanager
+def using(registry: Registry) -> Iterator[Registry]:
+    """Inside, the functions of `sucre_bench.plugins` work on this registry."""
+    token = _current.set(registry)
+    try:
+        yield registry
+    finally:
+        _current.reset(token)
+
+
+def current() -> Registry:
+    """Return the registry in use."""
+    return _current.get()
 
 
 def load_file(path: str | Path) -> None:
@@ -32,9 +115,26 @@ def load_file(path: str | Path) -> None:
     >>> import sucre_bench as sb
     >>> sb.load_file(Path(sb.__file__).parent / "methods" / "gray_world.py")  # loaded already: nothing happens
     """
-    path = Path(path).resolve()
-    if path in _files:
-        return
+    current().load_file(path)
+
+
+def discover(kind: Kind) -> dict[str, Plugin | Broken]:
+    """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
+    return current().discover(kind)
+
+
+def find(kind: Kind, name: str) -> Plugin:
+    """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
+    return current().find(kind, name)
+
+
+def set_aside(plugin: Plugin, reason: str) -> None:
+    """From now on, treat a plugin as one that cannot be used."""
+    current().set_aside(plugin, reason)
+
+
+def _module_of(path: Path) -> ModuleType:
+    """Import a plugin file. PluginError if it does not exist, does not import or holds no plugin."""
     if not path.is_file():
         raise PluginError(f"{path}: no such plugin file; give the path of a .py file")
     of = hashlib.blake2b(str(path).encode(), digest_size=4).hexdigest()  # two files may have one name
@@ -51,49 +151,7 @@ def load_file(path: str | Path) -> None:
         raise PluginError(f"{path}: does not import, {one_line(fault)}; mend the file") from fault
     if not _plugins_in(module):
         raise PluginError(f"{path}: holds no plugin; decorate a class with @method, @dataset or @metric")
-    _files[path] = module
-    discover.cache_clear()
-
-
-@contextlib.contextmanager
-def only_built_in() -> Iterator[None]:
-    """Begin without plugin files, and forget those loaded within: as in a new process."""
-    before = dict(_files)
-    _files.clear()
-    discover.cache_clear()
-    try:
-        yield
-    finally:
-        _files.clear()
-        _files.update(before)
-        discover.cache_clear()
-
-
-@functools.cache
-def discover(kind: Kind) -> dict[str, Plugin | Broken]:
-    """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
-    found: dict[str, Plugin | Broken] = {}
-    for entry in _everywhere(kind):
-        if isinstance(entry, Plugin) and entry.kind != kind:
-            continue
-        if isinstance(entry, Plugin) and (fault := unusable(entry)):
-            entry = Broken(entry.name, fault)
-        other = found.get(entry.name)
-        if other is not None and _where(other) != _where(entry):
-            entry = Broken(entry.name, f"two {kind}s have this name, in {_where(other)} and {_where(entry)}")
-        found[entry.name] = entry
-    return dict(sorted(found.items()))
-
-
-def _everywhere(kind: Kind) -> Iterator[Plugin | Broken]:
-    package = importlib.import_module(f"sucre_bench.{kind}s")
-    for info in pkgutil.iter_modules(package.__path__):
-        if not info.name.startswith("_"):
-            yield from _try(info.name, functools.partial(importlib.import_module, f"{package.__name__}.{info.name}"))
-    for entry in importlib.metadata.entry_points(group="sucre_bench.plugins"):
-        yield from _try(entry.name, entry.load)
-    for module in _files.values():
-        yield from _plugins_in(module)
+    return module
 
 
 def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
@@ -114,17 +172,6 @@ def _plugins_in(module: ModuleType) -> list[Plugin]:
     ]
 
 
-def find(kind: Kind, name: str) -> Plugin:
-    """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
-    known = discover(kind)
-    plugin = known.get(name)
-    if plugin is None:
-        raise unknown(kind, name, known)
-    if isinstance(plugin, Broken):
-        raise PluginError(f"{kind} '{name}': cannot be used, {plugin.reason}; mend it or leave it out")
-    return plugin
-
-
 def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> InputError:
     """Return what to say of a name that no plugin has: the nearest, or its file, where that lies here.
 
@@ -133,11 +180,6 @@ def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ")
     if Path(f"{name}.py").is_file():
         return InputError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py")
     return InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
-
-
-def set_aside(plugin: Plugin, reason: str) -> None:
-    """From now on, treat a plugin as one that cannot be used."""
-    discover(plugin.kind)[plugin.name] = Broken(plugin.name, reason)
 
 
 def _where(plugin: Plugin | Broken) -> str:

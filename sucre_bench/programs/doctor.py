@@ -1,4 +1,7 @@
-"""What this machine can do with sucre_bench, what it cannot, and the command that changes that."""
+"""Examines this machine: what works, what does not, and the command that changes that.
+
+In: the folder whose disk to check. Out: `Examined`, with machine, features and remedies.
+"""
 
 from __future__ import annotations
 
@@ -41,10 +44,10 @@ _SIGNS: dict[State, str] = {"ready": "green", "missing": "yellow", "broken": "re
 
 @dataclass(frozen=True)
 class Feature:
-    """Something that can be done, or not.
+    """A feature of sucre_bench on this machine.
 
-    state: ready; missing, something optional to install; broken, what ought to be here and is not, or does not run;
-    absent, no use on this machine. said: by what it is done, or why not; remedy: the command that mends it.
+    state: "ready"; "missing": optional and not installed; "broken": required, but missing or failing; "absent": not
+    applicable here. said: what provides it, or why not; remedy: the command that mends it.
     """
 
     name: str
@@ -55,7 +58,7 @@ class Feature:
 
 @dataclass(frozen=True)
 class Examined:
-    """This installation. machine: what there is to work with, by name."""
+    """The result of an examination. machine: its facts by name."""
 
     version: str
     python: str
@@ -65,12 +68,12 @@ class Examined:
 
     @property
     def faults(self) -> int:
-        """How many features are broken."""
+        """The number of broken features."""
         return sum(feature.state == "broken" for feature in self.features)
 
 
 def examine(out: Path = Path()) -> Examined:
-    """Look at packages, plugins, programs and the disk that `out` is on; nothing is changed."""
+    """Examine packages, plugins, programs and the disk of `out`, without changing anything."""
     commit, dirty = provenance.source_commit()
     gpu = provenance.gpu()
     return Examined(
@@ -83,12 +86,12 @@ def examine(out: Path = Path()) -> Examined:
 
 
 def as_object(found: Examined) -> dict[str, Any]:
-    """Return everything as JSON holds it, with `faults`, the number of what is broken."""
+    """Return the result as plain data for JSON, with `faults`, the number of broken features."""
     return {**asdict(found), "faults": found.faults}
 
 
 def show(found: Examined) -> None:
-    """Print a line a fact and a feature; below what is not ready, the command that mends it."""
+    """Print a line a fact and a feature; below a feature that is not ready, its remedy."""
     from rich.text import Text
 
     def line(*parts: str | tuple[str, str]) -> None:
@@ -125,7 +128,7 @@ def _machine(out: Path, gpu: str | None) -> dict[str, str]:
 
 
 def _disk(out: Path) -> Any:
-    """Of the nearest folder that is there."""
+    """Free space on the disk of the nearest existing folder."""
     there = next(folder for folder in (out.resolve(), *out.resolve().parents) if folder.exists())
     return shutil.disk_usage(there)
 
@@ -157,7 +160,7 @@ def _features(out: Path, gpu: str | None) -> Iterator[Feature]:
 
 
 def _packages(name: str, *distributions: str) -> Feature:
-    """What sucre_bench's own dependencies do: one that is missing is a fault."""
+    """A feature of required packages: a missing one is a fault."""
     versions = {package: provenance.version_of(package) for package in distributions}
     absent = [package for package, version in versions.items() if version is None]
     if absent:
@@ -204,7 +207,7 @@ def _gpu(gpu: str | None) -> Feature:
 
 
 def _plugins() -> Feature:
-    """All at once, with the first that cannot be used by name."""
+    """All plugins as one feature, naming the first that cannot be used."""
     counts, faults, remedies = [], [], []
     for kind in plugins.KINDS:
         known = plugins.discover(kind).values()
@@ -221,7 +224,7 @@ def _plugins() -> Feature:
 
 
 def _videos() -> Feature:
-    """VP9 plays in browsers; slide programs want H.264, which OpenCV's wheels cannot write."""
+    """VP9 plays in browsers; presentation programs need H.264, which OpenCV's wheels cannot write."""
     ffmpeg = shutil.which("ffmpeg")
     name = "videos in H.264, for slides"
     if ffmpeg:
@@ -238,7 +241,7 @@ def _slurm() -> Feature:
 
 
 def _open3d_fault() -> tuple[str, str]:
-    """Why open3d does not import, and what mends it; tried in a process of its own, for it may crash."""
+    """Why open3d does not import, and the remedy; tried in another process, because it may crash."""
     tried = _python("import open3d")
     if tried.returncode == 0:
         return "", ""

@@ -1,12 +1,12 @@
-"""Where everything is kept under an output folder.
+"""The paths in a results folder.
 
-restored/<dataset>/<method label>/[<scene>/]<view stem>.png   what a method made of a view (and .npz with save=full)
-views/<dataset>/[<scene>/]<view stem>.jpg                     the view itself, for people to look at
-references/<dataset>/[<scene>/]<view stem>.jpg                the scene without water, where it is known
+restored/<dataset>/<method label>/[<scene>/]<view stem>.png   the restored image (and .npz with save=full)
+views/<dataset>/[<scene>/]<view stem>.jpg                     the view, to look at
+references/<dataset>/[<scene>/]<view stem>.jpg                the reference, to look at
 logs/failures.log                                            tracebacks
 
-The scene is named where the dataset has several, below a folder replicate=N for every replicate but the first; a view
-keeps its suffix where another differs in nothing else.
+The scene is part of the path if the dataset has several. Replicates but the first lie in a folder replicate=N. A view's
+name includes its suffix if another view differs only in that.
 """
 
 from __future__ import annotations
@@ -26,9 +26,9 @@ __all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places", "st
 
 
 def file_name(text: str) -> str:
-    """Return a label as a file or folder name: what a shell or a file system would trip over becomes '_'.
+    """Return a label as a file or folder name: special characters become '_'.
 
-    A name too long for a file system is cut and ends on a hash of the whole.
+    A name too long for a file system is cut and ends on a hash of the whole label.
     """
     name = re.sub(r"[^\w.,=+@-]+", "_", text).strip("_.") or "_"
     return (
@@ -39,32 +39,32 @@ def file_name(text: str) -> str:
 
 
 def log_path(out: Path) -> Path:
-    """Where the tracebacks of a run are kept."""
+    """The log of a run's tracebacks."""
     return out / "logs" / "failures.log"
 
 
 def pairs_path(out: Path) -> Path:
-    """Where the jobs of a sweep share what they pair, while it runs."""
+    """The folder of observations that the jobs of a sweep share while it runs."""
     return out / ".pairs"
 
 
 @dataclass(frozen=True)
 class Place:
-    """A view's place in each tree, without the suffix."""
+    """A view's paths below restored/, views/ and references/, without suffix."""
 
     dataset: str
     stem: PurePosixPath
 
     def restored(self, out: Path, method: str) -> Path:
-        """The picture a method made of it."""
+        """The restored image by a method."""
         return _inside(out / "restored" / self.dataset / file_name(method), f"{self.stem}.png")
 
     def original(self, out: Path) -> Path:
-        """The view itself."""
+        """The view, to look at."""
         return _inside(out / "views" / self.dataset, f"{self.stem}.jpg")
 
     def reference(self, out: Path) -> Path:
-        """The view without water."""
+        """The reference, to look at."""
         return _inside(out / "references" / self.dataset, f"{self.stem}.jpg")
 
 
@@ -76,7 +76,7 @@ def _inside(folder: Path, name: str) -> Path:
 
 
 def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tuple[str, str], Place]:
-    """Return where each view is kept, by the names of scene and view."""
+    """Return each view's place, by the names of scene and view."""
     found = {}
     for scene in scenes:
         within = PurePosixPath(file_name(scene.name)) if len(scenes) > 1 else PurePosixPath()
@@ -90,7 +90,7 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
 
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
-    """Return where a view, or what methods made of it, was kept, from what a row says of it; None when nothing was."""
+    """Return the place of a view, or of its restorations, from a row's names; None if no file exists."""
     scene, replicate = unreplicated(scene)
     first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
     candidates = [Place(file_name(dataset), first / stem) for stem in stems_of(scene, view)]
@@ -99,16 +99,16 @@ def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
 
 
 def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:
-    """Return the paths without suffix that a view's files may have inside the folder of a dataset or a method.
+    """Return the possible paths, without suffix, of a view's files in the folder of a dataset or a method.
 
-    The scene is part of the path where a dataset has several; the image's suffix stays where two views differ by it.
+    The scene is part of the path if a dataset has several; the image's suffix stays if two views differ only in it.
     """
     name, within = PurePosixPath(view), PurePosixPath(file_name(scene))
     return (name, name.with_suffix(""), within / name, within / name.with_suffix(""))
 
 
 def _restored(candidates: Sequence[Place], folder: Path) -> Place | None:
-    """The place of a view that is itself no longer there. folder: of the dataset's restorations."""
+    """The place of a view of which only restorations exist. folder: of the dataset's restorations."""
     methods = list(folder.iterdir()) if folder.is_dir() else []
     files = ((place, method / f"{place.stem}.png") for place in candidates for method in methods)
     return next((place for place, file in files if file.is_file()), None)

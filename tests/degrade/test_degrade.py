@@ -11,7 +11,6 @@ import cv2
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_camera, make_pose, make_scene, make_view
-from support.places import TOYS
 
 from sucre_bench import Arrays, Camera, Chart, InputError, Scene, View, Water, plugins
 from sucre_bench.arrays import Array
@@ -20,7 +19,6 @@ from sucre_bench.degrade import Degradation, degraded
 from sucre_bench.engine import preflight, sweep
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.jobs import command
-from sucre_bench.plugins import registry
 from sucre_bench.scene import Encoding, Plane
 
 NINE = (0.1, 0.2, 0.3, 0.4, 0.2, 0.1, 0.3, 0.2, 0.15)
@@ -387,8 +385,15 @@ class Diary:
 
 
 @pytest.fixture
-def run(tmp_path: Path, toys: str):
+def own_plugins(toys: str):
+    with plugins.using(plugins.current().copy()):
+        yield
+
+
+@pytest.fixture
+def run(tmp_path: Path, own_plugins: None):
     (tmp_path / "diary.py").write_text(METHOD)
+    plugins.load_file(tmp_path / "diary.py")
     base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]
 
     def run(*overrides: str) -> tuple[sweep.Outcome, list[str]]:
@@ -396,10 +401,7 @@ def run(tmp_path: Path, toys: str):
         outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
         return outcome, (tmp_path / "log").read_text().split()[before:]
 
-    with registry.only_built_in():
-        plugins.load_file(TOYS)
-        plugins.load_file(tmp_path / "diary.py")
-        yield run
+    return run
 
 
 def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped(run, tmp_path: Path):
@@ -432,13 +434,13 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
     ("override", "said"),
     [
         ("nois=1", "did you mean 'noise'"),
-        ("noise=-1", "degrade.noise: -1.0 is not a number from 0 to 1;"),
-        ("noise=nan", "degrade.noise: nan is not a number"),
+        ("noise=-1", "degrade.noise: -1.0; give a number in [0, 1]"),
+        ("noise=nan", "degrade.noise: nan; give a number"),
         ("noise=lots", "degrade.noise: Value 'lots'"),
-        ("bits=0", "degrade.bits: 0 is not a whole number from 1 to 16"),
-        ("jpeg_quality=101", "from 1 to 100"),
-        ("keep=0", "degrade.keep: 0 is not a whole number of at least 1"),
-        ("scale=0", "degrade.scale: 0.0 is not a number from 0.01 to 1"),
+        ("bits=0", "degrade.bits: 0; give a whole number in [1, 16]"),
+        ("jpeg_quality=101", "give a whole number in [1, 100]"),
+        ("keep=0", "degrade.keep: 0; give a whole number in [1, inf)"),
+        ("scale=0", "degrade.scale: 0.0; give a number in [0.01, 1]"),
         ("scale=null", "degrade.scale"),
         ("add_water=5", "degrade.add_water: not a water; give nine numbers"),
         ("add_water=[1,2,3]", "degrade.add_water: not a water; give nine numbers"),

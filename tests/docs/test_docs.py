@@ -4,12 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
+import tomllib
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
-from support.command_line import commands as command_objects
+from support.command_line import commands as commands_by_name
 from support.places import ROOT
 
 from sucre_bench import plugins
@@ -43,14 +44,14 @@ def mentioned() -> list[str]:
 
 def check_options(words: list[str]) -> None:
     """Of a command other than run."""
-    command = command_objects()[words[0]]
+    command = commands_by_name()[words[0]]
     known = {"-h", "--help", *(option for p in command.params for option in (*p.opts, *p.secondary_opts))}
     assert {word.split("=")[0] for word in words[1:] if word.startswith("--")} <= known
 
 
 @pytest.mark.parametrize("line", [c for c in commands() if not any(p in c for p in PLUGINS_OF_EXAMPLES)])
 def test_a_documented_command_exists_with_its_options(line: str):
-    words = shlex.split(line.split("  #")[0])[1:]
+    words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
     if words[0] == "run":
         overrides = [word for word in words[1:] if not word.startswith("-")]
         assert config.jobs(overrides, multirun="-m" in words).jobs
@@ -62,7 +63,7 @@ def test_a_documented_command_exists_with_its_options(line: str):
 def test_a_command_within_a_sentence_exists_with_its_options(line: str):
     words = shlex.split(line)[1:]
     if words[0] == "run":
-        assert "run" in command_objects()
+        assert "run" in commands_by_name()
     elif not words[0].startswith("-"):
         check_options(words)
 
@@ -125,6 +126,28 @@ def test_every_dataset_and_method_has_its_place():
     for kind, page in (("dataset", "datasets.md"), ("method", "methods.md")):
         text = (ROOT / "docs" / page).read_text(encoding="utf-8")
         assert not [name for name in built_in(kind) if name not in text]
+
+
+def test_contributing_names_files_that_are_there():
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
+    places = {place for place in re.findall(r"`([\w./-]+)`", text) if place.endswith(("/", ".py"))}
+    assert len(places) > 80
+    roots = (ROOT, ROOT / "sucre_bench")
+    assert not sorted(place for place in places if not any((root / place).exists() for root in roots))
+
+
+def test_contributing_has_the_floors_of_the_import_contract():
+    """Each floor's rooms, bottom up: those of pyproject.toml's layers, top down."""
+    contracts = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["tool"]["importlinter"][
+        "contracts"
+    ]
+    layers = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The rooms of")[1].split("\n## ")[0]
+    floors: list[set[str]] = []
+    for floor, rooms in re.findall(r"^\| (\d*) ?\| ([^|]+) \|", text, flags=re.MULTILINE):
+        floors += [set()] if floor else []
+        floors[-1] |= {room.removesuffix(".py") for room in re.findall(r"`([\w.]+)/?`", rooms)}
+    assert floors == [set(layer.split(" | ")) for layer in reversed(layers)]
 
 
 def test_the_first_five_minutes_run_as_they_stand(bench: Callable[..., Any], tmp_path: Path):

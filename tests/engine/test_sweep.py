@@ -13,7 +13,6 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.command_line import Started
-from support.places import TOYS
 from support.toy_runs import calls, run
 
 import sucre_bench as sb
@@ -21,7 +20,6 @@ from sucre_bench import plugins, results
 from sucre_bench.engine import preflight, sweep
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.plugins import registry
 from sucre_bench.plugins.registry import find
 
 
@@ -221,8 +219,7 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
     (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
-    with registry.only_built_in():
-        plugins.load_file(TOYS)
+    with plugins.using(plugins.current().copy()):
         plugins.load_file(tmp_path / "uses.py")
         outcome = run(out, "method=uses,gain", multirun=True)
     assert (outcome.ok, outcome.exit_code) == (3, 1)
@@ -400,11 +397,10 @@ def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_pat
         "@method(requires=('nonexistent_package_xyz',))\n@dataclass(frozen=True)\nclass Needy:\n    '''x'''\n"
         "    def restore(self, scene, view):\n        return Restoration(view.rgb)\n"
     )
-    with registry.only_built_in():
-        plugins.load_file(TOYS)
+    missing = pytest.raises(
+        preflight.ProblemsError, match=r"'needy': not installed; pip install nonexistent_package_xyz"
+    )
+    with plugins.using(plugins.current().copy()), missing:
         plugins.load_file(path)
-        with pytest.raises(
-            preflight.ProblemsError, match=r"method 'needy': not installed; pip install nonexistent_package_xyz"
-        ):
-            run(out, "method=gain,needy", multirun=True)
+        run(out, "method=gain,needy", multirun=True)
     assert not out.exists() or not list(out.rglob("*.png"))

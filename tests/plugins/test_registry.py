@@ -233,3 +233,11 @@ def test_what_is_not_installed_comes_with_the_line_that_installs_it():
         pass
 
     assert missing_packages(Needy.__plugin__) == "pip install nonexistent_package_xyz.part"
+
+
+def test_what_one_registry_loads_another_does_not_have(tmp_path: Path):
+    path = write(tmp_path, "Alone")
+    with plugins.using(plugins.current().copy()) as own:
+        plugins.load_file(path)
+        assert own.find("method", "alone") is plugins.find("method", "alone")
+    assert "alone" not in plugins.discover("method")

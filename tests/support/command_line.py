@@ -21,7 +21,7 @@ from rich.console import Console
 
 from sucre_bench.cli import cli, main
 from sucre_bench.machine import terminal
-from sucre_bench.plugins.registry import only_built_in
+from sucre_bench.plugins.registry import Registry, using
 
 PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
 WIDTH = 200  # columns, so that no line is folded
@@ -54,7 +54,7 @@ def run_here(folder: Path, *arguments: str) -> Done:
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(folder),
-        only_built_in(),
+        using(Registry()),
         mock.patch.dict(os.environ, COLUMNS=str(WIDTH)),
         mock.patch.object(sys, "argv", [PROGRAM, *arguments]),
         _wide(terminal.out),

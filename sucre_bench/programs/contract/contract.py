@@ -1,7 +1,7 @@
-"""The contract of plugins: rules, each of which looks at a plugin and yields what it finds.
+"""The contract of plugins: rules, each of which examines a plugin and yields findings.
 
-A finding is a breach (it must be mended), a doubt (it may be meant so) or a note (a figure). It reads "fault; remedy".
-What a plugin raises, and the RuntimeWarnings it causes, are breaches of whatever rule it was run by.
+A finding is a breach (must be fixed), a doubt (may be intended) or a note (a figure). Its text is "fault; remedy".
+Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it.
 """
 
 from __future__ import annotations
@@ -45,24 +45,24 @@ Status = Literal["kept", "broken", "doubtful", "skipped"]
 
 @dataclass(frozen=True)
 class Finding:
-    """What a rule found. text: "fault; remedy", for a note a figure, on one line."""
+    """A finding of a rule. text: one line, "fault; remedy", or a figure for a note."""
 
     level: Level
     text: str
 
 
 def breach(text: str) -> Finding:
-    """Return what must be mended."""
+    """Return a finding that must be fixed."""
     return Finding("breach", text)
 
 
 def doubt(text: str) -> Finding:
-    """Return what may be meant so, and is worth a look."""
+    """Return a finding that may be intended."""
     return Finding("doubt", text)
 
 
 def note(text: str) -> Finding:
-    """Return what is said with a rule that is kept."""
+    """Return a figure to show with a rule that is kept."""
     return Finding("note", text)
 
 
@@ -70,8 +70,8 @@ def note(text: str) -> Finding:
 class Subject:
     """A plugin to check.
 
-    options: it is made with these; on: the dataset a method is tried on, none where empty; kept: what one rule had done
-    that others look at too.
+    options: of the plugin; on: the dataset for trying a method, empty for none; kept: results of one rule that others
+    use.
     """
 
     plugin: Plugin
@@ -86,7 +86,7 @@ class Subject:
 
     @property
     def obstacle(self) -> str:
-        """Why it cannot be run, with the remedy; empty where it can."""
+        """Why it cannot be run, with the remedy; empty if it can."""
         if line := plugins.missing_packages(self.plugin):
             return f"not installed; {line}"
         needed = [o.name for o in options_of(self.plugin.cls) if o.default is MISSING]
@@ -94,7 +94,7 @@ class Subject:
         return f"options must be given; add {' '.join(absent)}" if absent else ""
 
     def make(self) -> Any:
-        """Make the plugin, what it requires being imported: settings that come with a package are not its doing."""
+        """Make the plugin, after importing its packages: settings that these change are not its fault."""
         for package in self.plugin.requires:
             importlib.import_module(package)
         return create(self.plugin, self.options)
@@ -105,11 +105,11 @@ Look = Callable[[Subject], Iterable[Finding]]
 
 @dataclass(frozen=True)
 class Rule:
-    """Something that plugins keep to.
+    """A rule of the contract.
 
-    says: in words that follow the plugin's name; look: yields what is found; kinds: of plugin that it is for; applies:
-    to which of those; runs: whether it runs the plugin, which takes all its options; lasting: whether it starts
-    processes of its own, or works on a whole dataset.
+    says: text that follows the plugin's name; look: yields findings; kinds: of plugins; applies: to which of these;
+    runs: whether it runs the plugin, which needs all options; lasting: whether it starts processes or uses a whole
+    dataset.
     """
 
     says: str
@@ -133,7 +133,7 @@ def rule(
     runs: bool = True,
     lasting: bool = False,
 ) -> Callable[[Look], Look]:
-    """Make a function a rule of the contract, of all kinds of plugin where none is named."""
+    """Make a function a rule of the contract, by default for all kinds of plugins."""
 
     def add(look: Look) -> Look:
         _RULES.append(Rule(says, look, kinds or KINDS, applies, runs, lasting))
@@ -143,7 +143,7 @@ def rule(
 
 
 def rules(plugin: Plugin, lasting: bool = True) -> list[Rule]:
-    """Return the rules that a plugin is to keep; lasting: also those that take seconds."""
+    """Return the rules for a plugin. lasting: include those that take seconds."""
     for module in ("rules_every_plugin", "rules_methods", "rules_datasets", "rules_metrics"):
         importlib.import_module(f"sucre_bench.programs.contract.{module}")
     own = [one for one in _RULES if plugin.kind in one.kinds and one.applies(plugin)]
@@ -152,7 +152,7 @@ def rules(plugin: Plugin, lasting: bool = True) -> list[Rule]:
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a rule. skipped: why it could not be looked at; seconds: it took."""
+    """The outcome of a rule. skipped: why it could not be checked; seconds: duration."""
 
     rule: Rule
     findings: tuple[Finding, ...]
@@ -168,7 +168,7 @@ class Outcome:
 
 
 def check(subject: Subject, chosen: Sequence[Rule] | None = None) -> Iterator[Outcome]:
-    """Look at a plugin by each rule in turn, default all that are for it; nothing it does ends the check."""
+    """Check a plugin against each rule in turn, by default all for it; no exception ends the check."""
     obstacle = subject.obstacle
     for one in rules(subject.plugin) if chosen is None else chosen:
         if one.runs and obstacle:
@@ -179,7 +179,7 @@ def check(subject: Subject, chosen: Sequence[Rule] | None = None) -> Iterator[Ou
             warnings.simplefilter("always")
             try:
                 for finding in one.look(subject):
-                    findings.append(finding)  # those before a fault count
+                    findings.append(finding)  # findings before an exception count
             except NotApplicableError as reason:
                 skipped = one_line(reason)
             except ANY_FAULT as fault:
@@ -204,7 +204,7 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
 
 
 def raised(subject: Subject, fault: BaseException) -> str:
-    """Return what a plugin raised as a breach's text, with the last line of its own that led there."""
+    """Return an exception as a breach's text, with the last line of the plugin's code in its traceback."""
     said = one_line(fault)
     if isinstance(fault, SucreBenchError) and "; " in said:
         return said
@@ -226,6 +226,6 @@ def _warned(subject: Subject, heard: Iterable[warnings.WarningMessage]) -> Itera
 
 
 def _is_own(subject: Subject, filename: str) -> bool:
-    """Whether a file is the plugin's, or in a folder of its own."""
+    """Whether a file belongs to the plugin or lies in its folder."""
     file, own = Path(filename).resolve(), subject.file.resolve()
     return file == own or ((own.parent / "__init__.py").exists() and own.parent in file.parents)

@@ -1,4 +1,4 @@
-"""Plugins in a process of their own: what importing them costs and changes, and whether they restore alike there.
+"""Runs plugins in a fresh process: what importing them costs and changes, and whether they restore equally there.
 
 `python -m sucre_bench.programs.contract.fresh_process` is that process. It reads what to do as JSON, and its last line
 is JSON.
@@ -30,7 +30,7 @@ from sucre_bench.programs.contract.process_state import changed, snapshot
 
 __all__ = ["HEAVY", "Imported", "imported", "restored"]
 
-# What takes long to import, and belongs inside the functions that use it.
+# Packages that take long to import; they belong inside the functions that use them.
 HEAVY = frozenset(
     [
         *("torch", "torchvision", "tensorflow", "jax", "onnx", "onnxruntime", "numba", "kornia", "sklearn", "scipy"),
@@ -41,7 +41,7 @@ HEAVY = frozenset(
 
 @dataclass(frozen=True)
 class Imported:
-    """What importing a plugin did. heavy: packages it brought; changed: what is global and was altered."""
+    """Effects of importing a plugin. heavy: slow packages that it imported; changed: altered global state."""
 
     seconds: float
     heavy: tuple[str, ...]
@@ -49,13 +49,13 @@ class Imported:
 
 
 def imported(subjects: Sequence[Subject]) -> list[Imported]:
-    """Import plugins one after another in a fresh process; what one brought is not counted for the next."""
+    """Import plugins one after another in a fresh process; each counts only its own effects."""
     told = _told({"places": [_place(subject) for subject in subjects]})
     return [Imported(one["seconds"], tuple(one["heavy"]), tuple(one["changed"])) for one in told]
 
 
 def restored(subjects: Sequence[Subject]) -> list[Array]:
-    """Restore the wall of noise in water in a fresh process that has other seeds; PluginError where a method fails."""
+    """Restore the wall of noise in water in a fresh process with other seeds. Raises PluginError if a method fails."""
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as folder:
         methods = [
             {
@@ -72,7 +72,7 @@ def restored(subjects: Sequence[Subject]) -> list[Array]:
 
 
 def _place(subject: Subject) -> str:
-    """How another process imports a plugin: by its module, or by its file where that is in no package."""
+    """How another process imports a plugin: by its module, or by its file if that is in no package."""
     module = subject.plugin.cls.__module__
     return str(subject.file) if module.startswith("sucre_bench_plugin_") else module
 
@@ -93,7 +93,7 @@ def _told(task: Mapping[str, Any]) -> Any:
 
 
 def _environment() -> dict[str, str]:
-    """What this process was started with: a plugin that is loaded here may have altered it since."""
+    """The environment this process was started with: a loaded plugin may have altered it since."""
     try:
         entries = Path("/proc/self/environ").read_bytes().split(b"\0")
     except OSError:

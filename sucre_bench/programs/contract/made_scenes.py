@@ -1,4 +1,4 @@
-"""The scenes that plugins are tried on: a flat wall before two cameras, and the images nobody wants."""
+"""Made scenes for trying plugins: a flat wall before two cameras, and difficult images."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from sucre_bench.scene import Arrays, Chart, Scene, View, Water
 
 __all__ = ["HARD", "NOISE", "TARGET", "WATER", "charted", "least", "submerged", "wall"]
 
-TARGET = "far.png"  # the view to restore, of the wall; the other is nearer
+TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
 WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
 
 
@@ -26,7 +26,7 @@ def _noise(height: int = 48, width: int = 64) -> Array:
 NOISE = _noise()
 NOISE.setflags(write=False)
 
-# What comes up in every dive: open water, glare, a red channel that is gone, thumbnails.
+# Every dive has these: open water, glare, no red channel, thumbnails.
 HARD: Mapping[str, Array] = MappingProxyType(
     {
         "noise": NOISE,
@@ -68,7 +68,7 @@ def wall(
 
 
 def submerged() -> Scene:
-    """The wall of noise as WATER shows it from each view's distance: what a fit of the water has an answer to."""
+    """The wall of noise through WATER at each view's distance: a fit of the water has a solution."""
     scene = wall()
     views = []
     for view in scene:
@@ -78,13 +78,13 @@ def submerged() -> Scene:
 
 
 def _in_water(rgb: Array, z: Array | float) -> Array:
-    """Colours rgb (H, W, 3) as WATER shows them from z metres, one number or (H, W, 1)."""
+    """Colours rgb (H, W, 3) through z metres of WATER, one number or (H, W, 1)."""
     seen = rgb * np.exp(-WATER.attenuation * z) + WATER.veiling_light * (1 - np.exp(-WATER.backscatter * z))
     return np.asarray(seen, dtype=np.float32)
 
 
 def charted() -> Scene:
-    """The wall with two painted charts and noise around them: as it is in `reference`, in water in `rgb`."""
+    """The wall with two painted charts and noise around them: dry in `reference`, in water in `rgb`."""
     image = 0.2 + 0.6 * _noise(96, 128)
     charts = (
         Chart("left", "dgk", np.array([[4.0, 4], [64, 4], [64, 44], [4, 44]])),
@@ -101,7 +101,7 @@ def charted() -> Scene:
 
 
 def least(scene: Scene, needs: frozenset[str], cameras: bool = False) -> Scene:
-    """The scene with nothing in it but what is needed; cameras: these too, which no need is named after."""
+    """The scene with only what is needed; cameras: keep these too, for which there is no name in `needs`."""
     views = [
         replace(
             view,

@@ -20,20 +20,20 @@ from sucre_bench.programs.contract.text import shown_path
 
 __all__ = ["Written", "checkout_of", "write_new"]
 
-# What the file of a plugin, or of its test, knows by another meaning.
+# Names that have another meaning in a plugin's file or test.
 _TAKEN = frozenset({*sucre_bench.__all__, *dir(builtins), "Path", "Iterator"})
 
 
 @dataclass(frozen=True)
 class Written:
-    """The files of a new plugin, and the commands that come next, each with what it is for."""
+    """The files of a new plugin, and the next commands with their purposes."""
 
     files: tuple[Path, ...]
     commands: tuple[tuple[str, str], ...]
 
 
 def checkout_of(folder: Path) -> Path | None:
-    """Return the checkout of this repository that a folder is in, if it is in one."""
+    """Return the checkout of this repository that holds a folder, or None."""
     for place in (folder, *folder.parents):
         if (place / "sucre_bench" / "plugins").is_dir() and all((place / f"{k}s").is_dir() for k in plugins.KINDS):
             return place
@@ -44,7 +44,7 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
     """Write a plugin and its test.
 
     here: the folder the command is given in; package: the folder of a package to make for it; depth: write a method
-    that needs depth. Raises InputError for a name that cannot be one or is taken, and rather than overwrite a file.
+    that needs depth. Raises InputError for an invalid or taken name, and if a file exists already.
     """
     _check_name(kind, name)
     checkout = None if package else checkout_of(here)
@@ -65,7 +65,7 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
 
 
 def _next(kind: Kind, name: str, file: str | None, test: Path) -> tuple[tuple[str, str], ...]:
-    """file: where no command finds the plugin by its name."""
+    """The next commands. file: if no command finds the plugin by its name."""
     given = {"method": "", "dataset": " dataset.root=DIR", "metric": ""}[kind]
     plugin = f"--plugin {file} " if file else ""
     job = {
@@ -114,7 +114,7 @@ def _check_name(kind: Kind, name: str) -> None:
 
 
 def _check_module(name: str, what: str) -> None:
-    """A file numpy.py would be imported in numpy's place by every test beside it."""
+    """Refuse names of modules: a file numpy.py would be imported in place of numpy by tests beside it."""
     try:
         taken = importlib.util.find_spec(name) is not None
     except (ImportError, ValueError):
@@ -134,7 +134,7 @@ def _filled(template: str, about: Mapping[str, Any]) -> str:
 
 
 def _write(files: Mapping[Path, str]) -> None:
-    """All of them or none."""
+    """Write all files or none."""
     for path in files:
         if path.exists():
             raise InputError(f"{path}: is there already; use another name, or move it away")

@@ -1,4 +1,4 @@
-"""What is global to a process and no plugin's to change: random states, threads, flags, the folder it runs in."""
+"""Global state of a process that a plugin must not change: random states, threads, flags, working directory."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ def _torch_state(torch: Any) -> dict[str, object]:
     }
 
 
-# Of packages that are loaded.
+# State of packages, if loaded.
 _OF: Mapping[str, Callable[[Any], dict[str, object]]] = {
     "torch": _torch_state,
     "cv2": lambda cv2: {"OpenCV's threads": cv2.getNumThreads(), "OpenCV's optimisation": cv2.useOptimized()},
@@ -42,12 +42,12 @@ _OF: Mapping[str, Callable[[Any], dict[str, object]]] = {
 }
 
 
-# Variables that packages set for themselves when they first run: torch for its compiler.
+# Environment variables that packages set when they first run, for example torch for its compiler.
 _THEIRS = ("TORCHINDUCTOR_", "TRITON_")
 
 
 def snapshot() -> dict[str, str]:
-    """Return everything global by name, each as a short hash."""
+    """Return the global state: a short hash by name."""
     state: dict[str, object] = {
         "numpy's random state": [np.asarray(part).tobytes() for part in np.random.get_state(legacy=True)],
         "random's state": random.getstate(),
@@ -69,9 +69,9 @@ def snapshot() -> dict[str, str]:
 
 
 def changed(before: Mapping[str, str], after: Mapping[str, str]) -> list[str]:
-    """Return what is not as it was; of packages loaded in between nothing is known, but variables and files may be new.
+    """Return the names of changed state. Packages loaded in between are ignored; new variables and files count.
 
-    In another working directory there are other files.
+    Files are not compared after a change of the working directory.
     """
     other = [name for name in before if after.get(name) != before[name]]
     other += [name for name in after if name not in before and name.startswith(("os.environ", "the file"))]
@@ -93,9 +93,9 @@ def _remedy(name: str) -> str:
 
 @contextlib.contextmanager
 def watched() -> Iterator[list[Finding]]:
-    """Fill a list, when the `with` ends, with what was changed or printed in it; what is random is put back.
+    """Fill a list, when the block ends, with what it changed or printed, and restore the random states.
 
-    The random states are stirred first: who seeds them alike each time would change nothing the second time.
+    The random states are altered first: a plugin that always sets the same seed would else change nothing.
     """
     kept, found = (np.random.get_state(legacy=True), random.getstate()), list[Finding]()
     torch: Any = sys.modules.get("torch")
@@ -106,7 +106,7 @@ def watched() -> Iterator[list[Finding]]:
         torch.rand(1)
     before = snapshot()
     try:
-        # A file, since programs that a plugin starts may be given it.
+        # A real file, because programs that a plugin starts may inherit it.
         with io.TextIOWrapper(tempfile.TemporaryFile(), "utf-8") as printed:
             with contextlib.redirect_stdout(printed):
                 yield found

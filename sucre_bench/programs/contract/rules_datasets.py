@@ -1,4 +1,4 @@
-"""What datasets keep to: scenes that open without reading pixels, of planes in shape, and say truly what they have."""
+"""Rules for datasets: scenes open without reading pixels, planes have right shapes, `has` is true."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ from sucre_bench.scene import Arrays, Encoding, Scene, View
 
 __all__: list[str] = []
 
-_MANY = 30  # views of a scene that are looked at
+_MANY = 30  # views of a scene that are checked
 
 
 def _opened(subject: Subject) -> list[Scene]:
@@ -35,14 +35,14 @@ def _opened(subject: Subject) -> list[Scene]:
 
 
 def _some(scene: Scene, most: int = _MANY) -> Sequence[View]:
-    """Views evenly chosen, the first and the last among them."""
+    """Evenly chosen views, with the first and the last."""
     chosen = evenly(len(scene), most)
     return [scene.views[k] for k in chosen]
 
 
 @rule("opens, and names every scene and view once", "dataset")
 def names_once(subject: Subject) -> Iterator[Finding]:
-    scenes = _opened(subject)  # refuses what is there twice
+    scenes = _opened(subject)  # refuses duplicates
     for scene in scenes:
         for view in scene:
             path = PurePosixPath(view.name)

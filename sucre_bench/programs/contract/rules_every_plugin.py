@@ -1,4 +1,4 @@
-"""What every plugin keeps to, of whatever kind."""
+"""Rules for every plugin."""
 
 from __future__ import annotations
 
@@ -13,13 +13,15 @@ from sucre_bench.programs.contract.contract import Finding, Subject, breach, dou
 
 __all__: list[str] = []
 
-_SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and is to answer in about one
+_SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
 
 
 @rule("says what it is and what its options mean", runs=False)
 def is_described(subject: Subject) -> Iterator[Finding]:
     plugin = subject.plugin
-    if plugin.cls.__doc__ is None or plugin.summary.startswith(f"{plugin.cls.__name__}("):  # what dataclass makes up
+    if plugin.cls.__doc__ is None or plugin.summary.startswith(
+        f"{plugin.cls.__name__}("
+    ):  # the docstring that dataclass generates
         yield breach(f"{plugin.cls.__name__} has no docstring; its first paragraph is what `sucre-bench list` says")
     elif not plugin.summary.endswith("."):
         yield breach("the first paragraph of its docstring is no sentence; end it with a full stop")
@@ -52,7 +54,7 @@ def is_configurable(subject: Subject) -> Iterator[Finding]:
 
 @functools.lru_cache(maxsize=1)  # of all plugins at once, .1 s
 def _refused(known: tuple[type[Any], ...]) -> dict[type[Any], str]:
-    """Why Hydra cannot hold a plugin's options, for those that it cannot; they are set aside by it."""
+    """Why Hydra cannot represent a plugin's options; such plugins are set aside."""
     from sucre_bench.jobs.schema import register
 
     register()

@@ -1,4 +1,4 @@
-"""What methods keep to: every valid pixel gets a colour, no other does, and nothing else in the process changes."""
+"""Rules for methods: every valid pixel and no other gets a colour, and the process is not changed."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ __all__ = ["alike"]
 _PLANES: tuple[Plane, ...] = ("rgb", "depth", "reference")
 _LASTING = 60.0  # seconds for one view of the made scene, .3 megapixels: a dive of 500 views then takes a night
 _CLIPPED = 0.05  # share of values
-# Threads may add in any order; what is random differs by far more.
+# Threads may add in any order; random results differ by far more.
 _ROUNDING = 1e-5
 
 _HOLES = np.zeros(NOISE.shape[:2], dtype=bool)
@@ -38,7 +38,7 @@ def _restore(subject: Subject, scene: Scene) -> Restoration:
 
 
 def _plain(subject: Subject) -> Restoration:
-    """Of the wall of noise in water."""
+    """The restoration of the wall of noise in water."""
     if "plain" not in subject.kept:
         subject.kept["plain"] = _restore(subject, submerged())
     return subject.kept["plain"]
@@ -62,7 +62,7 @@ def _chart(left: float) -> Chart:
 
 @rule("leaves the process as it was: random states, threads, settings", "method")
 def leaves_the_process(subject: Subject) -> Iterator[Finding]:
-    """The first rule, for what only a first call changes."""
+    """This rule comes first: some changes happen only in a first call."""
     subject.make()  # imports what it requires
     with watched() as changes:
         subject.kept["plain"] = _restore(subject, submerged())
@@ -83,7 +83,7 @@ def leaves_its_input(subject: Subject) -> Iterator[Finding]:
 
 @rule("gives every valid pixel a finite colour, whatever the image", "method")
 def colours_what_is_valid(subject: Subject) -> Iterator[Finding]:
-    heard = set[str]()  # what is wrong with every image is said of the first
+    heard = set[str]()  # a fault of every image is reported for the first
     for name, rgb in HARD.items():
         try:
             image = _restore(subject, wall(rgb)).image
@@ -145,7 +145,7 @@ def runs_with_least(subject: Subject) -> Iterator[Finding]:
         yield breach(f"a view with {has}: {one_line(fault).split('; ')[0]}; add what it uses to needs=")
 
 
-# What a scene may offer -> the wall with another of it.
+# An entry of `Scene.has` -> the wall with another one.
 _OTHERS: dict[str, dict[str, Any]] = {
     "depth": {"slant": 1.0},
     "poses": {"nearer": 0.5},
@@ -160,7 +160,9 @@ def keeps_its_eyes_off(subject: Subject) -> Iterator[Finding]:
     first = _of_rich(subject)[1].image
     undeclared = [need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
-    if alike(first, _other(subject, every)) or not alike(first, _other(subject, {})):  # what is random looks at nothing
+    if alike(first, _other(subject, every)) or not alike(
+        first, _other(subject, {})
+    ):  # a random result depends on no input
         return
     for need in undeclared:
         if not alike(first, _other(subject, _OTHERS[need])):
@@ -183,14 +185,14 @@ def _other(subject: Subject, other: dict[str, Any]) -> Array:
 
 
 def alike(one: Array, other: Array) -> bool:
-    """Whether two images are the same to the rounding of sums, NaN where the other is."""
+    """Whether two images are equal within the rounding of sums, NaN at the same places."""
     return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=_ROUNDING, equal_nan=True)
 
 
 @rule("gives the same twice, whatever the seeds", "method")
 def is_deterministic(subject: Subject) -> Iterator[Finding]:
     first = _plain(subject).image
-    with watched():  # stirs what is random
+    with watched():  # alters the random states
         second = _restore(subject, submerged()).image
     subject.kept["is random"] = not alike(first, second)
     if subject.kept["is random"]:

@@ -1,4 +1,4 @@
-"""What metrics keep to: values in their range, none where there is nothing to score, the best for what is perfect."""
+"""Rules for metrics: values in their range, none without anything to score, the best for a perfect result."""
 
 from __future__ import annotations
 
@@ -22,11 +22,11 @@ from sucre_bench.scene import Chart, Restoration, View, Water
 
 __all__: list[str] = []
 
-_JUDGED = frozenset({"reference", "charts", "truth"})  # what says which restoration is perfect
+_JUDGED = frozenset({"reference", "charts", "truth"})  # needs that define a perfect restoration
 
 
 def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATER) -> list[Row]:
-    """Every variant's scores of an image (H, W, 3), as the engine takes them."""
+    """The scores of an image (H, W, 3) by every variant, as the engine stores them."""
     subject.make()
     choice = Choice(subject.plugin, subject.plugin.name, subject.options)
     restoration = Restoration(image, water, info={"true_water": WATER} if "truth" in subject.plugin.needs else {})
@@ -42,7 +42,7 @@ def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATE
 
 
 def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
-    """heard: what was raised before, which is not said again; it is added to."""
+    """Faults of rows. heard: faults already reported, which are not repeated; new ones are added."""
     low, high = subject.plugin.range
     heard = set() if heard is None else heard
     for row in rows:
@@ -102,7 +102,7 @@ def _is_judged(plugin: Plugin) -> bool:
 
 @rule("says truly which direction is better", "metric", applies=_is_judged)
 def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
-    """Of a known answer: the reference itself against it with a cast, the true water against another."""
+    """Compare known answers: the reference with itself plus a cast, the true water with another."""
     view = charted()[TARGET]
     reference = np.asarray(view.reference)
     cast = reference * np.array([0.3, 0.8, 1]) + 0.1 * np.random.default_rng(2).random(reference.shape)
@@ -121,7 +121,7 @@ def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
 
 
 def _values(subject: Subject, rows: list[Row]) -> dict[tuple[str, str], float]:
-    """Scores of the image and of charts; single patches may be better by chance."""
+    """Scores of the image and of charts, not of patches, which may be better by chance."""
     return {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
 
 
@@ -143,7 +143,7 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
         yield breach("writes into what it is given; work on a copy")
 
 
-@rule("bears images of linear light", "metric")
+@rule("scores images in linear light", "metric")
 def bears_linear_images(subject: Subject) -> Iterator[Finding]:
     view = replace(charted()[TARGET], encoding="linear")
     yield from _faults(subject, _rows(subject, view.rgb, view), "linear")

@@ -1,4 +1,4 @@
-"""Which plugins a command names: by name, or all of a file, with the options given beside."""
+"""The plugins that a command names, by name or file, with their options."""
 
 from __future__ import annotations
 
@@ -19,8 +19,8 @@ __all__ = ["subjects"]
 def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = "") -> list[Subject]:
     """Return the plugin of a name, or those of a .py file, with options as `sucre-bench run` takes them.
 
-    kind: None for whichever has the name; on: the dataset a method is tried on. Raises InputError for a name that none
-    has or several have, and for an option that it lacks; PluginError where the plugin or its file is broken.
+    kind: None for any; on: the dataset for trying a method. Raises InputError for an unknown or ambiguous name or an
+    unknown option, PluginError if the plugin or its file is broken.
     """
     if on:
         plugins.find("dataset", on)
@@ -44,7 +44,7 @@ def _named(name: str, kind: Kind | None) -> Plugin:
 
 
 def _of_file(path: Path) -> list[Plugin]:
-    """The plugins of a file, in its order; PluginError for one that cannot be used."""
+    """The plugins of a file, in its order. Raises PluginError for an unusable one."""
     plugins.load_file(path)
     return [plugins.find(one.kind, one.name) for one in _written_in(path.resolve())]
 

@@ -1,4 +1,4 @@
-"""What a check says: a line a rule, what to do below it, and the count; or as JSON."""
+"""The outcome of a check as text, a line a rule with its remedies and the counts, or as JSON."""
 
 from __future__ import annotations
 
@@ -29,19 +29,19 @@ _COUNTED: dict[Status, str] = {
 
 
 def title(subject: Subject) -> Text:
-    """Return which plugin is checked, and where it is."""
+    """Return the plugin's name and file."""
     plugin = subject.plugin
     return Text.assemble((f"{plugin.kind} {plugin.name}", "bold"), f"  {shown_path(subject.file)}")
 
 
 def shown_path(path: Path) -> str:
-    """Return a path as one types it from here."""
+    """Return a path relative to the current folder if it lies there."""
     full = Path.cwd() / path
     return str(full.relative_to(Path.cwd())) if full.is_relative_to(Path.cwd()) else str(full)
 
 
 def lines(outcome: Outcome, encoding: str = "utf-8") -> list[Text]:
-    """Return what a rule came to: its line, then what must be mended or looked at; encoding: of where it is shown."""
+    """Return a rule's line and its findings. encoding: of the terminal."""
     sign, style = _SIGNS[outcome.status]
     sign = sign if encoding.lower().startswith("utf") else {"✓": "+", "✗": "x"}.get(sign, sign)
     notes = [finding.text for finding in outcome.findings if finding.level == "note"]

@@ -1,1 +1,4 @@
-"""What a scene's data are, and what is wrong with them: read once, at reduced size, before any method runs."""
+"""Describes the data of a scene and finds faults in them, before any method runs.
+
+In: views, read once at reduced size. Out: `Described`, with facts of each view, overlaps, faults and a contact sheet.
+"""

@@ -1,4 +1,4 @@
-"""The contact sheet: every view with its charts outlined, beside it its depth in colours, with one scale for all."""
+"""The contact sheet: each view with its charts outlined, beside its depth in colours; one colour scale for all."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _GRAY = 128
 def contact_sheet(
     title: str, facts: Sequence[ViewFacts], looks: Sequence[Look], unit: str = "m", suffix: str = ".png"
 ) -> bytes:
-    """Return the sheet as an image file of that suffix. unit: of distances."""
+    """Return the sheet as an image file with that suffix. unit: of distances."""
     from PIL import Image, ImageDraw, ImageFont
 
     chosen = evenly(len(looks), _MOST)
@@ -68,7 +68,7 @@ def _height(look: Look) -> int:
 
 
 def _range(looks: Sequence[Look]) -> tuple[float, float]:
-    """The distances between which colours are spread: percentiles 1 and 99 of all."""
+    """The distances at the ends of the colour scale: percentiles 1 and 99 of all."""
     known = [distance[distance > 0][::16] for look in looks if (distance := look.distance) is not None]
     values = np.concatenate(known) if known else np.empty(0)
     if not values.size:

@@ -1,4 +1,4 @@
-"""A scene described as a whole: gathered once, then shown in the terminal, as JSON or on a contact sheet."""
+"""The description of a scene, and how it is shown: in the terminal, as JSON, or on a contact sheet."""
 
 from __future__ import annotations
 
@@ -29,11 +29,11 @@ _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagree
 
 @dataclass(frozen=True, eq=False)
 class Described:
-    """A scene: its facts, view by view, how views overlap, and what is wrong.
+    """The description of a scene: facts and overlaps of its views, and faults.
 
-    n_views: how many the scene has, of which these are some; scale: what is noted of it, None where nothing is, and
-    lengths are taken for metres; edges (B + 1,), counts (B,): histogram of distances over all views' pixels with depth,
-    as shares.
+    n_views: number of views of the scene, of which some are described; scale: the note of prepare, None if there is
+    none, and lengths count as metres; edges (B + 1,), counts (B,): histogram of distances over all views' pixels with
+    depth, as shares.
     """
 
     dataset: str
@@ -51,7 +51,7 @@ class Described:
 
     @property
     def unit(self) -> str:
-        """What lengths are in."""
+        """The unit of lengths."""
         return "m" if self.scale is None else self.scale.unit
 
     def sheet(self, suffix: str = ".png") -> bytes:
@@ -63,7 +63,7 @@ class Described:
 def described(
     dataset: str, scene: Scene, views: Sequence[View], most: int, scale: ScaleNote | None = None
 ) -> Described:
-    """Describe some views of a scene. most: of them, evenly chosen; scale: what is noted of its."""
+    """Describe at most `most` views of a scene, evenly chosen. scale: the note of prepare, or None."""
     chosen = [views[k] for k in evenly(len(views), most)]
     seen = look_at(chosen, "reference" in scene.has)
     facts, looks = [one for one, _ in seen], [look for _, look in seen]
@@ -87,12 +87,12 @@ def described(
 
 
 def as_json(scenes: Sequence[Described]) -> str:
-    """A list of scenes; what is not known is null."""
+    """Return descriptions as JSON: a list of scenes; unknown values are null."""
     return json.dumps([_plain_scene(one) for one in scenes], indent=1)
 
 
 def show(one: Described) -> None:
-    """Print a scene: a line a fact, a table of views, the distances, and what is wrong."""
+    """Print a description: facts, a table of views, the distances, and faults."""
     from rich import box
     from rich.table import Table
     from rich.text import Text

@@ -1,7 +1,7 @@
-"""What each view of a scene is: its size, camera, colours, depth and charts, and small pictures of it.
+"""Facts of each view of a scene: size, camera, colours, depth, charts, and small pictures of it.
 
-Colours and depth are measured at full size, everything that compares views at a reduced size. Distances are Euclidean,
-in metres, where the view has a camera; depth along the axis stands in for them where it has none.
+Colours and depth are measured at full size; views are compared at a reduced size. Distances are Euclidean, in metres.
+For a view without a camera, depth along the axis takes their place.
 """
 
 from __future__ import annotations
@@ -25,12 +25,12 @@ from sucre_bench.scene import View
 __all__ = ["ChartFacts", "Look", "ViewFacts", "look_at"]
 
 _LONG_SIDE = 480  # pixels of a reduced view
-_FULL = 0.998  # of a channel, from which on it counts as saturated
+_FULL = 0.998  # a channel at or above this counts as saturated
 
 
 @dataclass(frozen=True)
 class ChartFacts:
-    """A chart. distance: metres to its middle, None where unknown; fault: what is wrong with its place, or empty."""
+    """A chart. distance: metres to its middle, None if unknown; fault: of its corners, or empty."""
 
     name: str
     kind: str
@@ -42,9 +42,10 @@ class ChartFacts:
 class ViewFacts:
     """A view.
 
-    image_fault, depth_fault: why a plane cannot be read, or empty; focal: (fx, fy) in pixels; position: of the camera
-    in the world, metres; mean, spread: of each channel, as stored, and its standard deviation; saturated: share of
-    pixels with a full channel; coverage: share of pixels with depth; distances: percentiles 1, 50 and 99 in metres.
+    image_fault, depth_fault: the reason if a plane cannot be read, or empty; focal: (fx, fy) in pixels; position: of
+    the camera in the world, metres; mean, spread: of each channel, as stored, and its standard deviation; saturated:
+    share of pixels with a full channel; coverage: share of pixels with depth; distances: percentiles 1, 50 and 99 in
+    metres.
     """
 
     name: str
@@ -67,7 +68,7 @@ class ViewFacts:
 
 @dataclass(frozen=True, eq=False)
 class Look:
-    """A view at reduced size, None where there is nothing to see.
+    """A view at reduced size; None for a plane that it lacks.
 
     picture: (h, w, 3) uint8 as shown; depth: (h, w) float32 metres along the axis; camera: of the reduced size;
     charts: (C, 4, 2) corners in its pixels.
@@ -88,7 +89,7 @@ class Look:
 
 
 def look_at(views: Sequence[View], references: bool) -> list[tuple[ViewFacts, Look]]:
-    """Read every view once. references: whether to look for theirs. What cannot be read is a fact, no exception."""
+    """Read every view once. references: whether to read references. An unreadable file is a fact, not an exception."""
     return [_look_at(view, references) for view in track(views, "looking at views")]
 
 
@@ -175,7 +176,7 @@ def _shrunk(picture: Array, size: tuple[int, int]) -> Array:
 
 
 def _sampled(depth: Array | None, size: tuple[int, int]) -> Array | None:
-    """Single depths, not mixed ones: between two surfaces there is none."""
+    """Reduce a depth map by picking pixels; a mean of two surfaces would lie on neither."""
     import cv2
 
     return None if depth is None else np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))

@@ -1,4 +1,4 @@
-"""What is wrong with a scene's data, in words, with what to do about it."""
+"""Faults of a scene's data, each with its remedy."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from sucre_bench.programs.describe.overlaps import Overlap, suspect
 
 __all__ = ["Fault", "find_faults"]
 
-_BLACK, _FLAT = 0.02, 0.004  # of full scale: means below, and standard deviations of a channel below, hold no picture
+_BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing
 _SATURATED, _COVERED = 0.05, 0.2  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equations of the water are as good as singular
@@ -23,7 +23,7 @@ _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
 
 @dataclass(frozen=True)
 class Fault:
-    """Something wrong. what, remedy: in words; views: which it is about, none for the whole scene."""
+    """A fault. what, remedy: text; views: the views concerned, none for the whole scene."""
 
     what: str
     remedy: str
@@ -37,7 +37,7 @@ class Fault:
 def find_faults(
     facts: Sequence[ViewFacts], looks: Sequence[Look], overlaps: Sequence[Overlap], unit: str = "m"
 ) -> list[Fault]:
-    """Return what is wrong with views, one by one and compared with each other, the gravest kinds first.
+    """Return the faults of single views and of views compared with each other, the gravest kinds first.
 
     unit: of distances.
     """
@@ -46,7 +46,7 @@ def find_faults(
 
 
 def _files(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
-    alike = defaultdict(list)  # one mistake made in many files is one fault, but for its numbers and places
+    alike = defaultdict(list)  # the same mistake in many files is one fault; numbers and places may differ
     for view in facts:
         for plane, fault in (("image", view.image_fault), ("depth", view.depth_fault)):
             if fault:
@@ -81,7 +81,7 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fa
     worse = [o for o in overlaps if o.disagreement is not None and o.disagreement > max(_DISAGREES, 3 * typical)]
     if worse:
         yield Fault("depth disagrees with other views'", "check their depth maps and poses", _names(worse))
-    # A view whose points land in others, only at other depths there, needs no views between.
+    # A view whose points project into others at other depths lacks no views in between.
     astray = worse if typical <= _DISAGREES else [o for o in overlaps if o.disagreement is not None]
     alone = [o for o in lonely if o not in astray]
     if alone and suspicion is None:
@@ -118,7 +118,7 @@ def _depth(facts: Sequence[ViewFacts], unit: str) -> Iterator[Fault]:
 
 
 def _twins(looks: Sequence[Look]) -> Iterator[Fault]:
-    """Pictures that are the same, depth maps that are, and views of which both are."""
+    """Faults for equal pictures, equal depth maps, and views with both."""
     pictures, maps = _same_pictures(looks), _same_maps(looks)
     for first, group in pictures.items():
         what = "picture and depth map" if maps.get(first) == group else "picture"
@@ -133,7 +133,7 @@ def _times(group: Sequence[str]) -> str:
 
 
 def _same_pictures(looks: Sequence[Look]) -> dict[str, list[str]]:
-    """The first of each and its copies; found by what they look like at 16 x 16 pixels."""
+    """The first of each and its copies; compared at 16 x 16 pixels."""
     import cv2
 
     shown = [(look.view.name, look.picture) for look in looks if look.picture is not None]
@@ -168,7 +168,7 @@ def _charts(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
 
 
 def _where(facts: Sequence[ViewFacts], what: str, remedy: str) -> Iterator[Fault]:
-    """One fault for all of these views, none for none."""
+    """One fault for all of these views; nothing if there are none."""
     if facts:
         yield Fault(what, remedy, tuple(view.name for view in facts))
 

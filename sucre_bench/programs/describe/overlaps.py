@@ -1,9 +1,9 @@
-"""What views see of each other, whether their depth maps agree, and if not, what would make them agree.
+"""How much views see of each other, whether their depth maps agree, and which common mistake explains it if not.
 
-A point of a view, from its depth, lands on a pixel of another view at a depth Z there; that view's own depth d says
-whether it sees the same place, |d - Z| <= 5 % of Z. In data that are consistent the median of |d - Z| / Z is some
-per mille. Where it is not, the usual mistakes are undone one by one: depth that is a distance, depth in another unit
-than the poses, poses turned around. One that makes far more points agree is named.
+A point of a view projects to a pixel of another view at depth Z. With that view's own depth d it sees the same place if
+|d - Z| <= 5 % of Z. In consistent data the median of |d - Z| / Z is a few per mille. If it is larger, the usual
+mistakes are undone one by one: distances in place of depth, depth in another unit than the poses, inverted poses. A
+mistake whose undoing makes far more points agree is named.
 """
 
 from __future__ import annotations
@@ -23,8 +23,8 @@ from sucre_bench.scene import Arrays, View
 __all__ = ["Overlap", "Suspicion", "overlaps", "suspect"]
 
 _AGREES = 0.05
-_FIRM, _LOOSE = 0.01, 0.06  # what agrees when mistakes are looked for: for one, and for scales on a coarse grid
-_PARTNER = 0.05  # of a view's points that another one must see to count as overlapping
+_FIRM, _LOOSE = 0.01, 0.06  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
+_PARTNER = 0.05  # share of a view's points that another one must see to overlap
 _MOST_TARGETS = 40  # views that are compared with all others, evenly chosen
 _MOST_POINTS = 8000  # of a view
 _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1000.0)
@@ -32,10 +32,10 @@ _SCALES = (0.001, 0.01, *(float(s) for s in np.geomspace(0.1, 10, 41)), 100.0, 1
 
 @dataclass(frozen=True)
 class Overlap:
-    """A view among the others.
+    """The overlap of one view with the others.
 
-    seen: share of its points that at least one other view sees; partners: how many views see 5 % of them or more;
-    disagreement: median of |d - Z| / Z where its points land in others, None where none does.
+    seen: share of its points that at least one other view sees; partners: number of views that see 5 % of them or more;
+    disagreement: median of |d - Z| / Z of its points that project into others, None if there are none.
     """
 
     view: str
@@ -46,7 +46,7 @@ class Overlap:
 
 @dataclass(frozen=True)
 class Suspicion:
-    """A mistake that would explain why depth maps disagree. agreeing: share of points, as they are and without it."""
+    """A mistake that explains why depth maps disagree. agreeing: share of points with and without the mistake."""
 
     what: str
     remedy: str
@@ -60,9 +60,9 @@ def overlaps(looks: Sequence[Look]) -> list[Overlap]:
 
 
 def suspect(looks: Sequence[Look]) -> Suspicion | None:
-    """Return the mistake that explains best why depth maps disagree; None when none of those known does.
+    """Return the mistake that best explains why depth maps disagree; None if no known one does.
 
-    It must make at least half as many points more agree, and a tenth of all that are tried.
+    Without it at least half as many points more must agree, and at least a tenth of all.
     """
     views = _usable(looks)
     targets = evenly(len(views), _MOST_TARGETS)
@@ -104,14 +104,14 @@ def _overlap(view: View, views: Sequence[View]) -> Overlap:
 
 
 def _likely_scale(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
-    """The factor of depth that makes most points agree, to about 1 %."""
+    """The factor of depth with which most points agree, to about 1 %."""
     points = _some_points(views, pairs)
     coarse = max(_SCALES, key=lambda s: _agreeing(views, pairs, points, _LOOSE, s))
     return max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, points, _FIRM, s))
 
 
 def _firmly(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
-    """The share of points that land where another view has the same depth."""
+    """The share of points that project to a place of the same depth in another view."""
     return _agreeing(views, pairs, _some_points(views, pairs), _FIRM)
 
 
@@ -128,7 +128,7 @@ def _agreeing(
 
 
 def _some_points(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> dict[int, Array]:
-    """Fewer points of the first view of each pair than `_points`: enough to tell mistakes by."""
+    """A few points of the first view of each pair: enough to test a mistake."""
     return {k: _points(views[k])[::8] for k in {k for k, _ in pairs}}
 
 
@@ -142,7 +142,7 @@ def _points(view: View) -> Array:
 
 
 def _landing(points: Array, view: View, other: View, scale: float = 1.0) -> Array:
-    """(d - Z) / Z (P,) of points of a view where they land in another; NaN outside of it and of its depth."""
+    """(d - Z) / Z (P,) of a view's points in another view; NaN outside it or without depth there."""
     assert other.camera is not None
     assert other.cam_from_world is not None
     assert view.cam_from_world is not None

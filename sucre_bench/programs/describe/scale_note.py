@@ -1,4 +1,4 @@
-"""Whether a scene's lengths are metres: what `sucre-bench prepare` noted beside the model it made."""
+"""Whether a scene's lengths are metres: the note that `sucre-bench prepare` writes beside its model."""
 
 from __future__ import annotations
 
@@ -20,12 +20,12 @@ class ScaleNote:
 
     @property
     def unit(self) -> str:
-        """What lengths are in."""
+        """The unit of lengths."""
         return "m" if self.is_metric else "units"
 
 
 def noted_scale(selection: Selection) -> ScaleNote | None:
-    """Return what prepare.json in the dataset's root says; None where there is none, or it was not made by prepare."""
+    """Return the note in prepare.json in the dataset's root; None if there is none."""
     root = selection.dataset.options.get("root")
     try:
         scale = json.loads((Path(root).expanduser() / "prepare.json").read_bytes())["scale"] if root else None

@@ -1,1 +1,4 @@
-"""Marking colour charts in images: by a detector, by hand in a page of this machine's browser, by the geometry."""
+"""Marks colour charts in images: by a detector, by hand on a page in the browser, and by the scene's geometry.
+
+In: views. Out: charts.json of the scene.
+"""

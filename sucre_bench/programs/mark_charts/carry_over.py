@@ -1,8 +1,8 @@
-"""Carries charts from the view they are marked in to the other views, by the scene's geometry.
+"""Proposes marked charts in the other views, by the scene's geometry.
 
-A chart is flat: the depth map inside its outline gives its plane, on which its four corners lie. They are projected
-into another view, and proposed there when the whole frame is inside the image, seen from the front, large enough to
-be read, and when that view's own depth says that nothing stands before it.
+A chart is flat: the depth map inside its outline gives the plane of its four corners. These are projected into another
+view, and proposed there if the whole frame is inside the image, seen from the front, large enough to be read, and not
+hidden according to that view's depth.
 """
 
 from __future__ import annotations
@@ -20,15 +20,15 @@ from sucre_bench.scene import Chart, View
 
 __all__ = ["Proposal", "corner_points", "overlap", "propose"]
 
-_AGREES = 0.05  # |Z - d| / Z that still is the chart itself: surfaces of photogrammetry round a chart's edge off
-_FLAT = 0.03  # median |residual| of a plane, relative to depth, that still is a chart
-_LEAST_PIXELS = 12  # of depth, for a plane
-_LEAST_EDGE_PX = 12.0  # a patch of 2 px is the least that can be read
+_AGREES = 0.05  # greatest |Z - d| / Z on the chart: photogrammetry rounds a chart's edges
+_FLAT = 0.03  # greatest median |residual| of a chart's plane, relative to depth
+_LEAST_PIXELS = 12  # pixels with depth that a plane needs
+_LEAST_EDGE_PX = 12.0  # pixels: the smallest readable patch has 2
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Proposal:
-    """A chart where the geometry expects it. view: it is proposed for; source: the view that it is carried from."""
+    """A chart where the geometry expects it. view: of the proposal; source: the view in which it is marked."""
 
     view: str
     chart: Chart
@@ -38,11 +38,11 @@ class Proposal:
 def propose(
     marked: Sequence[tuple[View, Chart]], views: Iterable[View], only: Container[str] | None = None
 ) -> Iterator[Proposal]:
-    """Yield where charts marked in some views should be in others that do not have them marked.
+    """Yield proposals for charts that are marked in some views and not in others.
 
-    only: the names of those to carry over; None for all. Of views that mark the same chart, by its name, the one that
-    shows it largest is taken that the other sees it from.
-    Views without pose or depth have no proposals, and give none; depth is only read where the poses say it is worth it.
+    only: the names of the charts to propose; None for all. The source is the view that shows the chart largest and
+    whose corners the other view sees. Views without pose or depth neither give nor get proposals. Depth is read only if
+    the poses allow a proposal.
     """
     sources = []  # largest first
     for view, chart in marked:
@@ -64,9 +64,9 @@ def propose(
 
 
 def corner_points(view: View, chart: Chart) -> Array | None:
-    """Return a chart's corners (4, 3) float64 in the world, metres; None where depth or pose do not tell.
+    """Return a chart's corners (4, 3) float64 in the world, metres; None without pose or enough depth.
 
-    The plane is fitted to inverse depth, which is linear in pixel coordinates, leaving out what is far from it.
+    The plane is fitted to inverse depth, which is linear in pixel coordinates, without outliers.
     """
     if view.camera is None or view.cam_from_world is None or not _has_depth(view):
         return None
@@ -91,7 +91,7 @@ def corner_points(view: View, chart: Chart) -> Array | None:
 
 
 def _seen_at(view: View, points: Array) -> Array | None:
-    """The pixels (4, 2) of a chart's corners in the world, None where the view does not see it well and whole."""
+    """The pixels (4, 2) of a chart's world corners; None if the view does not show all of it, large enough."""
     if view.camera is None or view.cam_from_world is None:
         return None
     corners, z = _projected(view.camera, view.cam_from_world, points)
@@ -103,7 +103,7 @@ def _seen_at(view: View, points: Array) -> Array | None:
         return None
     if not _has_depth(view):
         return None
-    # The chart's plane at a grid of places on it, against what the view's own depth says there.
+    # Compare the chart's plane, at a grid of places, with the view's own depth.
     grid = (np.arange(9) + 0.5) / 9
     place = np.stack(np.meshgrid(grid, grid), axis=-1).reshape(-1, 2)
     across, down = points[1] - points[0], points[3] - points[0]
@@ -138,7 +138,7 @@ def _has_depth(view: View) -> bool:
     try:
         return view.has_depth
     except InputError:
-        return False  # what is wrong with its depth map is for those to say who need it
+        return False  # methods that need the depth map report its fault
 
 
 def _is_within(camera: Camera, corners: Array) -> bool:
@@ -150,7 +150,7 @@ def _shortest_edge(corners: Array) -> float:
 
 
 def overlap(corners: Array, other: Array) -> bool:
-    """Whether the middle of one chart lies inside of the other, whatever they are called."""
+    """Whether the middle of one chart lies inside the other; names do not matter."""
     x, y = corners.mean(axis=0)
     mapped = np.linalg.inv(image_from_chart(other)) @ [x, y, 1]
     return bool(mapped[2] and (np.abs(mapped[:2] / mapped[2] - 0.5) < 0.5).all())

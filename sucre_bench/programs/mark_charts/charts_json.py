@@ -1,10 +1,10 @@
-"""A charts.json while charts are being marked: confirmed ones where loaders read them, proposed ones beside them.
+"""charts.json while charts are marked: confirmed charts where loaders read them, proposals beside them.
 
     {"images": {"a.png": {"chart1": [[x, y], ...]}},
      "proposed": {"b.png": {"chart1": {"kind": "dgk", "corners": [[x, y], ...], "from": "a.png"}, "chart2": null}}}
 
-Loaders read "images" only (see `sucre_bench.loading.charts_file`). null is a proposal that was turned down, and is not
-made again. Whatever else the file holds is kept.
+Loaders read "images" only (see `sucre_bench.loading.charts_file`). null is a rejected proposal, which is not
+made again. Other entries of the file stay.
 """
 
 from __future__ import annotations
@@ -25,14 +25,14 @@ __all__ = ["ChartsFile"]
 
 
 class ChartsFile:
-    """The charts of a scene's images, and the file they are kept in.
+    """The charts of a scene's images, and their file.
 
-    path: of charts.json, which need not exist; sizes: (width, height) in pixels of every image, by name.
+    path: of charts.json (may be missing); sizes: (width, height) in pixels of every image, by name.
     Raises InputError for a file that is not in its format.
     """
 
     def __init__(self, path: Path, sizes: Mapping[str, tuple[int, int]]) -> None:
-        self.path = path = path.resolve()  # so that kinds, which may be paths, mean the same wherever they are read
+        self.path = path = path.resolve()  # so that kinds, which may be paths, do not depend on the current folder
         self._sizes = sizes
         self._confirmed = {name: list(charts) for name, charts in read_charts(path, sizes).items()}
         self._content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8")) if path.is_file() else {}
@@ -49,39 +49,39 @@ class ChartsFile:
         return tuple(self._confirmed.get(view, ()))
 
     def proposed(self, view: str) -> tuple[Proposal, ...]:
-        """The charts proposed for a view, and not turned down."""
+        """The charts proposed for a view and not rejected."""
         return tuple(p for p in self._proposed.get(view, {}).values() if p is not None)
 
     @property
     def kinds(self) -> frozenset[str]:
-        """The kinds of all charts in it."""
+        """The kinds of all charts in the file."""
         marked = [chart for charts in self._confirmed.values() for chart in charts]
         return frozenset(chart.kind for chart in marked)
 
     def chart(self, view: str, name: str, kind: str, corners: Any) -> Chart:
-        """Return a chart as it would be read from the file. InputError when it is none."""
+        """Return a chart as loaders would read it. Raises InputError if it is none."""
         return chart_of(self.path, view, name, {"kind": kind, "corners": corners}, kind, self._sizes[view])
 
     def confirm(self, view: str, charts: Iterable[Chart]) -> None:
-        """Make these the charts of a view; the proposals of their names are done with. InputError for a name twice."""
+        """Make these the charts of a view and drop proposals of their names. Raises InputError for a repeated name."""
         kept = {chart.name: chart for chart in charts}
         for name in kept:
             self._proposed.get(view, {}).pop(name, None)
         self._confirmed[view] = list(kept.values())
 
     def propose(self, proposals: Iterable[Proposal]) -> None:
-        """Put proposals beside the charts, but for those turned down before."""
+        """Add proposals, except rejected ones."""
         for proposal in proposals:
             own = self._proposed.setdefault(proposal.view, {})
             if own.get(proposal.chart.name, proposal) is not None:
                 own[proposal.chart.name] = proposal
 
     def turn_down(self, view: str, name: str) -> None:
-        """Drop a proposal for good."""
+        """Reject a proposal for good."""
         self._proposed.setdefault(view, {})[name] = None
 
     def save(self) -> None:
-        """Write the file, if there is anything to keep: the old one or the whole new one. Raises OutputError."""
+        """Write the file atomically, if there is anything to store. Raises OutputError."""
         images: dict[str, Any] = dict(self._content.get("images", {}))
         for view, charts in self._confirmed.items():
             images[view] = {chart.name: self._entry(chart) for chart in charts}
@@ -103,7 +103,7 @@ class ChartsFile:
         return full["corners"] if full["kind"] == self._content.get("kind", "dgk") else full
 
     def _full(self, chart: Chart) -> dict[str, Any]:
-        is_file = chart.kind.lower().endswith(".csv")  # written as it is read: from where the file is
+        is_file = chart.kind.lower().endswith(".csv")  # relative to the file, as it is read
         kind = Path(os.path.relpath(chart.kind, self.path.parent)).as_posix() if is_file else chart.kind
         return {"kind": kind, "corners": [[round(float(x), 2), round(float(y), 2)] for x, y in chart.corners]}
 

@@ -1,6 +1,6 @@
 """Finds ColorChecker Classics in an image with OpenCV's detector.
 
-Its model of the Digital SG is left out: painted charts in plain sight were found mirrored, or not at all.
+Its model of the Digital SG is not used: it found clearly visible painted charts mirrored, or not at all.
 """
 
 from __future__ import annotations
@@ -19,14 +19,14 @@ __all__ = ["DETECTABLE", "detect"]
 
 DETECTABLE = ("colorchecker24",)
 
-_MOST = 4  # charts in an image; the detector's time grows with it
+_MOST = 4  # charts in an image; more take more time
 
 
 def detect(shown: Array, kind: str) -> list[Chart]:
     """Return the charts of a kind in a picture, named chart1, chart2 from the largest on.
 
-    shown: (H, W, 3) gamma-encoded, [0, 1]; it is stretched first, for water leaves little contrast, and tried as it is
-    where that shows nothing. A kind that OpenCV does not know, and a picture without any, have none.
+    shown: (H, W, 3) gamma-encoded, [0, 1]. The picture is stretched, because water leaves little contrast; if nothing
+    is found, it is tried unchanged. The list is empty for a kind that OpenCV does not know.
     """
     import cv2
 
@@ -49,9 +49,9 @@ def detect(shown: Array, kind: str) -> list[Chart]:
 
 
 def _corners(patches: Array, kind: ChartKind) -> Array:
-    """A chart's corners (4, 2), of the patches (P, 4, 2) that the detector says it has, row by row.
+    """A chart's corners (4, 2), from the patches (P, 4, 2) of the detector, row by row.
 
-    Its model has wider patches than the chart: only their centres are the chart's.
+    The detector's patches are wider than the chart's; only their centres are right.
     """
     import cv2
 
@@ -66,7 +66,7 @@ def _corners(patches: Array, kind: ChartKind) -> Array:
 
 
 def _is_chart(corners: Array) -> bool:
-    """Whether they are a quadrilateral, from its front."""
+    """Whether corners form a quadrilateral seen from the front."""
     try:
         check_corners("", corners)
     except InputError:

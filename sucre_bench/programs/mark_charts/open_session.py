@@ -1,4 +1,4 @@
-"""From a command's words to the session that they ask for."""
+"""Opens the session for the words of `sucre-bench charts`."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _AS_STORED = "corners are kept in pixels of the images as they are stored"
 def open_session(words: Sequence[str], kind: str) -> Session:
     """Return the session for views and overrides, as `sucre-bench charts` takes them. kind: of new charts.
 
-    Raises InputError for an unknown view or kind, and for a dataset that keeps no charts.json.
+    Raises InputError for an unknown view or kind, and for a dataset without a charts.json.
     """
     kind = str(Path(kind).expanduser().resolve()) if kind.lower().endswith(".csv") else kind
     chart_kind(kind)
@@ -40,7 +40,7 @@ def open_session(words: Sequence[str], kind: str) -> Session:
 
 
 def _overrides(words: Sequence[str]) -> list[str]:
-    """Overrides as they are; the rest are views: files in a scene's images/, or names beside dataset=."""
+    """The overrides, with views added: files in a scene's images/, or with dataset= their names."""
     given = [word for word in words if "=" in word]
     views = [word for word in words if "=" not in word]
     for word in (*views, *given):
@@ -70,7 +70,7 @@ def _in_images(word: str) -> tuple[Path, str]:
 
 
 def _size(view: View) -> tuple[int, int]:
-    """Return (width, height) of a view, without decoding it where its camera or its file's header has them."""
+    """Return (width, height) of a view, from its camera or file header if possible, else by decoding it."""
     if view.camera is not None:
         return view.camera.width, view.camera.height
     if isinstance(view.pixels, Files):

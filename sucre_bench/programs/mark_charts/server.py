@@ -1,8 +1,7 @@
-"""The page that charts are marked in, served to this machine's own browser and to nobody else.
+"""Serves the page for marking charts to a browser on this machine only.
 
-It listens on 127.0.0.1 only; every address holds a random token, and requests must name this host as theirs, so that
-no other page that happens to be open can ask for anything. The page needs nothing from elsewhere, and its policy
-allows nothing from elsewhere.
+The server listens on 127.0.0.1. Every address holds a random token, and requests must name this host, so that no other
+open page can send any. The page loads nothing from elsewhere, and its content policy forbids it.
 """
 
 from __future__ import annotations
@@ -27,11 +26,11 @@ _FILES = {
     "page.css": ("page.css", "text/css"),
 }
 _POLICY = "default-src 'none'; script-src 'self'; style-src 'self'; connect-src 'self'; img-src 'self' data:"
-_MOST_BYTES = 1 << 20  # of a request: a thousand charts
+_MOST_BYTES = 1 << 20  # bytes of a request: a thousand charts
 
 
 class PageServer(ThreadingHTTPServer):
-    """Serves one session. `url` is where; `serve_forever` runs until the page says done, or `shutdown` is called."""
+    """Serves one session at `url`. `serve_forever` runs until the page ends it or `shutdown` is called."""
 
     daemon_threads = True
 
@@ -45,7 +44,7 @@ class PageServer(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_port}/{self.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Say nothing of a browser that has closed its connection; print what else there is."""
+        """Ignore a browser that closed its connection; print other errors."""
         if not isinstance(sys.exception(), ConnectionError):
             super().handle_error(request, client_address)
 
@@ -91,7 +90,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._reply(404, "text/plain; charset=utf-8", b"no such page")
 
     def _asked(self) -> tuple[str | None, dict[str, str]]:
-        """The path below the token, None where token or host are not ours; and the query."""
+        """The path below the token, None for a wrong token or host; and the query."""
         parts = urlsplit(self.path)
         token, _, path = parts.path.lstrip("/").partition("/")
         ours = secrets.compare_digest(token.encode(), self.server.token.encode())
@@ -103,7 +102,7 @@ class _Handler(BaseHTTPRequestHandler):
         return tuple(f"{name}:{self.server.server_port}" for name in ("127.0.0.1", "localhost"))
 
     def _answer(self, work: Callable[[], Any]) -> None:
-        """Reply with what `work` gives, bytes as an image; with the reason in words where it raises."""
+        """Reply with the result of `work`, bytes as an image; if it raises, with the reason."""
         try:
             result = work()
         except (KeyError, TypeError, ValueError):
@@ -131,7 +130,7 @@ class _Handler(BaseHTTPRequestHandler):
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: Any) -> None:
-        """A page that works needs no log."""
+        """Print no log of requests."""
 
 
 def _arguments(body: bytes, *names: str) -> dict[str, Any]:

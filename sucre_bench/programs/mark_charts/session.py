@@ -1,4 +1,4 @@
-"""Marking the charts of a scene: what the page shows and asks for, as plain values that go through JSON."""
+"""A session of marking charts: the data that the page shows and sends, as plain values for JSON."""
 
 from __future__ import annotations
 
@@ -32,10 +32,10 @@ _PREVIEW = 300  # pixels, the longer side of a rectified chart
 
 @dataclass
 class Session:
-    """The views of a scene that charts are marked in, and the file that they go to.
+    """The views of a scene for marking charts, and the charts' file.
 
-    views: those that were named, which are shown first, and which the detector looks at; others: further views of the
-    scene; kind: of new charts. Charts are carried over from and to all of them.
+    views: the named views, which come first and which the detector examines; others: further views of the scene; kind:
+    of new charts. Charts are proposed from and for all views.
     """
 
     views: Sequence[View]
@@ -46,11 +46,11 @@ class Session:
 
     @property
     def everything(self) -> Sequence[View]:
-        """All views, as the page numbers them."""
+        """All views, in the page's numbering."""
         return [*self.views, *self.others]
 
     def prepare(self) -> None:
-        """Look for charts with the detector where nothing is marked, carry over what is, and save."""
+        """Detect charts in views without any, propose marked charts in other views, and save."""
         if self.kind in DETECTABLE:
             known = self._marked()
             for view in progress.track(self.views, "looking for charts"):
@@ -62,7 +62,7 @@ class Session:
         self.file.save()
 
     def _detected(self, view: View, known: Sequence[tuple[View, Chart]]) -> list[Chart]:
-        """The charts the detector finds in a view, called as in other views where the geometry tells which they are."""
+        """The charts detected in a view, named as in other views if the geometry identifies them."""
         try:
             found = detect(_picture(view), self.kind)
         except InputError as fault:
@@ -79,7 +79,7 @@ class Session:
         return named
 
     def accept(self) -> tuple[list[Proposal], list[tuple[Proposal, str]]]:
-        """Confirm every proposal whose patches are in order; return those, and the others with what is wrong."""
+        """Confirm every proposal whose patches are in order; return these, and the others with their faults."""
         accepted, doubtful = [], []
         with self.lock:
             for view in progress.track(self.everything, "checking patches"):
@@ -94,7 +94,7 @@ class Session:
         return accepted, doubtful
 
     def _checked(self, view: View) -> list[tuple[Proposal, str]]:
-        """The proposals for a view, each with what is wrong; a view that cannot be read must not end the others."""
+        """The proposals for a view, each with its fault; an unreadable view does not stop the others."""
         proposals = self.file.proposed(view.name)
         try:
             shown = _picture(view) if proposals else np.empty(0)
@@ -102,7 +102,7 @@ class Session:
         except InputError as fault:
             return [(proposal, one_line(fault)) for proposal in proposals]
 
-    # -- what the page asks for ------------------------------------------------------------------------------------
+    # -- requests of the page ------------------------------------------------------------------------------------
 
     def state(self) -> dict[str, Any]:
         """All views with their charts, and the kinds there are."""
@@ -112,7 +112,7 @@ class Session:
 
     @property
     def kinds(self) -> list[str]:
-        """The kinds a chart may be of, that of new charts first; the page cannot name further files."""
+        """The kinds of charts, that of new charts first; the page cannot name other files."""
         with self.lock:
             marked = sorted(self.file.kinds)
         return list(dict.fromkeys([self.kind, *KINDS, "colorchecker_sg", *marked]))
@@ -126,7 +126,7 @@ class Session:
         return bytes(cv2.imencode(".jpg", to_8bit(shown)[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, 92])[1])
 
     def check(self, number: int, kind: str, corners: Any) -> dict[str, Any]:
-        """What a chart with these corners would be: rectified, its patches measured and expected, what is wrong."""
+        """A chart with these corners: rectified, with measured and expected patches, and its fault."""
         import cv2
 
         view = self._numbered(number)
@@ -154,7 +154,7 @@ class Session:
         }
 
     def save(self, number: int, charts: Any, turned_down: Any = ()) -> dict[str, Any]:
-        """Make these the charts of a view, carry them over to the others, write the file; return the new state."""
+        """Make these the charts of a view, propose them in the others, write the file, return the new state."""
         view = self._numbered(number)
         try:
             entries = [(str(c["name"]), str(c["kind"]), c["corners"]) for c in charts]
@@ -169,7 +169,7 @@ class Session:
             self.file.confirm(view.name, marked)
             for name in turned_down:
                 self.file.turn_down(view.name, str(name))
-            # Of a dive that shows a chart a thousand times, depth maps are not read again for charts that stay.
+            # Unchanged charts are not proposed again: a dive may show one in a thousand views.
             changed = before ^ {(c.name, c.kind, c.corners.tobytes()) for c in marked}
             self._carry_over({name for name, *_ in changed})
             self.file.save()

@@ -1,1 +1,4 @@
-"""From a folder of photos to a scene: undistorted images, a COLMAP model and depth maps, on any computer's CPU."""
+"""Makes a scene of a folder of photos, on the CPU.
+
+In: photos and one known length. Out: undistorted images, a COLMAP model, depth maps, a page and prepare.json.
+"""

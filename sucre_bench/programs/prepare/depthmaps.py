@@ -1,4 +1,4 @@
-"""Depth maps of all photos: swept, made to agree, freed of small holes, brought to full size, written."""
+"""Depth maps of all photos: plane sweep, consistency between photos, small holes filled, full size, files."""
 
 from __future__ import annotations
 
@@ -26,22 +26,22 @@ from sucre_bench.programs.prepare.sparse_points import Shot, neighbours
 __all__ = ["Dense", "DepthMaps", "Sparse", "write_depth"]
 
 _SOURCES = 4
-_FEWEST_POINTS = 6  # of a photo, for a range to sweep
-_SMOOTH = 0.01  # between pixels whose depths differ by less is surface, by more a border
+_FEWEST_POINTS = 6  # sparse points of a photo that a sweep needs
+_SMOOTH = 0.01  # a larger relative difference between neighbours is a border
 _MOST_MILLIMETRES = 65_500
-_NEAR_M = 0.5  # nearer scenes deserve more than whole millimetres
+_NEAR_M = 0.5  # metres; nearer scenes need finer steps than a millimetre
 
 
 class DepthMaps(Protocol):
-    """Where depth maps come from."""
+    """A source of depth maps."""
 
     def depth(self, shot: Shot) -> Array:
-        """Return planar depth (H, W) float32 at the shot's size, in the model's unit, 0 where there is none."""
+        """Return planar depth (H, W) float32 at the shot's size, in the model's unit, 0 = unknown."""
         ...
 
 
 class Sparse:
-    """Rays cast at a surface through the sparse points. masks: folder of masks, which may hold none."""
+    """Rays cast at a surface through the sparse points. masks: folder of masks (may be empty)."""
 
     def __init__(self, relief: Relief, masks: Path) -> None:
         self._relief, self._masks = relief, masks
@@ -51,7 +51,7 @@ class Sparse:
 
 
 class Dense:
-    """Plane sweeps at reduced size, kept as files in a folder. longest: of the swept images' sides, in pixels."""
+    """Plane sweeps at reduced size, stored in a folder. longest: longest side of the swept images, in pixels."""
 
     def __init__(self, shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> None:
         self._images, self._masks, self._folder = images, masks, folder
@@ -65,7 +65,7 @@ class Dense:
         self._raw = functools.lru_cache(32)(lambda i: np.load(self._file(i)))
 
     def sweep_all(self) -> None:
-        """Sweep every photo whose file is not there yet."""
+        """Sweep every photo that has no file yet."""
         with ThreadPoolExecutor(usable_cores()) as pool:
             for _ in track(pool.map(self._sweep, range(len(self._shots))), "sweeping", len(self._shots)):
                 pass
@@ -108,7 +108,7 @@ def _shrunk(shot: Shot, longest: int) -> Shot:
 
 
 def _enlarged(depth: Array, size: tuple[int, int]) -> Array:
-    """Between pixels of one surface linearly, at its borders by the nearest."""
+    """Enlarge a depth map: linearly within a surface, by the nearest pixel at its borders."""
     import cv2
 
     if depth.shape[::-1] == size:
@@ -130,9 +130,9 @@ def _masked(values: Array, shot: Shot, masks: Path) -> Array:
 
 
 def write_depth(folder: Path, name: str, metres: Array) -> bool:
-    """Write the depth map of image `name`; return whether it holds any depth, without which nothing is written.
+    """Write the depth map of image `name` and return True; if it holds no depth, write nothing and return False.
 
-    16-bit millimetres, or float metres (.tif) where those would overflow, or be coarse.
+    16-bit millimetres, or float metres (.tif) if millimetres would overflow or be too coarse.
     """
     import tifffile
 

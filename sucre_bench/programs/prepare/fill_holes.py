@@ -1,4 +1,4 @@
-"""Small holes of a depth map in flat things without texture, such as the patches of a colour chart."""
+"""Fills small holes of a depth map in flat, untextured objects, for example patches of a colour chart."""
 
 from __future__ import annotations
 
@@ -8,17 +8,17 @@ from sucre_bench.arrays import Array
 
 __all__ = ["without_small_holes"]
 
-_LARGEST = 0.01  # of the image
-_RIM = 3  # pixels: how far around a hole its rim reaches
-_FEWEST = 12  # pixels of a rim
-_FLAT = 0.005  # relative difference of nine tenths of the rim from one plane
+_LARGEST = 0.01  # share of the image
+_RIM = 3  # pixels: width of the rim around a hole
+_FEWEST = 12  # fewest pixels of a rim
+_FLAT = 0.005  # relative distance from one plane that nine tenths of the rim must keep
 
 
 def without_small_holes(depth: Array) -> Array:
-    """Return planar depth (H, W) with holes filled whose rim is one plane; 0 stays in all others.
+    """Return planar depth (H, W) with every hole filled whose rim lies on one plane.
 
-    On a plane inverse depth is linear in pixel coordinates. A hole at the image's border, or between a thing and what
-    lies behind it, has no such rim.
+    On a plane inverse depth is linear in pixel coordinates. A hole at the image's border, or between an object and its
+    background, has no such rim and stays 0.
     """
     import cv2
 

@@ -1,7 +1,7 @@
 """From gray pictures to cameras, poses and sparse points: SIFT, matching and incremental mapping, by pycolmap.
 
-Two attempts are made. The usual one suits most dives. Where it leaves photos out, the faint one takes larger pictures,
-admits features of lower contrast, and is content with fewer matches; the better result of the two is kept.
+There are two attempts. The usual one suits most dives. If it leaves photos out, the faint one uses larger pictures,
+features of lower contrast, and fewer matches. The better result counts.
 Schoenberger & Frahm, Structure-from-Motion Revisited, CVPR 2016.
 """
 
@@ -28,12 +28,12 @@ __all__ = ["Mapped", "Rules", "map_photos", "read_mapped"]
 Matching = Literal["auto", "exhaustive", "sequential"]
 Cameras = Literal["single", "folder", "image"]
 
-_MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, some ten minutes on two cores
+_MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
 _NEIGHBOURS = 10
-_ENOUGH = 0.9  # of the photos: then no second attempt
-_GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, for some ten seconds a pair
+_ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
+_GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
 _RECORD = "model.json"
-_BATCH = 64  # pairs, between two steps of the progress
+_BATCH = 64  # pairs a step of the progress bar
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +47,7 @@ class Rules:
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """How features are sought and how many matches are asked for. peak: least contrast of a feature."""
+    """Settings of an attempt. peak: least contrast of a feature."""
 
     name: str
     longest: int
@@ -74,13 +74,13 @@ class Mapped:
     groups: tuple[int, ...]
 
     def write(self, folder: Path) -> None:
-        """Keep it in a folder that holds the model, which may move."""
+        """Write it into the folder that holds the model; the folder may be moved."""
         values = {**asdict(self), "model": self.model.relative_to(folder).as_posix()}
         write_atomically(folder / _RECORD, json.dumps(values).encode())
 
 
 def read_mapped(folder: Path) -> Mapped | None:
-    """Return what was kept in a folder; None where nothing is."""
+    """Return what `Mapped.write` stored in a folder; None if there is nothing."""
     file = folder / _RECORD
     if not file.is_file():
         return None
@@ -91,10 +91,10 @@ def read_mapped(folder: Path) -> Mapped | None:
 
 
 def map_photos(photos: Sequence[Photo], folder: Path, rules: Rules) -> Mapped:
-    """Return the best model of the photos; files go below `folder`, what is there already is used.
+    """Return the best model of the photos. Files go below `folder`; existing ones are used.
 
-    With fewer than two that can be read it registers none. Raises InputError, saying how far the best pair got, when no
-    two photos can be related.
+    With fewer than two readable photos it registers none. Raises InputError, with the best pair's matches, if no two
+    photos can be related.
     """
     best: Mapped | None = None
     for attempt in _ATTEMPTS:
@@ -149,10 +149,10 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
 def _find_features(
     pycolmap: Any, database: Path, photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Attempt
 ) -> None:
-    """Fill the database with photos and cameras, one after the other, and with features, by all processors.
+    """Fill the database with photos and cameras, one after the other, and with features, on all processors.
 
-    The first pass finds next to nothing and is there for its order: photos get their numbers as they are done, and from
-    other numbers other models follow. What an earlier command found stays.
+    The first pass only fixes the order: photos get their numbers as they finish, and other numbers give other models.
+    Features that an earlier command found stay.
     """
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = rules.camera
@@ -185,7 +185,7 @@ def _find_features(
         for shared in groups:
             reader.existing_camera_id = _camera_of(pycolmap, database, shared[0])
             for start in range(0, len(shared), batch):
-                extract([photo.key for photo in shared[start : start + batch]], real)  # but those that have features
+                extract([photo.key for photo in shared[start : start + batch]], real)  # except those that have features
                 for _ in shared[start : start + batch]:
                     step()
 
@@ -196,7 +196,7 @@ def _camera_of(pycolmap: Any, database: Path, photo: Photo) -> int:
 
 
 def _sharing(photos: Sequence[Photo], cameras: Cameras) -> list[list[Photo]]:
-    """The photos that share a camera; those of another size never do."""
+    """The groups of photos that share a camera; photos of different sizes never do."""
     groups = defaultdict(list)
     for photo in photos:
         own = {"single": "", "folder": str(PurePosixPath(photo.output).parent), "image": photo.output}[cameras]
@@ -217,23 +217,23 @@ def _match(
     listed = pycolmap.ImportedPairingOptions()
     listed.match_list_path = folder / "pairs.txt"
     batches = [pairs[start : start + _BATCH] for start in range(0, len(pairs), _BATCH)]
-    for batch in track(batches, "matching"):  # of which COLMAP skips the pairs that the database has
+    for batch in track(batches, "matching"):  # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)
 
 
 def _sequential(names: Sequence[str]) -> Iterator[tuple[str, str]]:
-    """Every photo with the next ten, and with those 16, 32, 64 ... later, which ties a track that comes back."""
+    """Every photo with the next ten, and with those 16, 32, 64 ... later, to close the loop of a track."""
     steps = [*range(1, _NEIGHBOURS + 1), *(2**power for power in range(4, 20))]
     for start, name in enumerate(names):
         yield from ((name, names[start + step]) for step in steps if start + step < len(names))
 
 
 def _map(pycolmap: Any, database: Path, folder: Path, count: int, attempt: _Attempt) -> list[Any]:
-    """All models, the one of the most photos first."""
+    """All models, the one with the most photos first."""
     options = pycolmap.IncrementalPipelineOptions()
     options.random_seed, options.min_model_size, options.extract_colors = 0, 2, False
-    options.num_threads = 1  # with more, sums come in another order each time, and so do results
+    options.num_threads = 1  # with more threads the order of sums, and so the result, differs from run to run
     options.mapper.init_min_num_inliers = attempt.start_inliers
     options.mapper.abs_pose_min_num_inliers = attempt.pose_inliers
     options.ba_global_function_tolerance = 1e-6
@@ -248,7 +248,7 @@ def _map(pycolmap: Any, database: Path, folder: Path, count: int, attempt: _Atte
 
 
 def _to_photos(model: Any, photos: dict[str, Photo]) -> None:
-    """Bring names, cameras and features from the gray pictures to those of the photos."""
+    """Convert names, cameras and features from the gray pictures to the photos."""
     factors = {}
     for number in model.reg_image_ids():
         image = model.image(number)

@@ -1,4 +1,4 @@
-"""What is written below OUT once everything is known: the model, depth maps, the page of figures and the record."""
+"""Writes the result below OUT: the model, depth maps, the page and prepare.json."""
 
 from __future__ import annotations
 
@@ -32,11 +32,11 @@ def write(
     asked: Mapping[str, Any],
     aside: Path,
 ) -> Prepared:
-    """Write all of it in metres, or in units where the scale is arbitrary; return what was made, with its figures.
+    """Write the result in metres, or in units if the scale is arbitrary, and return it with its figures.
 
-    pinhole, mapped: models of the undistorted images and of the photos; asked: photos, options, and which attempt;
-    aside: a folder on the same disk. Model and depth maps are written there first and take their places together: were
-    they stopped half-way, they would be of two scales.
+    pinhole, mapped: models of the undistorted images and of the photos; asked: photos, options and attempt; aside: a
+    folder on the same disk. Model and depth maps are written there and moved together, so that a stop in between cannot
+    leave them at two scales.
     """
     pycolmap, out, factor = load_pycolmap(), made.out, made.scale.metres_per_unit
     model = pycolmap.Reconstruction(pinhole)
@@ -56,7 +56,7 @@ def write(
         if shot.name in on_page:
             pictures[shot.name] = thumbnails(out / "images" / shot.name, depth, (near, far))
     made = replace(made, qualities=tuple(qualities))
-    (out / "quality.html").unlink(missing_ok=True)  # without it, the same command writes everything again
+    (out / "quality.html").unlink(missing_ok=True)  # without this file the same command writes everything again
     for folder in ("sparse", "depths"):
         _swap(aside / folder, out / folder)
 
@@ -86,7 +86,7 @@ def write(
 
 
 def _swap(new: Path, place: Path) -> None:
-    """Put a folder in the place of another."""
+    """Replace a folder by another."""
     old = new.with_name(f"old-{new.name}")
     shutil.rmtree(old, ignore_errors=True)
     if place.exists():
@@ -96,7 +96,7 @@ def _swap(new: Path, place: Path) -> None:
 
 
 def _plain(camera: Any) -> dict[str, Any]:
-    """A camera of the photos as they are; params in COLMAP's order, which `order` names."""
+    """A camera of the distorted photos as plain data; `order` names its params in COLMAP's order."""
     return {
         "model": camera.model.name,
         "width": camera.width,

@@ -1,4 +1,4 @@
-"""The photos that were given: found, checked, and made ready for finding features in them."""
+"""Finds and checks photos, and prepares them for feature detection."""
 
 from __future__ import annotations
 
@@ -21,9 +21,12 @@ __all__ = ["Photo", "find_photos", "read_photo", "too_few", "write_gray"]
 
 @dataclass(frozen=True, slots=True)
 class Photo:
-    """name: path relative to the folder of photos, which orders them; key: a name that any program can take;
-    size: (width, height) in pixels, as it is used; output: the name of its undistorted image; mask: the file whose
-    black parts are left out; stamp: tells the file from a later one."""
+    """A photo.
+
+    name: path relative to the folder of photos, which orders them; key: a name that any program accepts; size: (width,
+    height) in pixels, as it is used; output: the name of its undistorted image; mask: the file whose black parts are
+    not used; stamp: identifies the file's version.
+    """
 
     name: str
     key: str
@@ -35,11 +38,11 @@ class Photo:
 
 
 def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path) -> tuple[list[Photo], dict[str, str]]:
-    """Return the photos of a folder and its sub-folders in order of their names, and those that are damaged: why.
+    """Return the photos of a folder and its sub-folders in order of their names, and the fault of each damaged one.
 
-    max_size: larger photos are used shrunk to this longest side, 0 for none; leave_out: a sub-folder that holds none,
-    like that of the masks.
-    Raises InputError when there are fewer than two, or a mask is missing or of another shape.
+    max_size: shrink larger photos to this longest side, 0: do not; leave_out: a sub-folder without photos, for example
+    that of the masks.
+    Raises InputError if there are fewer than two photos, or if a mask is missing or has another shape.
     """
     if not folder.is_dir():
         raise InputError(f"{folder}: no such folder; give the one that holds the photos")
@@ -61,13 +64,13 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
         stamps = [(p.stat().st_size, p.stat().st_mtime_ns) for p in (path, mask) if p is not None]
         used = (max(1, round(size[0] * shrink)), max(1, round(size[1] * shrink)))
         photos.append(Photo(name, f"{len(photos):06d}.png", path, used, output, mask, (name, used, *stamps)))
-    if len(photos) < 2:  # then it matters whether what has a header has a picture as well
+    if len(photos) < 2:  # then decode every file: a valid header may have no picture
         raise too_few(folder, len(names), damaged | {p.name: why for p in photos if (why := _damage(p))})
     return photos, damaged
 
 
 def too_few(folder: Path, files: int, damaged: Mapping[str, str]) -> InputError:
-    """Return the error for a folder with fewer than two photos that can be read, of so many files; names the others."""
+    """Return the error for a folder with fewer than two readable photos; it names the unreadable files."""
     left = files - len(damaged)
     what = "holds one photo" if left else "holds no photos"
     if damaged:
@@ -100,7 +103,7 @@ def _mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
 
 
 def read_photo(photo: Photo) -> npt.NDArray[Any]:
-    """Return a photo (H, W, 3) BGR uint8 or uint16 at the size it is used in. InputError when it cannot be read."""
+    """Return a photo (H, W, 3) BGR uint8 or uint16 at its size of use. Raises InputError if unreadable."""
     import cv2
 
     stored = decode(photo.path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
@@ -110,7 +113,7 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
 
 
 def _damage(photo: Photo) -> str:
-    """Why a photo cannot be read, and what to do; empty where it can."""
+    """Why a photo cannot be read, and the remedy; empty if it can."""
     try:
         read_photo(photo)
     except InputError as fault:
@@ -119,7 +122,7 @@ def _damage(photo: Photo) -> str:
 
 
 def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str, str]:
-    """Write 8-bit gray pictures of the photos, and masks, for finding features; return those that are damaged: why.
+    """Write 8-bit gray pictures of the photos, and masks, for feature detection; return the faults of damaged ones.
 
     longest: their longest side in pixels. 16-bit photos, which are often linear and dark, are stretched.
     """

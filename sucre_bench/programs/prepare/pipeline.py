@@ -1,4 +1,4 @@
-"""The stages in order, from a folder of photos to a folder that the colmap dataset reads."""
+"""Runs the stages in order, from a folder of photos to a folder that dataset=colmap reads."""
 
 from __future__ import annotations
 
@@ -33,10 +33,13 @@ _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 
 @dataclass(frozen=True, slots=True)
 class Options:
-    """masks: folder, white where a photo is to be used; matching: which pairs of photos, by their count when auto;
-    camera: COLMAP's name of the model; cameras: which photos share one; max_size: longest side in pixels that photos
-    are shrunk to, 0 for none; surface: plane sweep or relief of the sparse points, by count when auto; depth_size:
-    longest side in pixels of swept images."""
+    """The options of `prepare`.
+
+    masks: folder of masks, white where a photo is used; matching: pairs of photos, by their number if "auto"; camera:
+    COLMAP's camera model; cameras: photos that share one; max_size: longest side in pixels that photos are shrunk to,
+    0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
+    pixels of swept images.
+    """
 
     masks: Path | None = None
     matching: Matching = "auto"
@@ -50,10 +53,10 @@ class Options:
 def prepare(
     folder: Path, out: Path, options: Options | None = None, known: Known | None = None, again: bool = False
 ) -> Prepared:
-    """Turn a folder of photos into images, a model and depth maps below `out`; what is done already is kept.
+    """Turn a folder of photos into images, a model and depth maps below `out`; finished stages are not repeated.
 
-    known: without it the scale stays what an earlier command made it; again: whether `out` may be made anew with other
-    options. Raises InputError where photos or options are of no use, OutputError where `out` cannot be written.
+    known: without it the scale of an earlier command stays; again: replace an `out` that was made with other options.
+    Raises InputError if photos or options are unusable, OutputError if `out` cannot be written.
     """
     options, known = options or Options(), known or Known()
     work = out / ".prepare"
@@ -64,7 +67,7 @@ def prepare(
 
     rules = Rules(options.matching, options.camera, options.cameras)
     mapping = stage(work, "model", [photo.stamp for photo in photos], rules)
-    if damaged and read_mapped(mapping.folder) is None:  # mapping may take long: it is said before as well
+    if damaged and read_mapped(mapping.folder) is None:  # before mapping, which may take long
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
     mapped = _kept(mapping.folder, out, lambda: map_photos(photos, mapping.folder, rules))
     if not mapped.registered:
@@ -113,14 +116,14 @@ def _check_folders(folder: Path, out: Path) -> None:
 
 
 def _asked(folder: Path, options: Options) -> dict[str, Any]:
-    """What was asked for, as JSON has it."""
+    """Photos and options as plain data for JSON."""
     values = {"photos": folder.resolve(), **asdict(options)}
     values["masks"] = options.masks and options.masks.resolve()
     return {name: str(value) if isinstance(value, Path) else value for name, value in values.items()}
 
 
 def _check_options(work: Path, asked: Mapping[str, Any], again: bool) -> None:
-    """Refuse to overwrite by accident what was made otherwise; a scale may always be changed."""
+    """Refuse to replace a result made with other options by accident; the scale may always change."""
     file = work / "options.json"
     before = json.loads(file.read_text()) if file.is_file() else {}
     if before == asked:
@@ -150,7 +153,7 @@ def _kept(folder: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
 
 
 def _guarded(out: Path, do: Callable[[], T]) -> T:
-    """Tell a full disk from a fault: the libraries that write say neither clearly."""
+    """Turn write errors of libraries into an OutputError that names a full disk if it is one."""
     try:
         return do()
     except SucreBenchError:
@@ -163,7 +166,7 @@ def _guarded(out: Path, do: Callable[[], T]) -> T:
 
 
 def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, longest: int | None) -> DepthMaps:
-    """Plane sweeps at this longest side in pixels, or without one the relief of the sparse points."""
+    """Plane sweeps at this longest side in pixels; without one, the relief of the sparse points."""
     if longest is None:
         say(f"{len(shots)} photos: surface through the sparse points")
         return Sparse(relief_of(shots), masks)
@@ -173,7 +176,7 @@ def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, 
 
 
 def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:
-    """Photos that the model lacks: how near they came, and what to do."""
+    """Photos that the model lacks, each with its best matches and the remedy."""
     told = {}
     for photo in photos:
         if photo.output not in mapped.registered and photo.name not in mapped.damaged:

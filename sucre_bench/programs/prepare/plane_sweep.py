@@ -1,9 +1,9 @@
-"""Depth by a plane sweep: every pixel takes the plane on which it looks most alike in several photos.
+"""Depth by plane sweep: each pixel takes the plane on which several photos look most alike.
 
 Planes are parallel in inverse depth: w = g . (x, y, 1) + k dw, where the slope g is that of the sparse points, so that
-a seabed seen askance is swept by planes that lie as it does. Collins, A space-sweep approach to true multi-image
-matching, CVPR 1996; likeness is normalised cross-correlation (NCC), which water's gain and veil do not disturb as long
-as they are even over a window. A depth is kept when other photos' own depths agree with it.
+planes lie parallel to a slanted seabed. Collins, A space-sweep approach to true multi-image
+matching, CVPR 1996; likeness is normalised cross-correlation (NCC), which water does not change if
+its gain and veil are even over a window. A depth counts if the depths of other photos agree with it.
 """
 
 from __future__ import annotations
@@ -24,8 +24,8 @@ __all__ = ["Planes", "agreeing", "planes_of", "sweep"]
 
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5
-_LEAST_VARIANCE = 0.6**2  # of 8-bit gray levels in a window: below is what rounding alone makes
-_STEP_PX = 1.0  # how far a step may move a pixel in any photo; the parabola through the best three resolves a tenth
+_LEAST_VARIANCE = 0.6**2  # standard deviation of 8-bit gray levels in a window; below it is rounding
+_STEP_PX = 1.0  # pixels that a step may move a pixel in any photo; a parabola through three scores resolves a tenth
 _MOST_PLANES = 256
 _FEWEST_PLANES = 16
 _AGREEMENT = 0.01  # relative difference of depths
@@ -40,7 +40,7 @@ class Planes:
 
 
 def planes_of(shot: Shot, sources: Sequence[Shot]) -> Planes:
-    """Return the planes to sweep for a photo: as its sparse points lie, with a margin around them."""
+    """Return the planes to sweep for a photo: parallel to its sparse points, over their range with a margin."""
     xy, depth = shot.seen_points()
     w = 1 / depth
     slope = _slope(xy, w, shot.camera)
@@ -54,7 +54,7 @@ def planes_of(shot: Shot, sources: Sequence[Shot]) -> Planes:
 
 
 def _slope(xy: Array, w: Array, camera: Camera) -> Array:
-    """The plane w = g . (x, y, 1) through the points by least absolute differences; level where they are few."""
+    """The plane w = g . (x, y, 1) through the points by least absolute differences; level if there are few."""
     level = np.array([0.0, 0.0, np.median(w)])
     if len(w) < 12:
         return level
@@ -81,7 +81,7 @@ def _motion(shot: Shot, source: Shot) -> float:
 
 
 def sweep(shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Array], planes: Planes) -> Array:
-    """Return planar depth (H, W) float32 in the model's unit, 0 where nothing is found.
+    """Return planar depth (H, W) float32 in the model's unit, 0 = not found.
 
     gray, grays: (H, W) float32, 1 to 256, of the photo and of its sources, 0 where masked out, at their cameras' sizes.
     """
@@ -104,7 +104,7 @@ def sweep(shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Arra
             cv2.multiply(warped, warped, square)
             means = (cv2.blur(image, _WINDOW) for image in (warped, square, product))
             compare(first, second, mean, deviation, warped, *means, _LEAST_VARIANCE)
-        # Where a photo's view is blocked the others decide: the better half counts, of four photos that is two.
+        # The better half of the photos counts, two of four, so that a blocked view does not decide.
         decide(k, len(sources) > 2, first, second, previous, best, at, before, after)
     return _depth(shot.camera, planes, best, at, before, after) * telling
 
@@ -120,7 +120,7 @@ def _compare(
     product: Array,
     least_variance: float,
 ) -> None:
-    """Compute a source's correlation at every pixel, and keep the best two."""
+    """Compute a source's correlation at every pixel, and store the best two."""
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
             variance = square_there[y, x] - mean_there[y, x] * mean_there[y, x]
@@ -136,7 +136,7 @@ def _compare(
 def _decide(
     k: int, two: bool, first: Array, second: Array, previous: Array, best: Array, at: Array, before: Array, after: Array
 ) -> None:
-    """Take the plane where it is the best so far, with the scores of the planes around it; make ready for the next."""
+    """Take the plane where it is the best so far, with the scores of its neighbours; reset for the next plane."""
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
             score = 0.5 * (first[y, x] + second[y, x]) if two else first[y, x]
@@ -152,7 +152,7 @@ def _decide(
 
 
 def _warped(shot: Shot, source: Shot, gray: Array, plane: Array) -> Array:
-    """The source as the photo would see it, were the scene this plane; 0 where the source does not show it."""
+    """The source warped to the photo as if the scene were this plane; 0 outside the source."""
     import cv2
 
     pose = relative_pose(source.cam_from_world, shot.cam_from_world)
@@ -168,7 +168,7 @@ def _warped(shot: Shot, source: Shot, gray: Array, plane: Array) -> Array:
 def _depth(
     camera: Camera, planes: Planes, best: Array, at: npt.NDArray[np.int16], before: Array, after: Array
 ) -> Array:
-    """Turn the best plane of each pixel into depth, between planes by the parabola through three scores."""
+    """Turn the best plane of each pixel into depth, refined between planes by a parabola through three scores."""
     curvature = before - 2 * best + after
     inner = (at > 0) & (at < len(planes.offsets) - 1) & (curvature < 0) & (before > -1) & (after > -1)
     between = np.where(inner, 0.5 * (before - after) / np.where(inner, curvature, -1), 0)

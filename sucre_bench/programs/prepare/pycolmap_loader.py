@@ -1,4 +1,4 @@
-"""The one place that imports pycolmap."""
+"""Imports pycolmap; no other module does."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ __all__ = ["load_pycolmap"]
 
 
 def load_pycolmap() -> ModuleType:
-    """Return pycolmap, made quiet. InputError when it is too old."""
-    # pycolmap's wheel carries a zlib, png and jpeg of its own: were it the first to load them, writing a PNG later
+    """Return pycolmap with its log switched off. Raises InputError if it is too old."""
+    # pycolmap's wheel has its own zlib, png and jpeg. If it were the first to load them, writing a PNG later
     # would abort the process.
     import zlib  # noqa: F401
 

@@ -1,4 +1,4 @@
-"""How good a prepared scene is, in numbers and on a page that opens from disk."""
+"""The quality of a prepared scene, as numbers and as a page that opens from disk."""
 
 from __future__ import annotations
 
@@ -68,12 +68,12 @@ def _uri(image: npt.NDArray[Any]) -> str:
 
 
 def shown(names: Sequence[str]) -> frozenset[str]:
-    """Which images are shown on the page: all, or every so many of a long dive."""
+    """The images on the page: all, or evenly chosen ones of a long dive."""
     return frozenset(names[:: -(-len(names) // _MOST_SHOWN)])
 
 
 def write_page(made: Prepared, facts: Mapping[str, str], pictures: Mapping[str, tuple[str, str]]) -> None:
-    """Write the page. facts: what and how much, of the whole scene; pictures: see `thumbnails`, by image."""
+    """Write the page. facts: of the whole scene; pictures: see `thumbnails`, by image."""
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     loader = PackageLoader("sucre_bench.programs.prepare", "")

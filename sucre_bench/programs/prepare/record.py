@@ -1,4 +1,4 @@
-"""prepare.json: what was made and of what, for people, for `describe`, and for the same command given again."""
+"""prepare.json: the result and its inputs, for people, for `describe`, and for a repeated command."""
 
 from __future__ import annotations
 
@@ -23,12 +23,12 @@ _MODEL = tuple(f"sparse/{name}.bin" for name in ("cameras", "images", "points3D"
 
 @dataclass(frozen=True, slots=True)
 class Prepared:
-    """What came out.
+    """The result of `prepare`.
 
-    out: its folder; qualities: figures of its images; damaged, unplaced: names of photos that were left out, with
-    reason and remedy; scale: and known: what it was found by, see `given`; warnings: what to beware of; keys: of the
-    model and of the depth maps' stage, which tell whether a scale and a length still hold; is_new: False where all was
-    there already; is_kept: whether the scale is the one of an earlier command.
+    out: its folder; qualities: figures of its images; damaged, unplaced: photos left out, with reason and remedy;
+    scale; known: what the scale was found from, see `given`; warnings; keys: of the model and of the depth maps' stage,
+    which decide whether a scale and a length are still valid; is_new: False if nothing had to be done; is_kept: whether
+    the scale is that of an earlier command.
     """
 
     out: Path
@@ -44,12 +44,12 @@ class Prepared:
 
     @property
     def photos(self) -> int:
-        """How many there were."""
+        """The number of photos."""
         return len(self.qualities) + len(self.damaged) + len(self.unplaced)
 
     @property
     def is_whole(self) -> bool:
-        """Whether all its files are there still; a depth map may have any of its formats."""
+        """Whether all its files exist; a depth map may have any of its formats."""
         depths = (PurePosixPath("depths", q.name) for q in self.qualities if q.coverage)
         stems = (self.out / depth.with_name(f"depth_{depth.stem}") for depth in depths)
         files = (*_MODEL, "quality.html", *(f"images/{q.name}" for q in self.qualities))
@@ -59,10 +59,10 @@ class Prepared:
 
 
 def given(known: Known) -> dict[str, Any]:
-    """Return what is known as JSON has it, a depth track with the hash of its content; empty where nothing is."""
+    """Return what is known as plain data for JSON, a depth track with its hash; empty if nothing is known."""
     values: dict[str, Any] = {k: v for k, v in json.loads(json.dumps(asdict(known), default=str)).items() if v}
     if known.factor is not None:
-        values["factor"] = known.factor  # 0 is given, if wrong
+        values["factor"] = known.factor  # not `if factor`: 0 is wrong, but given
     track = known.depth_track
     if track is not None:
         content = track.read_bytes() if track.is_file() else b""
@@ -73,9 +73,9 @@ def given(known: Known) -> dict[str, Any]:
 
 @dataclass(frozen=True, slots=True)
 class Settled:
-    """What is settled of the scale before any depth map is there.
+    """What is known of the scale before there are depth maps.
 
-    scale: None where it is to be found by what is known; is_kept: whether an earlier command knew it.
+    scale: None if it has to be found from `known`; is_kept: whether it comes from an earlier command.
     """
 
     scale: Scale | None
@@ -85,10 +85,10 @@ class Settled:
 
 
 def settled_by(before: Prepared | None, known: Known, keys: tuple[str, str]) -> Settled:
-    """Return what an earlier result in the same folder says of the scale. keys: those of the result to be made.
+    """Return the scale of an earlier result in the same folder. keys: those of the result to be made.
 
-    What is given anew counts. Else a scale found for the same model holds; for another model its distances and depth
-    track do, while a factor is of the old one, and so are the pixels of lengths.
+    A newly given scale counts first. Else the scale of the same model is valid. For another model the distances and the
+    depth track stay valid; a factor and the pixels of lengths do not.
     """
     values = given(known)
     if before is None:
@@ -105,7 +105,7 @@ def settled_by(before: Prepared | None, known: Known, keys: tuple[str, str]) -> 
 
 
 def _known_of(values: Mapping[str, Any]) -> Known:
-    """What `given` was made of."""
+    """The inverse of `given`."""
     return Known(
         values.get("factor"),
         tuple((a, b, metres) for a, b, metres in values.get("distances", ())),
@@ -118,7 +118,7 @@ def _known_of(values: Mapping[str, Any]) -> Known:
 
 
 def write_record(made: Prepared, more: Mapping[str, Any]) -> None:
-    """Write the file. more: what is for people only."""
+    """Write the file. more: entries for people only."""
     record = {
         **more,
         "scale": {**asdict(made.scale), "known": made.known},
@@ -132,7 +132,7 @@ def write_record(made: Prepared, more: Mapping[str, Any]) -> None:
 
 
 def read_record(out: Path) -> Prepared | None:
-    """Return what the file says, None where there is none. Raises InputError where it cannot be read."""
+    """Return the record; None if there is none. Raises InputError if it cannot be read."""
     file = out / _FILE
     if not file.is_file():
         return None
@@ -151,15 +151,18 @@ def read_record(out: Path) -> Prepared | None:
         raise InputError(f"{file}: is not what prepare wrote; {remedy}") from fault
 
 
-_MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # worse is marked on the page
+_MILD_COVERAGE, _MILD_ERROR = 0.1, 0.02  # the page marks worse values
 
 
 @dataclass(frozen=True, slots=True)
 class Quality:
-    """Of one image. points: sparse points seen; reprojection_px: their mean distance from where they were found, in
+    """The quality of one image.
+
+    points: sparse points seen; reprojection_px: their mean distance from where they were found, in
     pixels of the undistorted image, NaN without points; coverage: share of pixels with depth; depth_error: median
-    relative difference of the depth map from the sparse points, NaN where none has both; nearest_m, farthest_m: 1 and
-    99 % of depths."""
+    relative difference of the depth map from the sparse points, NaN if none has both; nearest_m, farthest_m: 1 and
+    99 % of depths.
+    """
 
     name: str
     points: int
@@ -171,5 +174,5 @@ class Quality:
 
     @property
     def is_poor(self) -> bool:
-        """Whether one should look at it before using it."""
+        """Whether to check the image before using it."""
         return self.coverage < _MILD_COVERAGE or not self.depth_error <= _MILD_ERROR

@@ -1,6 +1,6 @@
-"""A surface through the sparse points of a seabed: a height over the plane that they lie along, and rays cast at it.
+"""A relief of a seabed: heights of the sparse points over their main plane, as triangles for ray casting.
 
-For dives too long for a plane sweep, and for seabeds without overhangs: points over one place become one height.
+It is for dives too long for a plane sweep and for seabeds without overhangs: a place has one height.
 """
 
 from __future__ import annotations
@@ -21,8 +21,8 @@ __all__ = ["Relief", "relief_of"]
 
 _LEAST_TRACK = 3
 _NEAREST = 8
-_ODD = 6.0  # median absolute deviations of a height from its neighbours'
-_LONG = 6.0  # times the median edge
+_ODD = 6.0  # in median absolute deviations of a height from its neighbours
+_LONG = 6.0  # longest edge, in median edges
 
 
 class Relief:
@@ -41,8 +41,8 @@ class Relief:
         self._scene.add_triangles(near, self._tensor(triangles.astype(np.uint32)))
 
     def depth(self, shot: Shot) -> Array:
-        """Return planar depth (H, W) float32, 0 where the surface is not seen."""
-        # Rays of unit depth: how far along one its hit is, is the planar depth.
+        """Return planar depth (H, W) float32, 0 off the surface."""
+        # Along rays of unit depth, the distance to the hit is the planar depth.
         rays = pixel_rays(shot.camera) @ shot.cam_from_world[:3, :3].astype(np.float32)
         origin = np.broadcast_to((shot.centre - self._middle).astype(np.float32), rays.shape)
         hit = self._scene.cast_rays(self._tensor(np.concatenate([origin, rays], axis=-1)))["t_hit"].numpy()
@@ -50,7 +50,7 @@ class Relief:
 
 
 def relief_of(shots: Sequence[Shot]) -> Relief:
-    """Return the surface through points that three photos or more agree on. InputError when they are too few."""
+    """Return the surface through points seen in three photos or more. Raises InputError if there are too few."""
     from scipy.spatial import Delaunay, cKDTree
 
     ids = np.concatenate([shot.point_ids for shot in shots])
@@ -74,7 +74,7 @@ def _axes(points: Array) -> Array:
     """(3, 3) rows: two directions along the plane that most points lie near, and its normal."""
     centred = points - np.median(points, axis=0)
     axes = np.linalg.svd(centred, full_matrices=False)[2]
-    for _ in range(10):  # again without those far off the plane
+    for _ in range(10):  # again, without points far off the plane
         height = np.abs(centred @ axes[2])
         axes = np.linalg.svd(centred[height <= 3 * np.median(height) + 1e-12], full_matrices=False)[2]
     return np.asarray(axes)

@@ -1,4 +1,4 @@
-"""Stages that resume: each has a folder named after all that its result depends on, and a mark when it is done."""
+"""Stages that resume: each has a folder named after a hash of its inputs, and a mark when it is done."""
 
 from __future__ import annotations
 
@@ -14,23 +14,23 @@ __all__ = ["Stage", "stage"]
 
 @dataclass(frozen=True, slots=True)
 class Stage:
-    """A stage's folder for files of its own; key: a hash of what it depends on, those before it included."""
+    """A stage's folder. key: a hash of its inputs and of the stages before it."""
 
     folder: Path
     key: str
 
     @property
     def done(self) -> bool:
-        """Whether its result is there."""
+        """Whether its result exists."""
         return (self.folder / "done").is_file()
 
     def finish(self) -> None:
-        """Mark it done."""
+        """Mark the stage as done."""
         write_atomically(self.folder / "done", b"")
 
 
 def stage(work: Path, name: str, *depends: object) -> Stage:
-    """Return the stage of that name under `work`; what it left there for other inputs or options is removed."""
+    """Return the stage of that name under `work`; its files for other inputs or options are removed."""
     key = hashlib.blake2b(repr(depends).encode(), digest_size=6).hexdigest()
     folder = work / f"{name}-{key}"
     for old in work.glob(f"{name}-*"):

@@ -1,7 +1,7 @@
-"""From a model of arbitrary scale to metres, by one thing that is known.
+"""Brings a model of arbitrary scale to metres, with one known length.
 
-Photos alone cannot tell a large scene from a small one that is near. Known may be the factor itself, distances between
-cameras, a length that is seen, or how deep each photo was taken.
+Photos alone cannot distinguish a large scene from a small, near one. What is known may be the factor, distances between
+cameras, a visible length, or the depth below the surface of each photo.
 """
 
 from __future__ import annotations
@@ -20,13 +20,13 @@ from sucre_bench.programs.prepare.sparse_points import Shot
 
 __all__ = ["Known", "Length", "Scale", "find_scale"]
 
-_USUAL_DEPTH = 3.0  # what the median depth is set to when no scale is known
-_LARGEST_ERROR = 0.1  # of a scale from a depth track, relative: two standard errors above are no scale
+_USUAL_DEPTH = 3.0  # the median depth if no scale is known
+_LARGEST_ERROR = 0.1  # greatest relative value of two standard errors of a scale from a depth track
 
 
 @dataclass(frozen=True, slots=True)
 class Length:
-    """Two pixels (x, y) of a photo, of the undistorted image, and how far apart in metres their points are."""
+    """Two pixels (x, y) of an undistorted image, and the distance of their points in metres."""
 
     photo: str
     ends: tuple[tuple[float, float], tuple[float, float]]
@@ -35,10 +35,12 @@ class Length:
 
 @dataclass(frozen=True, slots=True)
 class Known:
-    """What is known, one of these at most. factor: metres per unit; distances: two photos and the metres between their
+    """What is known of the scale: one of these at most.
+
+    factor: metres per unit; distances: two photos and the metres between their
     cameras; lengths; depth_track: CSV file of image,depth with metres below the surface.
 
-    Raises InputError when more than one is given, or what is given in metres is not above 0.
+    Raises InputError if more than one is given, or if a length is not above 0.
     """
 
     factor: float | None = None
@@ -59,8 +61,11 @@ class Known:
 
 @dataclass(frozen=True, slots=True)
 class Scale:
-    """metres_per_unit: to multiply the model with; is_metric: False where it is only a convenient size; note: how it
-    was found, and how far single measurements differ."""
+    """A scale.
+
+    metres_per_unit: factor for the model; is_metric: False for an arbitrary scale; note: how it was found, and how far
+    single measurements differ.
+    """
 
     metres_per_unit: float
     is_metric: bool
@@ -72,7 +77,7 @@ def find_scale(
 ) -> Scale:
     """Return the scale. output_of: output names by photo; depth_of: an image's depth map (H, W), in the model's unit.
 
-    Raises InputError when a photo is unknown or not registered, or what is given does not determine a scale.
+    Raises InputError if a photo is unknown or not registered, or if the input does not determine a scale.
     """
     by_name = {shot.name: shot for shot in shots}
 
@@ -104,7 +109,7 @@ def find_scale(
 
 
 def _remedy(photo: str, placed: Sequence[str]) -> str:
-    """A likely name is one of the same file in another folder or format: names of a series are all alike."""
+    """Suggest the same file in another folder or format: the names of a series are too alike for did-you-mean."""
     same = [p for p in placed if PurePosixPath(p).stem.lower() == PurePosixPath(photo).stem.lower()]
     if same and photo not in same:
         return f"did you mean '{same[0]}'?"
@@ -146,23 +151,23 @@ def _read_track(path: Path) -> dict[str, float]:
 
 
 def _from_depths(centres: Array, depths: Array, path: Path) -> Scale:
-    """Fit depth = v . C + c: v is the direction of gravity, as long as a unit has metres.
+    """Fit depth = v . C + c: v has the direction of gravity and the length of metres per unit.
 
-    The track must leave every plane: where it does not, a part of v is unknown, and so is its length.
+    The track must not lie in a plane: else a part of v, and so its length, is unknown.
     """
     if len(depths) < 6:
         raise InputError(f"{path}: names {len(depths)} of the placed photos; give depths of six or more")
     design = np.column_stack([centres - centres.mean(axis=0), np.ones(len(depths))])
     solution, _, rank, _ = np.linalg.lstsq(design, depths, rcond=None)
     rest = depths - design @ solution
-    # A gauge tells centimetres at best, however well so few numbers fit.
+    # A depth gauge resolves centimetres at best, however well so few numbers fit.
     noise = max(float(rest @ rest) / (len(depths) - 4), 0.01**2)
     factor = float(np.linalg.norm(solution[:3]))
     error = np.inf
     if rank == 4 and factor > 0:
         along = solution[:3] / factor
         error = float(np.sqrt(noise * along @ np.linalg.inv(design.T @ design)[:3, :3] @ along)) / factor
-        # What v lacks or has too much across its own direction lengthens it, always.
+        # Any error of v across its direction makes it longer.
         error += float(noise * np.trace(np.linalg.inv(design.T @ design)[:3, :3])) / (2 * factor**2)
     if 2 * error > _LARGEST_ERROR:
         fault = "the cameras move too little up, down and sideways for their depths to tell the scale"

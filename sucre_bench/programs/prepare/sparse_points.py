@@ -1,4 +1,4 @@
-"""What the stages after mapping know of a photo: its pinhole camera, its pose, and the sparse points it sees."""
+"""A registered photo for the stages after mapping: its pinhole camera, pose, and the sparse points it sees."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["Shot", "neighbours", "read_shots"]
 
 Indices = npt.NDArray[np.int64]
 
-_TELLING_ANGLE = np.deg2rad(5.0)  # from here on depth is well determined, and more angle only changes the look
+_TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
 _WIDEST_ANGLE = np.deg2rad(45.0)
 
 
@@ -26,8 +26,8 @@ class Shot:
     """A registered photo.
 
     name: of the undistorted image; camera: pinhole, at the image's size; cam_from_world: (4, 4) float64;
-    point_ids: (P,) of the sparse points seen, sorted; points: (P, 3) float64 in the world; xy: (P, 2) float64 pixels
-    where they were found; tracks: (P,) in how many photos each was found. Lengths are in the model's unit.
+    point_ids: (P,) of the sparse points seen, sorted; points: (P, 3) float64 in the world; xy: (P, 2) float64, their
+    features' pixels; tracks: (P,) number of photos that see each. Lengths are in the model's unit.
     """
 
     name: str
@@ -44,7 +44,7 @@ class Shot:
         return np.asarray(-self.cam_from_world[:3, :3].T @ self.cam_from_world[:3, 3])
 
     def seen_points(self) -> tuple[Array, Array]:
-        """Where the points project to (P, 2), and their planar depth (P,)."""
+        """The points' projections (P, 2) and planar depths (P,)."""
         in_camera = self.points @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
         return project(self.camera, in_camera)
 
@@ -76,13 +76,13 @@ def read_shots(model: Path) -> list[Shot]:
 
 
 def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
-    """Return, for each photo, the indices of those that tell its depths best, the best first.
+    """Return, for each photo, the indices of the photos that determine its depths best, the best first.
 
     A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all.
     """
     if not shots:
         return []
-    # Who sees a point: of all that is seen, ordered by point, a range for each.
+    # The photos that see a point: a range for each point, in all observations ordered by point.
     firsts = [np.unique(shot.point_ids, return_index=True)[1] for shot in shots]
     seen = np.concatenate([shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)])
     by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
@@ -98,7 +98,7 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
 
 
 def _ranges(points: Indices, starts: Indices, counts: Indices, own: Indices) -> tuple[Indices, Indices]:
-    """Of each of a photo's own points every place in its range, and which point that is of: (R,) each."""
+    """Every place in the ranges of a photo's points, and the point of each place: (R,) each."""
     at = np.searchsorted(points, own)
     lengths = counts[at]
     which = np.repeat(np.arange(len(own)), lengths)
@@ -107,13 +107,13 @@ def _ranges(points: Indices, starts: Indices, counts: Indices, own: Indices) -> 
 
 
 def _best(one: int, points: Array, seers: Indices, centres: Array, places: Indices, which: Indices) -> list[int]:
-    """The photos that tell this one's depths, the best first. points: (P, 3) that it sees."""
+    """The photos that determine this one's depths, the best first. points: (P, 3) that it sees."""
     others = seers[places]
     rays = [centres[one] - points[which], centres[others] - points[which]]
     lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
     angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
     weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != one)
-    # A photo from half or twice as far shows the same ground with other detail.
+    # A photo from half or twice the distance shows the same ground with other detail.
     nearness = np.exp(-(np.log(lengths[0] / lengths[1]) ** 2) / (2 * np.log(2) ** 2))
     score = np.bincount(others, weight * nearness, minlength=len(centres))
     best = np.argsort(-score, kind="stable")

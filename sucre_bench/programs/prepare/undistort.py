@@ -1,4 +1,4 @@
-"""From photos and their model to pinhole images and a pinhole model."""
+"""Writes pinhole images and a pinhole model, from photos and their model."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Pat
     """Write the undistorted images, PNG of the photos' own bit depth, their masks, and the model of them.
 
     photos: by output name; model: folder of the COLMAP model of the photos; images, masks, pinhole: folders to write
-    into. An image that is there already is kept.
+    into. An existing image is not written again.
     """
     posed = read_model(model, images, distorted=True)
     with ThreadPoolExecutor(usable_cores()) as pool:
@@ -51,7 +51,7 @@ def _undistort(photo: Photo, posed: Posed, images: Path, masks: Path) -> None:
 
 
 def _straight(image: npt.NDArray[Any], lens: Lens | None) -> npt.NDArray[Any]:
-    """An image of the lens's size as its pinhole sees it; in its own type, for floats take four times the memory."""
+    """An image of the lens's size, undistorted; in its own type, because floats take four times the memory."""
     return image if lens is None else lens.resampled(image, lens.pinhole)
 
 
@@ -63,7 +63,7 @@ def _write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> No
         image = known.image(number)
         lens, camera = cameras.setdefault(image.camera_id, (posed[image.name].lens, posed[image.name].camera))
         for place, (point, xy) in enumerate(zip(image.points2D, _straightened(lens, image.points2D), strict=True)):
-            if not np.isfinite(xy).all() and point.has_point3D():  # no pinhole sees it: it says nothing of the point
+            if not np.isfinite(xy).all() and point.has_point3D():  # outside the pinhole image
                 known.delete_observation(number, place)
             point.xy = xy if np.isfinite(xy).all() else (-1.0, -1.0)
     for number, (_, camera) in cameras.items():
@@ -75,6 +75,6 @@ def _write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> No
 
 
 def _straightened(lens: Lens | None, points: Iterable[Any]) -> Array:
-    """Where the pinhole sees what was found (P, 2), NaN where it cannot."""
+    """The features' places (P, 2) in the pinhole image, NaN outside."""
     xy = np.array([point.xy for point in points])
     return xy if lens is None or not len(xy) else lens.straightened(xy)

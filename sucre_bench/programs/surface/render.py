@@ -1,4 +1,4 @@
-"""Coloured surfaces side by side, as seen from behind and above one of the cameras: the paper's figure of textures.
+"""Renders coloured surfaces side by side, seen from behind and above one of the cameras (the paper's texture figure).
 
 Rays are cast into the triangles on the CPU (Open3D's ray casting); no graphics driver is needed.
 """
@@ -19,23 +19,23 @@ from sucre_bench.programs.surface.surface import Model
 
 __all__ = ["rendered", "side_by_side", "vantage"]
 
-_SIZE = (960, 720)  # of a picture, in pixels
-_FOCAL = 0.8  # of the width, 64 degrees
+_SIZE = (960, 720)  # size of a picture in pixels
+_FOCAL = 0.8  # focal length by width: 64 degrees
 _FINER = 2  # rays a pixel, along each side
-_BACK, _ABOVE = 0.35, 0.3  # where the picture is seen from, in distances to what the view shows
+_BACK, _ABOVE = 0.35, 0.3  # the viewpoint, in units of the distance to the surface
 
 
 def side_by_side(models: Mapping[str, Model], frames: Sequence[Frame]) -> Picture:
-    """Return the surfaces next to each other, (720, n * 960, 3) uint8 RGB, named; white where there is none.
+    """Return the surfaces next to each other with their names, (720, n * 960, 3) uint8 RGB, on white.
 
-    Raises InputError when no view has depth to look at.
+    Raises InputError if no view has depth.
     """
     camera, pose = vantage(frames)
     return np.hstack([captioned(rendered(model, camera, pose), name) for name, model in models.items()])
 
 
 def vantage(frames: Sequence[Frame]) -> tuple[Camera, Array]:
-    """Return a camera behind and above that of the middle view, looking at what it shows, and its cam_from_world."""
+    """Return a camera behind and above the middle view's, aimed at the same surface, and its cam_from_world."""
     by_distance = sorted(range(len(frames)), key=lambda k: abs(k - len(frames) // 2))
     for k in by_distance:
         view = frames[k].view
@@ -59,7 +59,7 @@ def vantage(frames: Sequence[Frame]) -> tuple[Camera, Array]:
 
 
 def rendered(model: Model, camera: Camera, cam_from_world: Array) -> Picture:
-    """Return what a camera sees of a surface with triangles, (H, W, 3) uint8 RGB, white where it sees nothing.
+    """Return a camera's picture of a surface with triangles, (H, W, 3) uint8 RGB, on white.
 
     Colours are interpolated between a triangle's corners, and averaged over four rays a pixel.
     """

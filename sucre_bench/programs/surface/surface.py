@@ -1,9 +1,9 @@
 """Depth maps and pictures fused into one coloured surface: truncated signed distances in a sparse grid of voxels.
 
-Each view adds to the voxels near its surface how far they are from it along the view's axis, and its colours; a voxel
-keeps the means (Curless and Levoy 1996, with unit weights; in Open3D's sparse blocks). The surface is where the mean
-distance is zero. A pixel counts where it has a depth and is not black, which stands for no colour. Views are read one
-after the other; what is held depends on the surface's area and the voxels' size, not on how many views there are.
+Each view adds its colours, and distances along its axis, to the voxels near its surface. A voxel stores the means
+(Curless and Levoy 1996, with unit weights; in Open3D's sparse blocks). The surface is where the mean distance is zero.
+A pixel counts if it has depth and is not black, which means "no colour". Views are read one after the other. Memory
+depends on the surface's area and the voxels' size, not on the number of views.
 """
 
 from __future__ import annotations
@@ -25,16 +25,16 @@ from sucre_bench.scene import View
 
 __all__ = ["Cells", "Model", "choose_cells", "fuse"]
 
-# Of a surface, unless the voxels' size is given: 1.2 to 1.6 million points, 50 to 70 MB as .glb.
+# Voxels of a surface unless their size is given: 1.2 to 1.6 million points, 50 to 70 MB as .glb.
 _MOST_CELLS = 1_000_000
 _BYTES_PER_CELL = 1000  # measured at the peak
 _TRUNCATION = 8.0  # voxels, Open3D's own
 _BLOCK = 16
 _LOOKED_EVERY = 4  # pixels: what Open3D looks at for blocks, along each side
 _MOST_REPEATS = 8
-_FINEST = 0.25  # voxels of a footprint: smaller ones show nothing more
+_FINEST = 0.25  # smallest voxel, in pixel footprints: a smaller one shows no more
 _CELLS_PER_BLOCK = 120  # measured: 140 to 175
-# The area is told by cells of 16 footprints, and by every fourth pixel: what is far or oblique leaves no gaps.
+# The area is estimated with cells of 16 footprints and every fourth pixel: far or oblique surfaces leave no gaps.
 _COARSE = 16
 _STRIDE_PX = 4
 _LOOKED_AT = 40  # views whose pixels' footprints are measured
@@ -44,7 +44,7 @@ _LOOKED_AT = 40  # views whose pixels' footprints are measured
 class Model:
     """A coloured surface in the scene's coordinates.
 
-    points: (P, 3) float32 metres; colours: (P, 3) uint8 sRGB; triangles: (T, 3) int32, empty for mere points.
+    points: (P, 3) float32 metres; colours: (P, 3) uint8 sRGB; triangles: (T, 3) int32, empty for a point cloud.
     """
 
     points: Array
@@ -54,18 +54,18 @@ class Model:
 
 @dataclass(frozen=True)
 class Cells:
-    """How fine a surface is. voxel: metres; count: about how many squares of that size cover it."""
+    """The resolution of a surface. voxel: metres; count: about the number of squares of that size that cover it."""
 
     voxel: float
     count: int
 
 
 def choose_cells(frames: Sequence[Frame], voxel: float | None = None) -> Cells:
-    """Return the voxels' size for these views, and how many the surface has; reads every depth map once.
+    """Return the voxels' size for these views and their number; reads every depth map once.
 
-    By default the median footprint of the pixels, depth / focal length, or more where that would make more than a
-    million cells. voxel: metres, if it is given. Raises InputError when no view has depth, camera and pose, and for
-    voxels that are finer than the views, or so small that the memory would not do.
+    voxel: metres. The default is the median footprint of the pixels, depth / focal length, or more if that would give
+    more than a million cells. Raises InputError if no view has depth, camera and pose, if voxels are finer than the
+    views' pixels, or if the memory cannot hold them.
     """
     footprints = [_footprint(frames[k].view) for k in evenly(len(frames), _LOOKED_AT)]
     known = [one for one in footprints if one > 0]
@@ -85,7 +85,7 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None) -> Cells:
 
 
 def _footprint(view: View) -> float:
-    """The median size of a view's pixels on what they show, in metres; 0 without depth."""
+    """The median footprint of a view's pixels on the surface, in metres; 0 without depth."""
     if not _fusable(view):
         return 0.0
     assert view.camera is not None
@@ -98,7 +98,7 @@ def _fusable(view: View) -> bool:
 
 
 def _occupied(frames: Sequence[Frame], side: float) -> int:
-    """How many cells of a coarse grid the views' points lie in."""
+    """The number of cells of a coarse grid that hold points of the views."""
     occupied = np.empty(0, np.int64)
     for frame in track(frames, "area"):
         view = frame.view
@@ -110,7 +110,7 @@ def _occupied(frames: Sequence[Frame], side: float) -> int:
 
 
 def _some_points(view: View) -> Array:
-    """Points (3, P) of the world that every fourth pixel of every fourth row shows."""
+    """World points (3, P) of every fourth pixel of every fourth row."""
     assert view.camera is not None
     assert view.cam_from_world is not None
     depth = view.depth[::_STRIDE_PX, ::_STRIDE_PX]
@@ -132,10 +132,10 @@ def _check_memory(cells: Cells, area: float) -> None:
 
 
 def fuse(frames: Sequence[Frame], method: str, cells: Cells, mesh: bool = True, mask: str = "") -> Model:
-    """Return the surface that views show, coloured as a method made them.
+    """Return the surface of views in the colours of a method.
 
-    method: its label, or "input"; mesh: with triangles, or points alone; mask: another method, whose holes are left
-    out too. Raises InputError when no pixel has both depth and colour, and for a picture that cannot be read.
+    method: its label, or "input"; mesh: with triangles, else points only; mask: another method, whose holes are left
+    out, too. Raises InputError if no pixel has both depth and colour, or if a picture cannot be read.
     """
     grid = _grid(cells)
     for frame in track(frames, f"fusing {method}"):
@@ -164,7 +164,7 @@ def _grid(cells: Cells) -> Any:
         attr_channels=(1, 1, 3),
         voxel_size=cells.voxel,
         block_resolution=_BLOCK,
-        block_count=max(100, cells.count // _CELLS_PER_BLOCK),  # it grows, but each time by copying to twice the size
+        block_count=max(100, cells.count // _CELLS_PER_BLOCK),  # it would grow, but by copying to twice the size
     )
 
 
@@ -190,16 +190,16 @@ def _integrate(grid: Any, view: View, picture: Picture, coloured: Mask, voxel: f
 
 
 def _repeats(depth: Array, K: Array, voxel: float) -> int:
-    """How often pixels are to be repeated so that no block lies between those that are looked at, every fourth.
+    """How often to repeat pixels so that no block falls between every fourth one, which Open3D looks at.
 
-    Far pixels are far apart on the surface; twice as far, if it is seen from the side.
+    Far pixels are far apart on the surface, and twice as far if it is seen from the side.
     """
     apart = _LOOKED_EVERY * 2 * float(np.percentile(depth[depth > 0], 99)) / K[0, 0]
     return min(_MOST_REPEATS, max(1, math.ceil(apart / (_BLOCK * voxel))))
 
 
 def _extract(grid: Any, mesh: bool) -> Model:
-    """The surface of a grid; what a single view saw counts, too."""
+    """The surface of a grid, parts seen by a single view included."""
     seen_once = 0.5
     if mesh:
         surface = grid.extract_triangle_mesh(seen_once)

@@ -1,8 +1,8 @@
-"""Coloured surfaces as files: PLY (points or triangles) and glTF 2.0 in its binary form, .glb (triangles).
+"""Writes coloured surfaces: PLY (points or triangles) and binary glTF 2.0, .glb (triangles).
 
-glTF takes colours at vertices for linear light, so they are decoded from sRGB and kept with 16 bits; the material is
-unlit (KHR_materials_unlit): a viewer's lamps would alter the colours that are to be judged. glTF has y up: a node turns
-the scene so that the cameras' mean upward direction is, PLY keeps the scene's coordinates.
+Vertex colours of glTF are linear light, so they are decoded from sRGB and stored with 16 bits. The material is unlit
+(KHR_materials_unlit): a viewer's lamps would change the colours. In glTF y is up, so a node rotates the cameras' mean
+upward direction to y. PLY has the scene's coordinates.
 """
 
 from __future__ import annotations
@@ -28,13 +28,13 @@ _VERTICES, _INDICES = 34962, 34963  # and of what buffers hold
 
 
 def write_model(path: Path, model: Model, up: Array) -> None:
-    """Write a surface, as the file's suffix says. up: (3,) the scene's upward direction. OutputError when it cannot."""
+    """Write a surface as .ply or .glb. up: (3,) the scene's upward direction. Raises OutputError if that fails."""
     content = _glb(model, up) if path.suffix.lower() == ".glb" else _ply(model)
     write_atomically(path, content)
 
 
 def mean_up(views: Sequence[View]) -> Array:
-    """Return the mean upward direction (3,) of views' cameras, a unit vector; -y of the world where they cancel out."""
+    """Return the mean upward direction (3,) of views' cameras, a unit vector; -y of the world if they cancel out."""
     poses = [view.cam_from_world for view in views if view.cam_from_world is not None]
     total = -np.sum([pose[1, :3] for pose in poses], axis=0) if poses else np.zeros(3)
     length = float(np.linalg.norm(total))

@@ -1,1 +1,4 @@
-"""A run's views as a video, before and after, and how much a method's colours flicker from one view to the next."""
+"""Makes a video of views before and after, and measures how much colours flicker from one view to the next.
+
+In: the views of a results folder. Out: a .webm or .mp4 file, and `Flicker` by method.
+"""

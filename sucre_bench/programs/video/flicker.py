@@ -1,4 +1,4 @@
-"""How much a method's colours change between consecutive views where the input's do not.
+"""Flicker: how much a method's colours change between consecutive views although the input's do not.
 
 gain      the mean over channels of |G(t+1) - G(t)|, where G = ln(mean of restored / mean of input) of a channel, in
           linear light, over the pixels that are restored (not black). A method that multiplies every other view by a
@@ -38,13 +38,13 @@ FORMULAE = {
 _DARKEST = (
     0.5 / 255 / 12.92
 )  # half of the smallest step of 8 bits, in linear light: the mean of a channel without light
-_MOST_POINTS = 20_000  # of a pair; the mean over so many is off by some 0.02
+_MOST_POINTS = 20_000  # points of a pair; the mean over so many has an error of about 0.02
 _LINEAR = srgb_decode(np.arange(256) / 255)
 
 
 @dataclass(frozen=True)
 class Flicker:
-    """A mean over pairs of consecutive views, and its 95 % interval (NaN for one pair); pairs: how many there are."""
+    """A mean over pairs of consecutive views, and its 95 % interval (NaN for one pair); pairs: their number."""
 
     mean: float
     low: float
@@ -53,9 +53,9 @@ class Flicker:
 
 
 def flicker(frames: Sequence[Frame], methods: Sequence[str]) -> dict[str, dict[str, Flicker]]:
-    """Return by method, "input" first, and by variant, how much consecutive views differ; views are read in turn.
+    """Return the flicker by method, "input" first, and by variant.
 
-    A variant that no pair of views has, such as "points" without depth or poses, is left out.
+    Left out are variants that no pair of views has, for example "points" without depth or poses.
     """
     labels = (INPUT, *methods)
     found: dict[str, dict[str, list[float]]] = {label: {name: [] for name in FORMULAE} for label in labels}
@@ -89,7 +89,7 @@ def _gain_changes(before: Mapping[str, Picture], now: Mapping[str, Picture]) -> 
 def _point_differences(
     view: View, pictures: Mapping[str, Picture], following: View, following_pictures: Mapping[str, Picture]
 ) -> Iterator[tuple[str, str, float]]:
-    """How points differ that both views show, and that all pictures of them have colours for."""
+    """Colour differences of points that both views show and that have colours in all their pictures."""
     if view.camera is None or view.cam_from_world is None or not view.has_depth or not view.valid.any():
         return
     matches = match(lift(view), following, "depth")
@@ -121,4 +121,4 @@ def _mean(values: Sequence[float]) -> Flicker:
     if n < 2:
         return Flicker(mean, np.nan, np.nan, n)
     half = float(t.ppf(0.975, n - 1) * np.std(values, ddof=1) / np.sqrt(n))
-    return Flicker(mean, max(0.0, mean - half), mean + half, n)  # nothing flickers less than not at all
+    return Flicker(mean, max(0.0, mean - half), mean + half, n)  # flicker is not negative

@@ -1,4 +1,4 @@
-"""Frames of a before/after video: the input beside what methods made of it, or both behind a moving divider."""
+"""Frames of a before/after video: the input beside the restored images, or both with a moving divider."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _LINE = 2  # pixels, the divider
 
 
 def panel_size(frame: Frame, height: int) -> tuple[int, int]:
-    """Return the width and height of a panel: the view's, shrunk to a height where it is higher; both even."""
+    """Return the width and height of a panel: the view's, shrunk to `height` if it is higher; both even."""
     high, wide = frame.view.rgb.shape[:2]
     share = min(1.0, height / high)
     return max(2, round(wide * share) // 2 * 2), max(2, round(high * share) // 2 * 2)
@@ -30,10 +30,10 @@ def panel_size(frame: Frame, height: int) -> tuple[int, int]:
 def composed(
     frames: Sequence[Frame], methods: Sequence[str], size: tuple[int, int], fps: float, split: bool
 ) -> Iterator[Picture]:
-    """Yield a picture a frame, (H, W, 3) uint8 RGB with even sides, panels next to each other with their names.
+    """Yield a picture a frame, (H, W, 3) uint8 RGB with even sides: named panels next to each other.
 
-    The input comes first; with `split`, each method's panel shows it instead, left of a divider that sweeps across.
-    Views of another shape than `size` (width, height) are fitted into it. Raises InputError for an unreadable picture.
+    The input comes first. With `split`, each method's panel shows the input left of a moving divider instead.
+    Views of another shape are fitted into `size` (width, height). Raises InputError for an unreadable picture.
     """
     for k, frame in enumerate(track(frames, "video")):
         given = _fitted(frame.picture(INPUT), size)
@@ -48,7 +48,7 @@ def composed(
 
 
 def _fitted(picture: Picture, size: tuple[int, int]) -> Picture:
-    """A picture shrunk or grown into a panel, black where it does not fill it."""
+    """A picture scaled to fit a panel, black beside it."""
     import cv2
 
     high, wide = picture.shape[:2]
@@ -66,7 +66,7 @@ def _divider(seconds: float, width: int) -> int:
 
 
 def _split(given: Picture, made: Picture, at: int, method: str) -> Picture:
-    """The input left of a column, the restored picture right of it; each name stays on its own side."""
+    """The input left of a column, the restored image right of it; each name stays on its side."""
     panel = captioned(made, method, right=True)
     panel[:, :at] = captioned(given, INPUT)[:, :at]
     panel[:, max(0, at - _LINE // 2) : at + _LINE // 2] = 255

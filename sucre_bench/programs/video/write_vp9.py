@@ -1,7 +1,7 @@
-"""Pictures to a video file: VP9 in .mp4 or .webm, by OpenCV.
+"""Writes a video: VP9 in .mp4 or .webm, by OpenCV.
 
-Browsers play H.264, VP8, VP9 and AV1. OpenCV's wheels cannot write H.264 or AV1, and browsers do not play what they do
-write besides (MPEG-4 part 2, "mp4v"): VP9 is what is left, and Chromium plays it from either kind of file.
+Browsers play H.264, VP8, VP9 and AV1. OpenCV's wheels write VP9, but neither H.264 nor AV1. Their other format, MPEG-4
+part 2 ("mp4v"), does not play in browsers. Chromium plays VP9 from .mp4 and from .webm.
 """
 
 from __future__ import annotations
@@ -27,10 +27,9 @@ SUFFIXES = (".mp4", ".webm")
 
 
 def write_video(path: Path, pictures: Iterable[Picture], fps: float) -> int:
-    """Write pictures (H, W, 3) uint8 RGB, all of one size with even sides, and return how many they were.
+    """Write pictures (H, W, 3) uint8 RGB, all of one size with even sides, and return their number.
 
-    The file is the old one or the whole new one. Raises OutputError when it cannot be written, or this OpenCV has no
-    encoder for VP9.
+    The file is written atomically. Raises OutputError if it cannot be written, or if this OpenCV has no VP9 encoder.
     """
     with tempfile.TemporaryDirectory(prefix="sucre-bench-") as folder:
         file = Path(folder) / f"video{path.suffix.lower()}"
@@ -59,7 +58,7 @@ def _writer(file: Path, size: tuple[int, int], fps: float) -> Any:
 
 @contextlib.contextmanager
 def _quiet() -> Iterator[None]:
-    """Keep what OpenCV's C code says of its choice of a tag in .webm, which is of no consequence, from the terminal."""
+    """Hide a harmless message of OpenCV's C code about a tag in .webm."""
     sys.stderr.flush()
     kept, nowhere = os.dup(2), os.open(os.devnull, os.O_WRONLY)
     try:

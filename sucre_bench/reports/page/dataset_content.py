@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.compare import COSTS, Column, Comparison, text
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.rerun import Command, metric_words, shell, value_of
+from sucre_bench.jobs.quoting import value_of
+from sucre_bench.jobs.rerun import Command, metric_words, shell
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record

@@ -1,0 +1,92 @@
+"""One gain a view, on ground of white noise photographed with known exposures."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.made_ground import WATERS, make_ground, water
+from support.made_observations import made
+
+from sucre_bench import InputError, Restoration, Scene, Water
+from sucre_bench.methods.sucre import Sucre, SucrePlus
+from sucre_bench.methods.sucre.exposure import estimate
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.multiview.observations import Observations, Seen, arrange
+
+GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
+GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
+
+
+def rates(result: Restoration, truth: Water) -> np.ndarray:
+    """Relative errors of beta and gamma, (2, 3)."""
+    assert result.water is not None
+    found = result.water
+    return np.array([found.attenuation / truth.attenuation, found.backscatter / truth.backscatter]) - 1
+
+
+@pytest.fixture(scope="module")
+def scene() -> Scene:
+    return make_ground(WATERS["green"], gains=GAINS, **GROUND)
+
+
+def test_gains_are_found_with_the_water(scene: Scene) -> None:
+    target = scene["3.png"]
+    constant, per_view = (Sucre(exposure=e).restore(scene, target) for e in ("constant", "per_view"))
+    truth = WATERS["green"]
+    assert np.abs(rates(constant, truth)).max() > 0.2
+    assert np.abs(rates(per_view, truth)).max() < 0.03
+    gains = per_view.info["gains"]
+    expected = {f"{k}.png": gain / GAINS[3] for k, gain in enumerate(GAINS)}
+    assert gains["3.png"] == 1
+    for name, gain in gains.items():
+        assert gain == pytest.approx(expected[name], rel=0.01)
+
+
+def test_differing_exposures_are_reported_and_equal_ones_are_not(scene: Scene) -> None:
+    even = make_ground(WATERS["green"], **GROUND)
+    said = [any("exposure" in limit for limit in Sucre().restore(s, s["3.png"]).info["limits"]) for s in (scene, even)]
+    assert said == [True, False]
+
+
+def test_photographs_in_air_have_no_attenuation() -> None:
+    air = water((0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (0.1, 0.1, 0.1))
+    scene = make_ground(air, gains=GAINS, **GROUND)
+    result = Sucre(exposure="per_view").restore(scene, scene["3.png"])
+    assert result.water is not None
+    assert result.water.attenuation.max() < 3e-3  # 1/m, at a median distance of 4 m
+
+
+def test_views_of_one_distance_each_cannot_tell_gains_from_attenuation() -> None:
+    """The same pixels, each view all at one distance: a gain and exp(-beta z) act alike."""
+    rng = np.random.default_rng(0)
+    J, pixels = rng.uniform(0.1, 0.9, (800, 3)), np.arange(800)
+    seen = []
+    for k, z in enumerate((2.0, 3.0, 4.5, 6.0)):
+        I = J * np.exp(-0.2 * z) + 0.3 * (1 - np.exp(-0.2 * z)) + 0.004 * rng.standard_normal(J.shape)  # noqa: E741
+        seen.append(Seen(f"{k}", pixels, np.full(800, z, np.float32), I.astype(np.float32)))
+    start = WaterParameters.of_channels(np.full((3, 3), 0.2))
+    found = estimate(arrange((1, 800), seen, with_view=True), "0", start)
+    assert not found.is_separable
+    wide, _ = made(800, noise=0.004)
+    assert estimate(with_views(wide), "0.png", start).is_separable
+
+
+def with_views(observations: Observations) -> Observations:
+    """The observations as if each slot were a view."""
+    view = np.concatenate([np.full(n, k) for k, (n, _) in enumerate(observations.slots())]).astype(np.uint16)
+    return replace(observations, view=view)
+
+
+@pytest.mark.parametrize(
+    "options", [{"lamp": True}, {"solver": "adam"}, {"water": "truth"}, {"colours": "single_view"}]
+)
+def test_options_that_explain_the_same_are_refused(options: dict[str, object]) -> None:
+    with pytest.raises(InputError, match="exposure"):
+        Sucre(exposure="per_view", **options)  # type: ignore[arg-type]
+
+
+def test_sucre_plus_has_it_too(scene: Scene) -> None:
+    result = SucrePlus(exposure="per_view").restore(scene, scene["3.png"])
+    assert np.abs(rates(result, WATERS["green"])).max() < 0.03

@@ -1,0 +1,54 @@
+"""Channels that the observations do not determine get a plausible water, and say so; others stay as they are."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from support.made_observations import made, parameters, table
+from support.made_scene import WATER
+
+from sucre_bench import Water
+from sucre_bench.methods.sucre.exact import fit
+from sucre_bench.methods.sucre.solvers import colours_for_water, solve_exact
+
+# A survey close above flat ground: distances hardly differ, so that B and gamma are known as a product at most.
+SURVEY = {"distances_m": (1.9, 2.1), "noise": 0.01, "eight_bit": True}
+CLEAR = Water(np.array([0.2, 0.3, 0.35]), np.array([0.3, 0.15, 0.12]), np.array([0.25, 0.15, 0.12]))
+
+
+@pytest.mark.parametrize("seed", [0, 1, 2, 3])
+def test_no_parameter_ends_at_a_bound_on_a_flat_survey(seed: int) -> None:
+    observations, J = made(8_000, 5, water=CLEAR, seed=seed, **SURVEY)  # type: ignore[arg-type]
+    found = fit(observations)
+    rows = found.water.by_channel()
+    assert (rows[:, 0] < 0.99).all()
+    assert (rows[:, 1:] < 3).all()
+    assert sum("a weak prior decides" in limit or "no backscatter" in limit for limit in found.uncertainty.limits) >= 1
+    solution = solve_exact(observations)
+    assert np.abs(np.median(solution.J - J, axis=1)).max() < 0.35
+
+
+def test_the_scale_of_the_scene_does_not_matter_to_the_priors() -> None:
+    observations, _ = made(3_000, 5, water=CLEAR, **SURVEY)  # type: ignore[arg-type]
+    toy = replace(observations, distance=observations.distance * np.float32(1 / 32))
+    np.testing.assert_allclose(table(fit(toy).water), table(fit(observations).water) * [[1], [32], [32]], rtol=0.02)
+
+
+def test_what_the_data_decide_has_no_prior() -> None:
+    observations, _ = made(20_000, distances_m=(1, 10), noise=0.004, eight_bit=True)
+    found = fit(observations)
+    assert found.uncertainty.limits == ()
+    np.testing.assert_allclose(table(found.water), table(parameters(WATER)), rtol=0.02)
+
+
+def test_clear_air_has_no_backscatter() -> None:
+    air = Water(np.zeros(3), np.zeros(3), np.full(3, 0.1))
+    observations, J = made(8_000, water=air, noise=0.004, eight_bit=True)
+    found = fit(observations)
+    assert (found.water.B == 0).all()
+    assert found.water.beta.max() < 2e-3
+    assert any("no backscatter can be seen" in limit for limit in found.uncertainty.limits)
+    colours = colours_for_water(observations, found.water, found.uncertainty, "numpy", "cpu").J
+    assert np.sqrt(np.mean((colours - J) ** 2)) < 0.004
