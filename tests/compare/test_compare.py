@@ -10,6 +10,8 @@ import pytest
 from sucre_bench import InputError, compare
 from sucre_bench.results.rows import Row, frame, replicated
 
+pytestmark = pytest.mark.short
+
 ROW = Row(
     dataset="sea", scene="reef", view="a", method="m", options="{}", options_id="o", metric="psnr", variant="masked",
     region="image", value=1.0, unit="dB", better="higher", n_pixels=4, coverage=1.0, status="ok", reason="",
