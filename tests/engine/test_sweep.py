@@ -22,6 +22,8 @@ from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.plugins.registry import find
 
+pytestmark = pytest.mark.short
+
 
 @pytest.fixture
 def out(tmp_path: Path, toys: str) -> Path:

@@ -22,6 +22,8 @@ from sucre_bench.programs.contract.fresh_process import imported, restored
 from sucre_bench.programs.contract.made_scenes import TARGET, submerged, wall
 from sucre_bench.programs.contract.rules_methods import alike
 
+pytestmark = pytest.mark.short
+
 ORDINARY_WORDS = {"command", "photos", "onnx"}  # as plugins' names; the engine may use them for something else
 QUICK: dict[str, dict[str, Any]] = {"sucre_paper": {"steps": 3}, "command": {"run": "cp {input} {output}"}}
 

@@ -202,7 +202,7 @@ def test_a_picture_is_chosen_in_the_grid_by_keys_and_by_the_lists(page: Browser)
     assert [state(page, "before"), state(page, "method")] == ["plain", "clever"]
     page.press("]")
     assert state(page, "view") == "v1.png"
-    page.press("3", code="Digit3")
+    page.press("3")
     page.press("]")
     assert "failed: ValueError: boom" in texts(page, "#right-name")[0]
     assert "boom" in texts(page, "#detail")[0]
@@ -316,7 +316,7 @@ def test_light_and_dark_follow_the_browser_until_the_switch_is_used(page: Browse
 def test_the_list_of_keys_opens_and_closes(page: Browser):
     page.press("?")
     assert page.ask("document.querySelector('#keys').open")
-    page.press("Escape", code="Escape")
+    page.press("Escape")
     page.click("#help")
     assert page.ask("document.querySelector('#keys').open")
     page.click("#keys button")
@@ -346,7 +346,7 @@ def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
     assert page.ask("[...document.querySelectorAll('img')].every((i) => i.hasAttribute('alt'))")
     reached = set()
     for _ in range(60):
-        page.press("Tab", code="Tab")
+        page.press("Tab")
         reached.add(page.ask("document.activeElement.id || document.activeElement.dataset.which"))
     assert {"theme", "filter", "view", "before", "after", "divider", "clever"} <= reached
 
