@@ -9,10 +9,10 @@ import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib import import_module
 from pathlib import Path
 from typing import Any
 
-import sucre_bench
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
 from sucre_bench.plugins.plugin import Kind
@@ -21,7 +21,7 @@ from sucre_bench.programs.contract.text import shown_path
 __all__ = ["Written", "checkout_of", "write_new"]
 
 # Names that have another meaning in a plugin's file or test.
-_TAKEN = frozenset({*sucre_bench.__all__, *dir(builtins), "Path", "Iterator"})
+_TAKEN = frozenset({*import_module("sucre_bench").__all__, *dir(builtins), "Path", "Iterator"})
 
 
 @dataclass(frozen=True)
