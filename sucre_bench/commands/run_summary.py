@@ -20,6 +20,7 @@ from sucre_bench.machine import progress, terminal
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
+from sucre_bench.results import Reason, brief
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -124,10 +125,10 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
 
 def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     """A line a reason for the scores that views could not give."""
-    skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != "seconds")]
-    skipped = skipped[~skipped["reason"].str.startswith("nothing to score")]  # a method without water, say
-    why = skipped["reason"].str.split(",").str[0]
-    for reason, own in skipped.groupby(why, sort=False):
+    skipped = results.score_rows(rows[rows["status"] == "skipped"])
+    # That a method estimates no water, say, needs no line.
+    skipped = skipped[[Reason.of(text) is not Reason.NOTHING_TO_SCORE for text in skipped["reason"]]]
+    for reason, own in skipped.groupby(skipped["reason"].map(brief), sort=False):
         views = own[["dataset", "scene", "view"]].drop_duplicates()
         everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
         where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
