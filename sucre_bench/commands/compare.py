@@ -64,11 +64,11 @@ def compare(
     compare.refuse(rows, metrics, common)
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
-        raise InputError("\n".join(f"{table.title}: {note}" for table in compared for note in table.notes))
+        raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in tables.left_out(t)))
     if as_json or how != "terminal":
         click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
         return
     for table in compared:
         terminal.out.print(tables.as_table(table, terminal.out.width, spread))
-        for line in tables.verdicts(table):
-            click.echo(line)
+        for verdict in compare.verdicts(table):
+            click.echo(tables.verdict_text(table, verdict))

@@ -68,8 +68,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     if (outcome.rows["status"] == "ok").any():
         for table in comparisons:
             terminal.out.print(tables.as_table(table, terminal.out.width))
-            for line in tables.verdicts(table):
-                click.echo(line)
+            for verdict in compare.verdicts(table):
+                click.echo(tables.verdict_text(table, verdict))
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),
@@ -96,7 +96,7 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
 
 def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Written, Path | None]:
     """The study's files and the page, where they are wanted."""
-    study = write_study(outcome)
+    study = write_study(outcome, comparisons)
     wanted = outcome.wants_report and len(outcome.rows)
     return study, report.write(outcome.out, outcome.rows, comparisons) if wanted else None
 
@@ -145,11 +145,13 @@ def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
     return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"
 
 
-def write_study(outcome: Outcome) -> Written:
+def write_study(outcome: Outcome, comparisons: Sequence[Comparison]) -> Written:
     """Write the tables and figures that the command's experiment asks for, if it does."""
     if outcome.study is None:
         return Written((), ())
-    return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets)
+    is_whole = len(outcome.asked) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
+    known = comparisons if is_whole else ()
+    return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets, known)
 
 
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:

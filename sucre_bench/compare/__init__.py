@@ -6,9 +6,10 @@ its charts and over its repetitions. Intervals are 95 %, by a hierarchical boots
 methods tie when the interval of their paired difference holds 0.
 """
 
-from sucre_bench.compare.model import Cell, Column, Comparison
+from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 from sucre_bench.compare.refusals import load, refuse
 from sucre_bench.compare.tables import against, compare, is_fresh, only, without_replicates
+from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.results.rows import COSTS, By
 
 __all__ = [
@@ -17,11 +18,14 @@ __all__ = [
     "Cell",
     "Column",
     "Comparison",
+    "Note",
+    "Verdict",
     "against",
     "compare",
     "is_fresh",
     "load",
     "only",
     "refuse",
+    "verdicts",
     "without_replicates",
 ]

@@ -13,12 +13,15 @@ import json
 import math
 import shlex
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.compare.text import NUMBERS
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.reports.paper.figures import style
@@ -31,12 +34,8 @@ if TYPE_CHECKING:
 
 __all__ = ["write"]
 
-# In the order in which they build on one another.
+# Later styles override earlier ones.
 _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
-_SCRIPTS = (
-    *("page", "words", "sheet", "scores", "zoom", "pictures", "detail", "grid", "charts", "plots", "cost", "distances"),
-    *("water", "sweep", "keys"),
-)
 _HUGE = 1e308  # what JSON has for infinity
 
 
@@ -58,7 +57,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> P
     told = [_json(section.content()) for section in sections]
     page = pages.get_template("page.html.j2").render(
         style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
-        scripts=Markup("\n".join(_source(f"{name}.js") for name in _SCRIPTS)),
+        scripts=Markup(bundle("main", lambda name: _source(f"{name}.js"))),
         summary=Markup(_json(_summary(comparisons))),
         datasets=[Markup(text) for text in told],
         blocks=gallery.blocks(),
@@ -98,6 +97,7 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         "colours": {name: look.colour for name, look in looks.items()},
         "columns": list(columns.values()),
         "means": means,
+        "numbers": asdict(NUMBERS),
     }
 
 

@@ -1,17 +1,21 @@
 // Colour charts: each patch as measured and as expected, in every method's picture.
 
-const chartsOf = () =>
+import { $, columnOf, data, fill, h, shownMethods, state, watch } from "./page.js";
+import { css, dot, isKnown, number, withUnit } from "./words.js";
+import { sheet } from "./sheet.js";
+
+export const chartsOf = () =>
   data.views.flatMap((view) =>
     Object.entries(view.charts).map(([name, chart]) => ({ view, name, chart, key: `${view.name}\n${name}` })),
   );
-const distanceOf = ({ chart }) => {
+export const distanceOf = ({ chart }) => {
   const known = Object.entries(chart.scores)
     .filter(([key]) => key.startsWith("chart_distance:"))
     .flatMap(([, values]) => values)
-    .filter(isFinite_);
+    .filter(isKnown);
   return known.length ? known[0] : null; // of the view: the same for every method
 };
-const measuresOf = (kind) =>
+export const measuresOf = (kind) =>
   data.columns.filter(
     (c) =>
       c.of === "chart" &&
@@ -106,13 +110,12 @@ function drawSwatches() {
 }
 
 // A patch's colour as it was measured in a method's picture, or as it should be.
-function colourOf(scores, what, at = null) {
+export function colourOf(scores, what, at = null) {
   const rgb = ["red", "green", "blue"].map((channel) => scores[`patch_colour:${channel}${what}`]);
-  const values = rgb.map((own) => own && (at === null ? own.find(isFinite_) : own[at]));
-  return values.every(isFinite_) ? values : null;
+  const values = rgb.map((own) => own && (at === null ? own.find(isKnown) : own[at]));
+  return values.every(isKnown) ? values : null;
 }
 
-const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * x)).join(" ")})`;
 const rgbText = (rgb) => (rgb ? rgb.map((x) => Math.round(255 * x)).join(", ") : "nothing");
 
 function swatch(outer, inner) {

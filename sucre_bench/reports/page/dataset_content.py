@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.compare import COSTS, Column, Comparison, text
+from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
@@ -59,7 +59,11 @@ def cell_of(table: Comparison, name: str, column: Column) -> dict[str, Any] | No
     if cell is None:
         return None
     numbers = {"mean": cell.mean, "std": cell.std, "low": cell.low, "high": cell.high}
-    return {**numbers, "holes": cell.holes, "mark": marks.mark, "look": marks.look}
+    return {**numbers, "holes": cell.holes, "tie": bool(marks.mark), "look": marks.look}
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {**vars(verdict), "column": key_of(verdict.column.metric, verdict.column.variant)}
 
 
 @dataclass(frozen=True)
@@ -83,7 +87,7 @@ class Section:
             "name": self.table.title,
             "legend": text.legend(self.table),
             "notes": list(text.left_out(self.table)),
-            "verdicts": text.verdicts(self.table),
+            "verdicts": [_verdict(verdict) for verdict in verdicts(self.table)],
             "columns": [column_of(c) for c in self.table.columns],
             "methods": [self._method(name) for name in self.table.methods],
             "cells": [[cell_of(self.table, name, c) for c in self.table.columns] for name in self.table.methods],
@@ -191,7 +195,7 @@ class Section:
             "covers": {key: share for key, (_, share) in scores.items() if share < 1 and not key.startswith(_WHOLE)},
             "water": {k: own.get(k) for k in (*_WATER, "encoding", "standard_error")} if _has_water(own) else None,
             "truth": own.get("true_water"),
-            "told": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},
+            "record": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},
         }
 
     # -- its charts ------------------------------------------------------------------------------------------

@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.compare import Cell, Column, Comparison, against, compare, only
+from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
 from sucre_bench.compare.tables import is_fresh, without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
@@ -91,7 +91,7 @@ def along(rows: pd.DataFrame, study: Study) -> list[Along]:
     rows = without_replicates(rows.assign(data_id=rows["data_id"].mask(is_fresh(rows), "")))
     rows = rows.assign(_value=rows["options"].map(said), **{label: rows[label].map(plain)})
     lacking = rows.loc[rows["_value"].isna(), label].unique()
-    notes = tuple(f"{own} is left out: it has no option {name}" for own in lacking)
+    notes = tuple(Note("no option", (str(own),), option=name) for own in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
         rows = rows.assign(scene="")  # a scene may be called after the value: views are told by their own names
@@ -154,7 +154,7 @@ def _without(label: str, option: str) -> str:
     return ",".join(part for part in label.split(",") if not part.startswith(f"{option}="))
 
 
-def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tuple[str, ...]) -> Along:
+def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tuple[Note, ...]) -> Along:
     values = _ordered(rows["_value"].unique())
     methods = tuple(dict.fromkeys(rows["method"]))
     reference = next((value for value in values if not value.is_given), values[0])

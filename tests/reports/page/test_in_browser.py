@@ -18,6 +18,7 @@ from support.browser import Browser, chromium
 from support.made_results import DE00, PATCHES, PSNR, made_results
 
 from sucre_bench.compare import compare
+from sucre_bench.compare.text import number
 from sucre_bench.reports import page as report
 
 HOSTILE = "</script><img src=x onerror=console.error('run')>"
@@ -89,7 +90,7 @@ def transform(page: Browser, selector: str) -> list[float]:
 
 
 def state(page: Browser, key: str) -> Any:
-    return page.ask(f"state.{key}")
+    return page.ask(f"resultsPage.state.{key}")
 
 
 def test_a_table_is_sorted_by_a_click_on_its_head_and_back_by_another(page: Browser):
@@ -104,7 +105,7 @@ def test_a_table_is_sorted_by_a_click_on_its_head_and_back_by_another(page: Brow
 
 
 def test_cells_say_mean_interval_and_rank(page: Browser):
-    at = page.ask("data.columns.findIndex((c) => c.key === 'psnr:masked')") + 1
+    at = page.ask("resultsPage.data.columns.findIndex((c) => c.key === 'psnr:masked')") + 1
     cells = page.ask(
         f"[...document.querySelectorAll('#scores-sheet tbody tr')].map((r) => [r.children[{at}].className,"
         f" r.children[{at}].querySelector('.mean').innerText, r.children[{at}].title])"
@@ -112,6 +113,24 @@ def test_cells_say_mean_interval_and_rank(page: Browser):
     assert [cell[1] for cell in cells] == ["21.0", "26.0", "18.5"]  # over the two views that all have
     assert [cell[0] for cell in cells] == ["second", "best", ""]
     assert "95 % interval" in cells[0][2]
+
+
+def test_numbers_read_as_those_of_the_command_line(page: Browser):
+    values = [
+        sign * digits * 10.0**power for power in range(-7, 5) for digits in (1, 1.26, 9.4, 9.97) for sign in (1, -1)
+    ]
+    shown = page.ask(f"{json.dumps(values)}.map((value) => resultsPage.number(value).replaceAll('−', '-'))")
+    assert shown == [number(value) for value in values]
+    assert page.ask("[0, null].map(resultsPage.number)") == ["0", "–"]
+
+
+def test_leads_within_chance_are_set_apart(page: Browser):
+    """psnr: 26 dB against 21 in each of two views; de00 is the same for all methods."""
+    verdicts = page.ask("resultsPage.data.verdicts.map((v) => [v.column, v.leader, v.second, v.may_be_chance])")
+    assert ["psnr:masked", "clever", "plain", False] in verdicts
+    assert len(texts(page, "#verdicts li")) == sum(not chance for *_, chance in verdicts)
+    assert any("clever leads plain by 5.00 dB" in line for line in texts(page, "#verdicts li"))
+    assert page.ask("document.querySelectorAll('#chances li').length") == sum(chance for *_, chance in verdicts)
 
 
 def test_the_filter_keeps_rows_with_every_word(page: Browser):
@@ -228,7 +247,7 @@ def test_a_link_opens_what_it_names_and_the_address_follows_what_is_chosen(page:
     page.click("#grid [data-which=clever]")
     assert page.ask("decodeURIComponent(location.hash)") == "#reef,noise=0.1/v1.png/clever/de00:lab"
     page.ask("location.hash = '#reef/v0.png/plain/psnr'")
-    page.until("state.dataset === 'reef' && state.metric === 'psnr:masked'")
+    page.until("resultsPage.state.dataset === 'reef' && resultsPage.state.metric === 'psnr:masked'")
     opened(page, out, "#nowhere/%E0%A4%A")
     assert state(page, "dataset") == "reef"
 
@@ -237,7 +256,7 @@ def test_datasets_are_chosen_in_the_overview_and_have_their_own_numbers(page: Br
     page.click("#sweep-sheet tbody tr:nth-child(3) button")
     assert state(page, "dataset") == "reef,noise=0.2"
     assert texts(page, "h1") == ["reef,noise=0.2"]
-    psnr = page.ask("data.views[0].results[0].scores['psnr:masked']")
+    psnr = page.ask("resultsPage.data.views[0].results[0].scores['psnr:masked']")
     assert psnr == PSNR["plain"][0] - 3
 
 

@@ -17,6 +17,7 @@ from support.places import ROOT
 
 from sucre_bench import InputError
 from sucre_bench.compare import COSTS
+from sucre_bench.compare.text import left_out
 from sucre_bench.engine.tasks import base_row
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.jobs import command
@@ -343,7 +344,7 @@ def test_a_method_without_the_option_is_left_out_and_said():
     )
     one = followed(rows, "method.k")
     assert (words(one), one.methods) == (["1", "2"], ("m",))
-    assert "plain is left out: it has no option k" in one.scores.notes
+    assert "plain is left out: it has no option k" in left_out(one.scores)
 
 
 def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
