@@ -170,14 +170,18 @@ def _count(column: Column) -> str:
 
 
 def _how(comparison: Comparison, has_interval: bool) -> str:
+    """Which intervals these are: of means, and of differences between methods."""
     if not has_interval:
         return "no intervals: one view says nothing of chance"
-    levels = [
-        "scenes" * any(column.n_scenes > 1 for column in comparison.columns),
-        "views",
-        "charts" * any(column.of == "chart" for column in comparison.columns),
-    ]
-    return f"intervals: hierarchical bootstrap over {', '.join(filter(None, levels))}"
+    units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
+    means = f"intervals: bootstrap over {units}"
+    n = len(comparison.methods)
+    pairs = n - 1 if comparison.baseline else n * (n - 1) // 2
+    if pairs < 1:
+        return means
+    differences = "simultaneous (max-t) for" if pairs > 1 else "Student's, for"
+    count = f"the {pairs} differences to {comparison.baseline}" if comparison.baseline else f"all {pairs} pairs"
+    return f"{means}; of differences: {differences} {count if pairs > 1 else 'the pair'}"
 
 
 def left_out(comparison: Comparison) -> list[str]:

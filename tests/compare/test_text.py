@@ -225,7 +225,7 @@ def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
     (comparison,) = compare.compare(frame(rows))
     said = tables.legend(comparison)
     assert "over 6 views of 2 scenes" in said
-    assert "hierarchical bootstrap over scenes, views" in said
+    assert "bootstrap over scenes" in said
     assert "○" not in said
     assert "○n" in tables.legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
     assert "no intervals" in tables.legend(table({"a": [1], "b": [2]}))

@@ -25,6 +25,7 @@ from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import roles
 from sucre_bench.results import layout
 
 if TYPE_CHECKING:
@@ -98,6 +99,7 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         "columns": list(columns.values()),
         "means": means,
         "numbers": asdict(NUMBERS),
+        "roles": roles(),
     }
 
 

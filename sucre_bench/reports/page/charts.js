@@ -1,6 +1,6 @@
 // Colour charts: each patch as measured and as expected, in every method's picture.
 
-import { $, columnOf, data, fill, h, shownMethods, state, watch } from "./page.js";
+import { $, columnOf, data, fill, h, roleOf, shownMethods, state, summary, watch } from "./page.js";
 import { css, dot, isKnown, number, withUnit } from "./words.js";
 import { sheet } from "./sheet.js";
 
@@ -10,7 +10,7 @@ export const chartsOf = () =>
   );
 export const distanceOf = ({ chart }) => {
   const known = Object.entries(chart.scores)
-    .filter(([key]) => key.startsWith("chart_distance:"))
+    .filter(([key]) => roleOf(key) === "chart-distance")
     .flatMap(([, values]) => values)
     .filter(isKnown);
   return known.length ? known[0] : null; // of the view: the same for every method
@@ -25,6 +25,9 @@ export const measuresOf = (kind) =>
       ),
   );
 
+// The metrics that have a role.
+const withRole = (role) => Object.keys(summary.roles).filter((metric) => summary.roles[metric] === role);
+
 watch(["dataset"], () => {
   const charts = chartsOf();
   const has = charts.length > 0;
@@ -34,7 +37,7 @@ watch(["dataset"], () => {
   fill(
     $("patch-score"),
     measures.map((c) => [c.key, withUnit(c)]),
-    (measures.find((c) => c.metric === "de00") || measures[0] || { key: "" }).key,
+    (measures.find((c) => roleOf(c.key) === "colour-difference") || measures[0] || { key: "" }).key,
   );
   fill(
     $("chart"),
@@ -106,12 +109,13 @@ function drawSwatches() {
   );
   $("swatches-note").textContent = hasColours
     ? `Each square is the colour measured, the disc in it the colour expected; below it their difference${column ? `, ${withUnit(column)}` : ""}.`
-    : "The colours themselves were not kept: add patch_colour to metrics=[...] to see them.";
+    : `The colours of the patches were not scored: add ${withRole("patch-colour").join(" or ")} to metrics=[...] to see them.`;
 }
 
 // A patch's colour as it was measured in a method's picture, or as it should be.
 export function colourOf(scores, what, at = null) {
-  const rgb = ["red", "green", "blue"].map((channel) => scores[`patch_colour:${channel}${what}`]);
+  const [metric] = withRole("patch-colour");
+  const rgb = ["red", "green", "blue"].map((channel) => scores[`${metric}:${channel}${what}`]);
   const values = rgb.map((own) => own && (at === null ? own.find(isKnown) : own[at]));
   return values.every(isKnown) ? values : null;
 }

@@ -16,6 +16,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.rerun import Command, metric_words, shell
 from sucre_bench.reports.page.gallery import Gallery
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
 
@@ -25,7 +26,6 @@ if TYPE_CHECKING:
 __all__ = ["Section", "cell_of", "column_of", "key_of"]
 
 _WATER = ("B", "beta", "gamma")
-_WHOLE = ("coverage:", *(f"{name}:" for name in COSTS))  # scores of the whole picture, or of none of it
 _MOST_TOLD = 600  # characters of what a method tells of its work
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
@@ -186,13 +186,16 @@ class Section:
         if row.status != "ok":
             return {"status": row.status, "reason": row.reason}
         own = _told(row, self.out)
+        whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
         return {
             "status": "ok",
             "picture": self.gallery.picture(place.restored(self.out, name), kept, row.coverage < 1) if place else None,
             "coverage": row.coverage,
             "device": row.device,
             "scores": {key: value for key, (value, _) in scores.items()},
-            "covers": {key: share for key, (_, share) in scores.items() if share < 1 and not key.startswith(_WHOLE)},
+            "covers": {
+                key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole
+            },
             "water": {k: own.get(k) for k in (*_WATER, "encoding", "standard_error")} if _has_water(own) else None,
             "truth": own.get("true_water"),
             "record": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},

@@ -1,6 +1,6 @@
 // Charts against distance.
 
-import { $, columnOf, fill, shownMethods, watch } from "./page.js";
+import { $, columnOf, fill, roleOf, shownMethods, watch } from "./page.js";
 import { css, isKnown, withUnit } from "./words.js";
 import { chartsOf, colourOf, distanceOf, measuresOf } from "./charts.js";
 import { axis, inked, isNarrow, label, legendHeight, ownColour, plot, signOf } from "./plots.js";
@@ -14,22 +14,22 @@ watch(["dataset"], () => {
   );
   const hues = [
     ...new Set(chartsOf().flatMap(({ chart }) => Object.values(chart.patches).flatMap((p) => Object.keys(p)))),
-  ].filter((key) => key.startsWith("hue:") && !key.endsWith("-expected"));
-  const kinds = chartKinds();
-  $("hue-kind").parentElement.hidden = kinds.length < 2;
+  ].filter((key) => roleOf(key) === "patch-hue" && !key.endsWith("-expected"));
+  const groups = chartsBySharedPatches();
+  $("hue-kind").parentElement.hidden = groups.length < 2;
   fill(
     $("hue-kind"),
-    kinds.map(([patches, names]) => [patches, names.join(", ")]),
-    kinds[0]?.[0] ?? "",
+    groups.map(([patches, names]) => [patches, names.join(", ")]),
+    groups[0]?.[0] ?? "",
   );
   fill(
     $("hue-score"),
-    hues.map((key) => [key, key === "hue:hsv" ? "HSV" : key === "hue:lab" ? "CIE Lab" : key.slice(4)]),
+    hues.map((key) => [key, key.split(":")[1]]),
     hues[0] ?? "",
   );
 });
-// Charts of one kind have the same patches: those, and the names of the charts.
-function chartKinds() {
+// The charts that have the same patches, which panels show together: patches and names of the charts.
+function chartsBySharedPatches() {
   const found = new Map();
   for (const { name, chart } of chartsOf()) {
     const patches = Object.keys(chart.patches).join("\n");

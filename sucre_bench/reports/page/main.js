@@ -4,7 +4,7 @@ import { $, REFERENCE, VIEW, choose, data, h, state, summary, viewOf, watch } fr
 import { briefly, commandBox, commandFor, dot, number } from "./words.js";
 import "./sheet.js";
 import "./scores.js";
-import { setZoom, zoomAt } from "./zoom.js";
+import { setZoom, zoom, zoomAt } from "./zoom.js";
 import { step, swap } from "./pictures.js";
 import "./detail.js";
 import "./grid.js";
@@ -173,4 +173,4 @@ if (summary.datasets.length) {
 }
 
 // For the browser's console, and for tests.
-window.resultsPage = { data, state, number };
+window.resultsPage = { data, state, choose, number, zoom, zoomAt };

@@ -60,6 +60,7 @@ function openDataset(name) {
 }
 
 export const viewOf = (name) => data.views.find((v) => v.name === name);
+export const roleOf = (key) => summary.roles[key.split(":")[0]] || "";
 export const columnOf = (key) => data.columns.find((c) => c.key === key);
 export const ranked = () => data.columns.filter((c) => c.ranked);
 export const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));

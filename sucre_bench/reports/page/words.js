@@ -16,7 +16,7 @@ export function number(value) {
   const rule = decimals.find(([least]) => size >= least);
   const text = rule
     ? value.toFixed(rule[1])
-    : size < scientific_below
+    : Number(size.toPrecision(figures)) < scientific_below
       ? value.toExponential(figures - 1)
       : value.toPrecision(figures);
   return text.replace(/e-(\d)$/, "e-0$1").replaceAll("-", "−");

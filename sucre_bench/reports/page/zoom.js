@@ -3,7 +3,7 @@
 import { $ } from "./page.js";
 
 const MOST_ZOOM = 32;
-const zoom = { scale: 1, x: 0, y: 0 }; // x, y: where the picture's corner is, in widths and heights of the frame
+export const zoom = { scale: 1, x: 0, y: 0 }; // x, y: where the picture's corner is, in widths and heights of the frame
 
 const whenNear = [];
 

@@ -16,6 +16,7 @@ import numpy as np
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results.restorations import read_record, restorations
 
 if TYPE_CHECKING:
@@ -45,7 +46,8 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 
     table = times(results.rows, results.out)
     if table.empty:
-        raise NotApplicableError("no method told how many observations it had; add the metric observations")
+        wanted = ",".join(metrics_of("observations"))
+        raise NotApplicableError(f"no restoration has a number of observations; add metrics=[{wanted}]")
     few = table["n"].max() < _LABELLED * table["n"].min()
     stages = [stage for stage in _STAGES if table[stage].notna().any()]
     height = 2.8 if len(stages) > 1 else 2.6
@@ -67,7 +69,9 @@ def times(rows: pd.DataFrame, out: Path) -> pd.DataFrame:
     """Return a line a restoration: method, n observations, seconds, and of these pair and solve, NaN where not told."""
     import pandas as pd
 
-    counts = rows[(rows["metric"] == "observations") & (rows["variant"] == "all") & (rows["status"] == "ok")]
+    counts = rows[
+        rows["metric"].isin(metrics_of("observations")) & (rows["variant"] == "all") & (rows["status"] == "ok")
+    ]
     key = ["dataset", "scene", "view", "method"]
     n = {tuple(getattr(row, name) for name in key): row.value for row in counts.itertuples()}
     lines = []
