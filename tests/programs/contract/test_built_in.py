@@ -142,6 +142,7 @@ def strings_of(path: Path) -> Iterator[str]:
     """The strings of a program, without docstrings."""
     text = path.read_text(encoding="utf-8")
     if path.suffix != ".py":
+        text = re.sub(r"^\s*//.*", "", text, flags=re.MULTILINE)
         yield from (match[1] for match in re.finditer(r"""["'`]([\w:]+)""", text))
         return
     tree = ast.parse(text)
