@@ -54,7 +54,7 @@ def compare(
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
     sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
-    Methods are compared on the same images only. What cannot stand side by side is refused, with the difference said.
+    Methods are compared on the same images only. Runs that are not comparable are refused, with the reason.
     """
     from sucre_bench import compare
     from sucre_bench.compare import text as tables

@@ -79,7 +79,7 @@ class _Why:
     def of(cls, rows: pd.DataFrame) -> _Why:
         known = {}
         for r in rows[(rows["status"] != "ok") | ~rows["_fresh"]].itertuples():
-            reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # of several views, told as one
+            reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # so that views with one reason count together
             text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
             known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
         own = rows[(rows["metric"] == "seconds") & rows["_fresh"]]
@@ -110,11 +110,11 @@ def _counted(reasons: Iterable[str]) -> str:
     for reason in sorted(reasons):
         kind, _, why = reason.partition(": ")
         kinds.setdefault(kind, Counter())[why] += 1
-    said = []
+    parts = []
     for kind, whys in kinds.items():
         why = whys.most_common(1)[0][0] + (" and others" if len(whys) > 1 else "")
-        said.append(f"{whys.total()} {kind}" + (f": {why}" if why else ""))
-    return "; ".join(said)
+        parts.append(f"{whys.total()} {kind}" + (f": {why}" if why else ""))
+    return "; ".join(parts)
 
 
 def _scores_lost(
@@ -158,7 +158,7 @@ def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]
         if column.metric in COSTS or not values.isna().to_numpy().any():
             continue
         own = _partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
-        own &= ~lost.reindex(index=own.index, columns=own.columns, fill_value=False)  # of which it is said already
+        own &= ~lost.reindex(index=own.index, columns=own.columns, fill_value=False)  # the note above has these
         for name in own.columns[own.any()]:
             alike.setdefault(_replicates_lost(str(name), own[name]), []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())

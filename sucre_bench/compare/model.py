@@ -56,7 +56,7 @@ class Cell:
 
     NaN stands for what there is not: an interval over one view or of infinite values, the best's effect against itself.
     Where scores are equal or have no interval, the mean alone decides the rank. A number that only describes has place
-    and rank 0, and NaN for all that is told of better and worse.
+    and rank 0, and NaN instead of better and worse.
     """
 
     mean: float

@@ -1,4 +1,4 @@
-"""From rows to comparisons: which units all methods have, and a table for each dataset, view or region."""
+"""Makes comparisons of rows: the units that all methods have, and a table for each dataset, view or region."""
 
 from __future__ import annotations
 
@@ -106,17 +106,17 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
 
 
 def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFrame:
-    """A region's scores, and the rows of other regions that say why it lacks some: a failure is of a whole image."""
+    """A region's rows, and other rows with the reasons for missing scores: a failure concerns a whole image."""
     import pandas as pd
 
     elsewhere = everywhere.drop(region.index)
-    tells_why = (elsewhere["metric"] == "seconds") | (elsewhere["status"] != "ok")
+    has_reason = (elsewhere["metric"] == "seconds") | (elsewhere["status"] != "ok")
     scored = region["_asked"] & (region["status"] == "ok").any()
-    return pd.concat([region.assign(_asked=scored), elsewhere[tells_why].assign(_asked=False)])
+    return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
 def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
-    """Tell which rows are of the metrics named, "name" or "name:variant"; all where none is."""
+    """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all."""
     if not metrics:
         return rows["metric"].notna()
     full = rows["metric"] + ":" + rows["variant"]
@@ -132,7 +132,7 @@ def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
 
 
 def is_fresh(rows: pd.DataFrame) -> pd.Series:
-    """Tell which rows come from the newest data of their scene."""
+    """Return which rows come from the newest data of their scene."""
     newest = rows.groupby(["dataset", "scene", "data_id"])["time"].transform("max")
     return newest == newest.groupby([rows["dataset"], rows["scene"]]).transform("max")
 
@@ -207,7 +207,7 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
 
 
 def _range(metric: str) -> tuple[float, float]:
-    """Of a metric's possible values, any where it is not installed here."""
+    """The range of a metric's values; unlimited if the metric is not installed."""
     plugin = plugins.discover("metric").get(metric)
     if isinstance(plugin, Plugin):
         return plugin.range

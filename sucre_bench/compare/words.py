@@ -143,14 +143,14 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False) 
         of = (
             f"with a sign, the paired difference to {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
         )
-    said = [of, *_over(comparison)]
-    said += ["bold: best, underlined: second"] * ("best" in looks)
+    parts = [of, *_over(comparison)]
+    parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
-        said.append("green: better, red: worse" if colours else "bold: better")
+        parts.append("green: better, red: worse" if colours else "bold: better")
     if any(cell.mark for cell in cells):
-        said.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
-    said += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
-    return "; ".join([*said, _how(comparison, has_interval)])
+        parts.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
+    parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
+    return "; ".join([*parts, _how(comparison, has_interval)])
 
 
 def _over(comparison: Comparison) -> Iterator[str]:

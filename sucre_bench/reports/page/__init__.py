@@ -55,12 +55,12 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> P
     gallery = Gallery(out, _most_pictures(rows))
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
-    told = [_json(section.content()) for section in sections]
+    contents = [_json(section.content()) for section in sections]
     page = pages.get_template("page.html.j2").render(
         style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
         scripts=Markup(bundle("main", lambda name: _source(f"{name}.js"))),
         summary=Markup(_json(_summary(comparisons))),
-        datasets=[Markup(text) for text in told],
+        datasets=[Markup(text) for text in contents],
         blocks=gallery.blocks(),
         plotly=_plotly() if (rows["status"] == "ok").any() else "",
         failed=_reasons(rows, "failed"),
@@ -104,14 +104,14 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 
 
 def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
-    """Where and why, the same fault of one method said once with its views."""
+    """Where and why, with the views that share a fault in one entry."""
     own = rows[rows["status"] == status]
-    said = []
+    faults = []
     for (dataset, method, metric, reason), same in own.groupby(["dataset", "method", "metric", "reason"], sort=False):
         views = sorted(set(same["view"]) - {""})
         score = "" if metric == "seconds" else metric
-        said.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
-    return said
+        faults.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
+    return faults
 
 
 def _plugins(config: str) -> tuple[str, ...]:
@@ -140,7 +140,7 @@ def _plotly() -> str:
 
 
 def _json(value: Any) -> str:
-    """As JSON that may stand in a page: nothing in it ends a script, and no number is not a number."""
+    """Return JSON for a script element: `<` is escaped, so that no value can end the script, and NaN is null."""
     text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 

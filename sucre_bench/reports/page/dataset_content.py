@@ -1,4 +1,4 @@
-"""What the page is told of a dataset, as plain values: its table, its views with their pictures, its charts."""
+"""The page's data of a dataset, as plain values: its table, its views with their pictures, its charts."""
 
 from __future__ import annotations
 
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Section", "cell_of", "column_of", "key_of"]
 
 _WATER = ("B", "beta", "gamma")
-_MOST_TOLD = 600  # characters of what a method tells of its work
+_LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
 _EXPORTS: tuple[tuple[str, text.Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
@@ -80,7 +80,7 @@ class Section:
     plugins: tuple[str, ...]
 
     def content(self) -> dict[str, Any]:
-        """Everything the page shows of it."""
+        """Return everything that the page shows of the dataset."""
         values, charts = self._values(), self._charts()
         views = [self._view(*place, values, charts) for place in self._chosen()]
         return {
@@ -145,10 +145,10 @@ class Section:
         ok = self.rows[(self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)]
         by = [*_VIEW, "method", "metric", "variant"]
         means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()
-        found: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
+        made: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
         for (scene, view, method, metric, variant), *score in means.itertuples(name=None):
-            found[scene, view][method][key_of(metric, variant)] = (score[0], score[1])
-        return found
+            made[scene, view][method][key_of(metric, variant)] = (score[0], score[1])
+        return made
 
     def _view(self, scene: str, view: str, kept: bool, values: Any, charts: Any) -> dict[str, Any]:
         place = layout.find(self.table.title, scene, view, self.out)
@@ -173,10 +173,10 @@ class Section:
 
     @cached_property
     def _restorations(self) -> dict[tuple[str, str], dict[str, Any]]:
-        found: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
         for row in self.rows[self.rows["metric"] == "seconds"].itertuples():
-            found[row.scene, row.view][row.method] = row
-        return found
+            made[row.scene, row.view][row.method] = row
+        return made
 
     def _result(
         self, place: layout.Place | None, row: Any, scores: Mapping[str, tuple[float, float]], kept: bool, name: str
@@ -185,7 +185,7 @@ class Section:
             return {"status": "not run", "reason": ""}
         if row.status != "ok":
             return {"status": row.status, "reason": row.reason}
-        own = _told(row, self.out)
+        own = _record(row, self.out)
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
         return {
             "status": "ok",
@@ -208,20 +208,20 @@ class Section:
         place = {name: n for n, name in enumerate(self.table.methods)}
         ok = self.rows[(self.rows["status"] == "ok") & self.rows["method"].isin(place)]
         of_charts = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
-        found: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
         columns = ["scene", "view", "region", "metric", "variant", "method", "value"]
         for scene, view, region, metric, variant, method, value in of_charts[columns].itertuples(
             index=False, name=None
         ):
             chart, _, patch = region.partition("/")
-            own = found[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
+            own = made[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
             scores = own["patches"].setdefault(patch, {}) if patch else own["scores"]
             scores.setdefault(key_of(metric, variant), [None] * len(place))[place[method]] = value
-        return found
+        return made
 
 
-def _told(row: Any, out: Path) -> Mapping[str, Any]:
-    """What a method told of its work; nothing where the file is damaged: the page shows the rest."""
+def _record(row: Any, out: Path) -> Mapping[str, Any]:
+    """A method's record of its work; empty if the file is damaged, so that the page shows the rest."""
     try:
         own = read_record(row, out)
     except InputError:
@@ -235,4 +235,4 @@ def _has_water(own: Mapping[str, Any]) -> bool:
 
 
 def _is_short(value: Any) -> bool:
-    return len(json.dumps(value)) <= _MOST_TOLD
+    return len(json.dumps(value)) <= _LONGEST_VALUE

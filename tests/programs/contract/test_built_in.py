@@ -132,7 +132,7 @@ def test_no_room_names_a_plugin() -> None:
     plugin_folders = {"methods", "metrics", "datasets", "conf", "commands"}
     for path in engine.rglob("*"):
         room = path.relative_to(engine).parts[0]
-        if room in plugin_folders or path.suffix not in (".py", ".js", ".j2") or path.name in NORMALISATIONS:
+        if room in plugin_folders or not path.name.endswith((".py", ".js", ".html.j2")) or path.name in NORMALISATIONS:
             continue
         found = {text.partition(":")[0] for text in strings_of(path)} & names
         assert not found, f"{path.relative_to(engine)} names {sorted(found)}"

@@ -37,11 +37,11 @@ _FEWEST, _SPREAD = 4, 2.0
 
 # Rounds of the fit, and the least time that a line may give, in seconds.
 _ROUNDS, _LEAST_S = 10, 1e-4
-_LABELLED = 50  # greatest over least number up to which 2 and 5 are said beside powers of ten
+_LABELLED = 50  # greatest over least number up to which the axis has 2 and 5 beside powers of ten
 
 
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
-    """Yield the figure. NotApplicableError where no method told its observations."""
+    """Yield the figure. NotApplicableError if no restoration has a number of observations."""
     from matplotlib.ticker import EngFormatter, LogLocator
 
     table = times(results.rows, results.out)
@@ -66,7 +66,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 
 
 def times(rows: pd.DataFrame, out: Path) -> pd.DataFrame:
-    """Return a line a restoration: method, n observations, seconds, and of these pair and solve, NaN where not told."""
+    """Return a line a restoration: method, n observations, seconds, and of these pair and solve, NaN if unknown."""
     import pandas as pd
 
     counts = rows[
@@ -116,7 +116,7 @@ def _series(axis: Axes, method: str, n: Any, seconds: Any, look: style.Look) -> 
     if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
         a, b, error = line(n, seconds)
         at = np.geomspace(n.min(), n.max(), 50)
-        if b > 0:  # times that fall tell of other things than observations
+        if b > 0:  # falling times have other causes than observations
             axis.plot(at, a + b * at, color=look.colour, linewidth=0.9)
         if b > 2 * error:
             label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"

@@ -57,8 +57,8 @@ def _swatches(charts: pd.DataFrame) -> Figure:
         _panel(panel, own, methods, variant)
         panel.set_title(f"{place[2]}, {own['distance'].iloc[0]:.1f} m", fontsize=7)
     axes[0, 0].set_yticks(range(len(methods)), methods)
-    said = f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list"
-    figure.supxlabel(said, fontsize=7)
+    caption = f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list"
+    figure.supxlabel(caption, fontsize=7)
     return figure
 
 
