@@ -24,6 +24,8 @@ __all__ = ["De00", "Psi", "angle_deg", "chart_scores", "patch_region"]
 
 
 @metric(
+    role="chart-error",
+    symbol=r"mean angle $\bar\psi$ (°)",
     needs={"charts"},
     requires=["cv2", "colour"],
     unit="deg",
@@ -53,6 +55,8 @@ class Psi:
 
 
 @metric(
+    role="colour-difference",
+    symbol=r"$\Delta E_{00}$",
     needs={"charts"},
     requires=["cv2", "colour"],
     unit="dE00",

@@ -77,7 +77,7 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
     """Those that draw at random, work on threads or sum up many numbers, in two processes."""
     from sucre_bench.datasets.demo import Demo
 
-    size = {"width": 240, "height": 180, "views": 4}
+    size = {"width": 160, "height": 120, "views": 4}
     list(Demo(root=tmp_path, **size).scenes())
     demo = ["dataset=demo", f"dataset.root={tmp_path}", *(f"dataset.{name}={value}" for name, value in size.items())]
     command = ["run", "-m", *demo, "first=1", "tracking.uri=off", "report=false", "degrade.noise=0.01"]

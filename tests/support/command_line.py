@@ -13,6 +13,7 @@ import sys
 import tempfile
 from collections.abc import Iterator
 from dataclasses import dataclass
+from multiprocessing import forkserver
 from pathlib import Path
 from unittest import mock
 
@@ -77,6 +78,8 @@ class Started:
     """
 
     def __init__(self, folder: Path, *arguments: str) -> None:
+        with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
+            forkserver.ensure_running()  # before Python 3.14 it does not look in our sys.path
         self._said = Path(tempfile.mkdtemp())
         self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments))
         self._process.start()
@@ -96,7 +99,7 @@ class Started:
 
 
 _FORKS = multiprocessing.get_context("forkserver")
-_FORKS.set_forkserver_preload(["pandas", "cv2", "sucre_bench.engine.sweep", "sucre_bench.engine.run_job", __name__])
+_FORKS.set_forkserver_preload(["support.warm", __name__])
 
 
 def _run(folder: Path, said: Path, arguments: tuple[str, ...]) -> None:
