@@ -21,9 +21,7 @@ from sucre_bench.scene import Encoding, Scene
 __all__ = ["Photos"]
 
 
-@dataset(
-    requires=("cv2", "PIL", "tifffile"), has=("reference", "charts"), source="your own images", charts_file="charts"
-)
+@dataset(requires=("cv2", "PIL", "tifffile"), has=("reference", "charts"), source="your own images")
 @dataclass(frozen=True)
 class Photos:
     """The images in a folder, one scene, in order of name, for methods that need no depth.

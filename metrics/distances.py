@@ -24,7 +24,6 @@ Indices = npt.NDArray[np.int64]
 
 
 @metric(
-    role="chart-distance",
     needs={"charts", "depth"},
     requires=["cv2"],
     unit="m",
@@ -48,7 +47,6 @@ class ChartDistance:
 
 
 @metric(
-    role="distance-variance",
     needs={"depth"},
     unit="m^2",
     better="none",

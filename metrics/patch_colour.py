@@ -17,7 +17,6 @@ CHANNELS = ("red", "green", "blue")
 
 
 @metric(
-    role="patch-colour",
     needs={"charts"},
     requires=["cv2"],
     unit="",

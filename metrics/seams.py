@@ -23,7 +23,6 @@ __all__ = ["Seams"]
 
 
 @metric(
-    role="seams",
     needs={"depth"},
     requires=["cv2"],
     unit="share",

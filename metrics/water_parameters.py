@@ -23,7 +23,6 @@ _VARIANTS = {f"{name}-{channel}": says for name, says in _PARAMETERS.items() for
 
 
 @metric(
-    role="water-parameters",
     needs={"restoration"},
     unit="",
     better="none",

@@ -1,21 +1,17 @@
 // Colour charts: each patch as measured and as expected, in every method's picture.
 
-import { $, columnOf, data, fill, h, roleOf, shownMethods, state, summary, watch } from "./page.js";
-import { css, dot, isKnown, number, withUnit } from "./words.js";
-import { sheet } from "./sheet.js";
-
-export const chartsOf = () =>
+const chartsOf = () =>
   data.views.flatMap((view) =>
     Object.entries(view.charts).map(([name, chart]) => ({ view, name, chart, key: `${view.name}\n${name}` })),
   );
-export const distanceOf = ({ chart }) => {
+const distanceOf = ({ chart }) => {
   const known = Object.entries(chart.scores)
-    .filter(([key]) => roleOf(key) === "chart-distance")
+    .filter(([key]) => key.startsWith("chart_distance:"))
     .flatMap(([, values]) => values)
-    .filter(isKnown);
+    .filter(isFinite_);
   return known.length ? known[0] : null; // of the view: the same for every method
 };
-export const measuresOf = (kind) =>
+const measuresOf = (kind) =>
   data.columns.filter(
     (c) =>
       c.of === "chart" &&
@@ -24,9 +20,6 @@ export const measuresOf = (kind) =>
         kind === "chart" ? c.key in chart.scores : Object.values(chart.patches).some((p) => c.key in p),
       ),
   );
-
-// The metrics that have a role.
-const withRole = (role) => Object.keys(summary.roles).filter((metric) => summary.roles[metric] === role);
 
 watch(["dataset"], () => {
   const charts = chartsOf();
@@ -37,7 +30,7 @@ watch(["dataset"], () => {
   fill(
     $("patch-score"),
     measures.map((c) => [c.key, withUnit(c)]),
-    (measures.find((c) => roleOf(c.key) === "colour-difference") || measures[0] || { key: "" }).key,
+    (measures.find((c) => c.metric === "de00") || measures[0] || { key: "" }).key,
   );
   fill(
     $("chart"),
@@ -109,17 +102,17 @@ function drawSwatches() {
   );
   $("swatches-note").textContent = hasColours
     ? `Each square is the colour measured, the disc in it the colour expected; below it their difference${column ? `, ${withUnit(column)}` : ""}.`
-    : `The colours of the patches were not scored: add ${withRole("patch-colour").join(" or ")} to metrics=[...] to see them.`;
+    : "The colours themselves were not kept: add patch_colour to metrics=[...] to see them.";
 }
 
 // A patch's colour as it was measured in a method's picture, or as it should be.
-export function colourOf(scores, what, at = null) {
-  const [metric] = withRole("patch-colour");
-  const rgb = ["red", "green", "blue"].map((channel) => scores[`${metric}:${channel}${what}`]);
-  const values = rgb.map((own) => own && (at === null ? own.find(isKnown) : own[at]));
-  return values.every(isKnown) ? values : null;
+function colourOf(scores, what, at = null) {
+  const rgb = ["red", "green", "blue"].map((channel) => scores[`patch_colour:${channel}${what}`]);
+  const values = rgb.map((own) => own && (at === null ? own.find(isFinite_) : own[at]));
+  return values.every(isFinite_) ? values : null;
 }
 
+const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * x)).join(" ")})`;
 const rgbText = (rgb) => (rgb ? rgb.map((x) => Math.round(255 * x)).join(", ") : "nothing");
 
 function swatch(outer, inner) {

@@ -1,15 +1,6 @@
-// Beside the pictures: scores, water and command of the picture on the right.
+// What is known of the picture on the right.
 
-import { $, columnOf, data, h, state, viewOf, watch } from "./page.js";
-import { briefly, commandBox, commandFor, dot, number, percent, pictureName, titled } from "./words.js";
-import { shownOf } from "./pictures.js";
-import { waterLine } from "./water.js";
-
-watch(["dataset", "view", "method", "before", "layer"], drawDetail);
-
-function drawDetail() {
-  const view = viewOf(state.view);
-  if (!view) return;
+function drawDetail(view) {
   const at = data.methods.findIndex((m) => m.label === state.method);
   const shown = shownOf(view, state.method);
   if (at < 0) {
@@ -30,7 +21,7 @@ function drawDetail() {
         `${result.status}${result.reason ? `: ${result.reason}` : ""}`,
       ),
     );
-  else parts.push(...resultParts(result, shown));
+  else parts.push(...told(result, shown));
   $("detail").replaceChildren(...parts);
   drawCommand();
 }
@@ -70,7 +61,7 @@ function drawCommand() {
 }
 watch(["metric"], drawCommand);
 
-function resultParts(result, shown) {
+function told(result, shown) {
   const scores = data.columns.filter(
     (c) => (c.ranked || c.cost) && c.key in result.scores && !state.unshown.has(c.key),
   );
@@ -87,7 +78,7 @@ function resultParts(result, shown) {
       ),
     );
   const water = result.water && waterLine(result.water);
-  const rest = Object.entries(result.record).map(([name, value]) =>
+  const rest = Object.entries(result.told).map(([name, value]) =>
     h("div", {}, h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, briefly(value))),
   );
   return [
@@ -97,13 +88,23 @@ function resultParts(result, shown) {
       ? h(
           "p",
           { class: "note" },
-          `The confidence that the method gives, from ${shown.about.low} (dark) to ${shown.about.high} (bright).`,
+          `Its confidence, as the method tells it, from ${shown.about.low} (dark) to ${shown.about.high} (bright).`,
         )
       : "",
     water || "",
     fullLink(shown),
-    rest.length ? h("details", {}, h("summary", {}, "The method's record"), h("dl", { class: "scores" }, rest)) : "",
+    rest.length ? h("details", {}, h("summary", {}, "What the method tells"), h("dl", { class: "scores" }, rest)) : "",
   ];
+}
+
+function briefly(value) {
+  if (typeof value === "number") return number(value);
+  if (Array.isArray(value)) return value.map(briefly).join(", ") || "none";
+  if (value && typeof value === "object")
+    return Object.entries(value)
+      .map(([name, inner]) => `${name}: ${briefly(inner)}`)
+      .join("; ");
+  return value === null ? "–" : String(value);
 }
 
 const fullLink = (shown) =>

@@ -1,7 +1,5 @@
 // Plots, drawn by Plotly, which is unpacked when the first of them comes into view.
 
-import { $, h, shownMethods, summary, watch } from "./page.js";
-
 let unpacking = null;
 
 function plotly() {
@@ -23,7 +21,7 @@ const seen = new IntersectionObserver(
 );
 
 // Plot when the place is in view: make() -> {traces, layout}, or null where there is nothing to draw.
-export function plot(id, make) {
+function plot(id, make) {
   const place = $(id);
   pending.set(place, make);
   seen.unobserve(place);
@@ -61,14 +59,14 @@ async function paint(place) {
   }
 }
 
-export const inked = (name) => {
+const inked = (name) => {
   const probe = h("span", { style: `color:var(--${name});display:none` });
   document.body.append(probe);
   const colour = getComputedStyle(probe).color;
   probe.remove();
   return colour;
 };
-export const isDark = () =>
+const isDark = () =>
   getComputedStyle(document.documentElement).colorScheme.includes("dark") &&
   (document.documentElement.dataset.theme === "dark" ||
     (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches));
@@ -97,11 +95,11 @@ const legendBelow = () => ({
   xref: "container",
   xanchor: "left",
 });
-export const legendHeight = (names) =>
+const legendHeight = (names) =>
   22 * Math.ceil(names.reduce((width, name) => width + 55 + 7.5 * name.length, 0) / (Math.min(innerWidth, 1400) - 60));
-export const isNarrow = () => innerWidth < 700;
+const isNarrow = () => innerWidth < 700;
 
-export function axis() {
+function axis() {
   return {
     gridcolor: inked("line"),
     zeroline: false,
@@ -119,7 +117,7 @@ watch(["dataset", "theme"], () =>
 );
 
 // A method's colour, lifted where it would not be seen on dark.
-export function ownColour(label) {
+function ownColour(label) {
   const hex = summary.colours[label] || "#888888";
   const rgb = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
   const light = (0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]) / 255;
@@ -128,7 +126,4 @@ export function ownColour(label) {
 }
 
 const SIGNS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "star", "hexagon"];
-export const signOf = (label) => SIGNS[summary.methods.indexOf(label) % SIGNS.length];
-
-// Plotly reads some markup in text: a label stays a label.
-export const label = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");
+const signOf = (label) => SIGNS[summary.methods.indexOf(label) % SIGNS.length];

@@ -1,8 +1,7 @@
 """The errors of colour charts against their distance (SUCRe, fig. "Chart psi-bar error vs. distance").
 
 A dot is the mean over charts that are about equally far, at most eight such places; the bar behind it reaches one
-standard deviation of their patches to either side. Needs metrics of the roles chart-distance, and
-chart-error or colour-difference.
+standard deviation of their patches to either side. Needs the scores `chart_distance`, and `psi` or `de00`.
 """
 
 from __future__ import annotations
@@ -13,9 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.plugins.plugin import Role
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import metrics_of, symbol
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -25,7 +22,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PLACES", "draw", "seen_charts", "with_places"]
 
-_ERRORS: tuple[Role, ...] = ("chart-error", "colour-difference")
+_ERRORS = {"psi": "mean angle $\\bar\\psi$ (°)", "de00": "$\\Delta E_{00}$"}
 _CHART = ["dataset", "scene", "view", "chart"]
 PLACES = 8
 
@@ -33,13 +30,12 @@ PLACES = 8
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset, a panel per error and variant, of those that the study names if it names any."""
     charts = seen_charts(results.rows)
-    charts = charts[charts["metric"].isin(metrics_of(*_ERRORS))]
+    charts = charts[charts["metric"].isin(_ERRORS)]
     full = charts["metric"] + ":" + charts["variant"]
     named = charts["metric"].isin(results.study.metrics) | full.isin(results.study.metrics)
     charts = charts[named] if named.any() else charts
     if charts.empty:
-        wanted = ",".join(metrics_of(*_ERRORS, "chart-distance"))
-        raise NotApplicableError(f"no errors of colour charts; add metrics=[{wanted}]")
+        raise NotApplicableError("no errors of colour charts; add metrics=[psi,de00,chart_distance]")
     for name, own in style.each_dataset(charts):
         yield name, _against_distance(with_places(own))
 
@@ -51,15 +47,10 @@ def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
     """
     ok = rows[(rows["status"] == "ok") & rows["value"].notna()]
     ok = ok.assign(chart=ok["region"].str.split("/").str[0])
-    distances = (
-        ok[ok["metric"].isin(metrics_of("chart-distance"))]
-        .drop_duplicates(_CHART)
-        .rename(columns={"value": "distance"})
-    )
+    distances = ok[ok["metric"] == "chart_distance"].drop_duplicates(_CHART).rename(columns={"value": "distance"})
     if distances.empty:
-        wanted = ",".join(metrics_of("chart-distance"))
         raise NotApplicableError(
-            f"no colour chart at a known distance; add metrics=[{wanted}], on images with charts and depth"
+            "no colour chart at a known distance; add the metric chart_distance, on images with charts and depth"
         )
     return ok.merge(distances[[*_CHART, "distance"]], on=_CHART)
 
@@ -91,7 +82,7 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
             panel.errorbar(x, means, spread, fmt="none", ecolor=look.colour, alpha=0.3, elinewidth=0.7, zorder=1)
             panel.plot(x, means, color=look.colour, marker=look.marker, label=method, markersize=3)
         several = sum(metric == other for other, _ in panels) > 1
-        panel.set(ylabel=f"{symbol(metric, str(scores['unit'].iloc[0]))}{f', {variant}' if several else ''}")
+        panel.set(ylabel=f"{_ERRORS[metric]}{f', {variant}' if several else ''}")
         panel.set_ylim(bottom=0)
         panel.tick_params(labelbottom=place + width >= len(panels))
         panel.grid(axis="y")
