@@ -21,7 +21,9 @@ from sucre_bench.scene import Encoding, Scene
 __all__ = ["Photos"]
 
 
-@dataset(requires=("cv2", "PIL", "tifffile"), has=("reference", "charts"), source="your own images")
+@dataset(
+    requires=("cv2", "PIL", "tifffile"), has=("reference", "charts"), source="your own images", charts_file="charts"
+)
 @dataclass(frozen=True)
 class Photos:
     """The images in a folder, one scene, in order of name, for methods that need no depth.

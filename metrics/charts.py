@@ -25,6 +25,8 @@ __all__ = ["De00", "Psi", "angle_deg", "chart_scores", "patch_region"]
 
 
 @metric(
+    role="chart-error",
+    symbol=r"mean angle $\bar\psi$ (°)",
     needs={"charts"},
     requires=["cv2"],
     unit="deg",
@@ -55,6 +57,8 @@ class Psi:
 
 
 @metric(
+    role="colour-difference",
+    symbol=r"$\Delta E_{00}$",
     needs={"charts"},
     requires=["cv2", "skimage"],
     unit="dE00",

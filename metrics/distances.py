@@ -24,6 +24,7 @@ Indices = npt.NDArray[np.int64]
 
 
 @metric(
+    role="chart-distance",
     needs={"charts", "depth"},
     requires=["cv2"],
     unit="m",
@@ -47,6 +48,7 @@ class ChartDistance:
 
 
 @metric(
+    role="distance-variance",
     needs={"depth"},
     unit="m^2",
     better="none",

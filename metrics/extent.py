@@ -17,6 +17,7 @@ _CHANNELS = {"red": 0, "green": 1, "blue": 2}
 
 
 @metric(
+    role="coverage",
     needs={"restoration"},
     unit="share",
     better="higher",

@@ -27,6 +27,7 @@ _LOST_DEG = 90.0  # the mean error of a hue at random
 
 
 @metric(
+    role="patch-hue",
     needs={"charts"},
     requires=["cv2", "skimage"],
     unit="deg",

@@ -15,6 +15,7 @@ _KEYS = {"all": "n_observations", "repeated": "n_repeated", "views": "n_views"}
 
 
 @metric(
+    role="observations",
     needs={"restoration"},
     unit="count",
     better="none",

@@ -17,6 +17,7 @@ CHANNELS = ("red", "green", "blue")
 
 
 @metric(
+    role="patch-colour",
     needs={"charts"},
     requires=["cv2"],
     unit="",

@@ -23,6 +23,7 @@ __all__ = ["Seams"]
 
 
 @metric(
+    role="seams",
     needs={"depth"},
     requires=["cv2"],
     unit="share",

@@ -23,6 +23,7 @@ _VARIANTS = {f"{name}-{channel}": says for name, says in _PARAMETERS.items() for
 
 
 @metric(
+    role="water-parameters",
     needs={"restoration"},
     unit="",
     better="none",

@@ -49,7 +49,7 @@ def _drop_output() -> None:
 def _status() -> int:
     """Run the command line and return its exit code."""
     try:
-        cli(standalone_mode=False)
+        cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable
+from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any
+from typing import Any, Literal
 
 __all__ = [
     "ANY_FAULT",
+    "DamagedTableError",
     "InputError",
+    "Lack",
     "NotApplicableError",
     "OutputError",
     "PluginError",
@@ -41,6 +45,10 @@ class InputError(SucreBenchError):
     ...     print("did you mean 'demo'" in str(fault))
     True
     """
+
+
+class DamagedTableError(InputError):
+    """A score table, or a part of one, cannot be read."""
 
 
 class OutputError(SucreBenchError):
@@ -79,6 +87,35 @@ class NotApplicableError(SolveError):
 
 # What a plugin may raise: its sys.exit must not end the bench, Ctrl-C must.
 ANY_FAULT = (Exception, SystemExit)
+
+# How a `Lack` describes a scene that has nothing more.
+_NOTHING = "only images"
+
+
+@dataclass(frozen=True)
+class Lack:
+    """What a plugin needs and a scene or view does not have. Its text is stored in rows, and `read` reads it."""
+
+    needs: tuple[str, ...]
+    has: tuple[str, ...]
+    of: Literal["scene", "view"] = "scene"
+
+    @property
+    def brief(self) -> str:
+        """What is needed, in words."""
+        return f"needs {' and '.join(self.needs)}"
+
+    def __str__(self) -> str:
+        return f"{self.brief}, the {self.of} has {', '.join(self.has) or _NOTHING}"
+
+    @classmethod
+    def read(cls, text: str) -> Lack | None:
+        """Return the lack that a text says; None for any other text."""
+        found = re.fullmatch(r"needs (\w+(?: and \w+)*), the (scene|view) has (\w+(?:, \w+)*|only images)", text)
+        if found is None:
+            return None
+        has = () if found[3] == _NOTHING else tuple(found[3].split(", "))
+        return cls(tuple(found[1].split(" and ")), has, "scene" if found[2] == "scene" else "view")
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import os
 import signal
-import subprocess
-import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
+
+os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
+
+from support.command_line import Done, run_here, run_program
 from support.places import TOYS
 
 from sucre_bench import plugins
@@ -28,18 +31,19 @@ def toys() -> str:
 
 
 @pytest.fixture
-def bench(tmp_path: Path) -> Callable[..., subprocess.CompletedProcess[str]]:
-    """Run `sucre-bench ARGUMENTS` in an empty folder, with plain output."""
+def only_built_in() -> Iterator[None]:
+    """No plugin file is loaded, and those that the test loads are forgotten after it."""
+    with plugins.using(plugins.Registry()):
+        yield
 
-    def run(*arguments: str, **environment: str) -> subprocess.CompletedProcess[str]:
-        return subprocess.run(
-            [str(Path(sys.executable).with_name("sucre-bench")), *arguments],
-            cwd=tmp_path,
-            capture_output=True,
-            text=True,
-            check=False,
-            timeout=300,
-            env={**os.environ, "COLUMNS": "200", **environment},
-        )
 
-    return run
+@pytest.fixture
+def bench(tmp_path: Path) -> Callable[..., Done]:
+    """Run `sucre-bench ARGUMENTS` in an empty folder, with plain output, in this process."""
+    return functools.partial(run_here, tmp_path)
+
+
+@pytest.fixture
+def program(tmp_path: Path) -> Callable[..., Done]:
+    """Run `sucre-bench ARGUMENTS` in an empty folder as a process of its own; keywords are its environment."""
+    return functools.partial(run_program, tmp_path)

@@ -52,12 +52,8 @@ def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
 @pytest.mark.parametrize(
     ("arguments", "said"),
     [
-        (["run", "method=grey_world"], "did you mean 'gray_world'"),
         (["run", "dataset=colmap", "dataset.root=nowhere"], "nowhere"),
-        (["compare", "nowhere"], "nowhere: no scores.parquet here"),
-        (["report", "nowhere"], "nowhere: no scores.parquet here"),
         (["score", "nowhere"], "nowhere: no such folder"),
-        (["score", ".", "--metrics", "uicqe"], "did you mean 'uciqe'"),
     ],
 )
 def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str], said: str):

@@ -35,6 +35,8 @@ class Demo:
     for noise and 8 bits, except in "deep_sea": there the only light is a lamp on the camera, I = l (J a + b), with the
     lobe l of the lamp and with the way from the lamp to the seabed added to the distance in a and b. The true water of
     such a scene is the one in that equation, which no method without a model of the lamp should be expected to find.
+    A pixel of the reference is the mean of 3 x 3 samples over its own area on the ground, so far pixels have less
+    contrast than near ones, as in a photograph.
     """
 
     water: Preset = "coastal"

@@ -13,6 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["charts"]
 
+_DATASET = "colmap"  # reads images that are given without dataset=
+
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(
@@ -46,7 +48,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     from sucre_bench.programs.mark_charts import open_session
 
     with terminal.live():
-        session = open_session.open_session(words, kind)
+        session = open_session.open_session(words, kind, _DATASET)
         session.prepare()
     if accept:
         with terminal.live():

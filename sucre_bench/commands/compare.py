@@ -54,7 +54,7 @@ def compare(
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
     sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
-    Methods are compared on the same images only. What cannot stand side by side is refused, with the difference said.
+    Methods are compared on the same images only. Runs that are not comparable are refused, with the reason.
     """
     from sucre_bench import compare
     from sucre_bench.compare import text as tables
@@ -64,11 +64,11 @@ def compare(
     compare.refuse(rows, metrics, common)
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
-        raise InputError("\n".join(f"{table.title}: {note}" for table in compared for note in table.notes))
+        raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in tables.left_out(t)))
     if as_json or how != "terminal":
         click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
         return
     for table in compared:
         terminal.out.print(tables.as_table(table, terminal.out.width, spread))
-        for line in tables.verdicts(table):
-            click.echo(line)
+        for verdict in compare.verdicts(table):
+            click.echo(tables.verdict_text(table, verdict))

@@ -93,32 +93,28 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
     """Plugins and presets, or experiments, with what they are."""
     from sucre_bench import plugins
     from sucre_bench.jobs.explain import GROUPS
+    from sucre_bench.jobs.presets import presets
     from sucre_bench.plugins.plugin import Plugin
 
     if group in GROUPS:
         for name, plugin in plugins.discover(GROUPS[group]).items():
             if isinstance(plugin, Plugin):
                 yield name, plugin.summary
-    for path in _presets(group):
-        yield path.stem, ""
-
-
-def _presets(group: str) -> list[Path]:
-    from sucre_bench.jobs.schema import CONF_FOLDER
-
-    return sorted((CONF_FOLDER / group).glob("*.yaml"))
+    for preset in presets(group):
+        yield preset.name, preset.description
 
 
 def _plugin(group: str, name: str) -> Any:
     """A group's plugin of this name, or that a preset of this name is of; None where there is none."""
     from sucre_bench import plugins
     from sucre_bench.jobs.explain import GROUPS
+    from sucre_bench.jobs.presets import presets
     from sucre_bench.plugins.plugin import Plugin
 
     known = plugins.discover(GROUPS[group])
     if name not in known:
-        texts = [path.read_text(encoding="utf-8") for path in _presets(group) if path.stem == name]
-        name = next((base for text in texts for base in re.findall(r"^ +- (\w+)$", text, re.M) if base in known), name)
+        bases = (base for preset in presets(group) if preset.name == name for base in preset.builds_on)
+        name = next((base for base in bases if base in known), name)
     plugin = known.get(name)
     return plugin if isinstance(plugin, Plugin) else None
 
@@ -126,6 +122,7 @@ def _plugin(group: str, name: str) -> Any:
 def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     """The options of the method, dataset or metric that was chosen before (the first of several), or of the engine."""
     from sucre_bench.degrade import Degradation
+    from sucre_bench.jobs.presets import default_choice
     from sucre_bench.jobs.schema import Shard, Tracking
     from sucre_bench.plugins.options import options_of
 
@@ -134,20 +131,11 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
         return options_of(engine[group])
     kind, _, name = group.partition(".")
     if kind in ("dataset", "method") and not name:
-        name = given.get(kind, _by_default(kind)).split(",")[0]
+        name = given.get(kind, default_choice(kind)).split(",")[0]
     elif kind != "metrics":
         return ()
     plugin = _plugin(kind, name)
     return options_of(plugin.cls) if plugin else ()
-
-
-def _by_default(kind: str) -> str:
-    """What the configuration chooses where nothing is chosen."""
-    from sucre_bench.jobs.schema import CONF_FOLDER
-
-    chosen = (CONF_FOLDER / "config.yaml").read_text(encoding="utf-8")
-    found = re.search(rf"^  - {kind}: (\w+)$", chosen, re.M)
-    return found[1] if found else ""
 
 
 def _option(key: str, given: Mapping[str, str]) -> Option | None:

@@ -13,7 +13,7 @@ import click
 from sucre_bench import plugins
 from sucre_bench.commands.common import json_option, load_plugins, plugin_option
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.catalogue import entries, entry, option_entry, presets
+from sucre_bench.jobs.catalogue import entries, entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
@@ -47,7 +47,7 @@ def _as_json(what: str) -> str:
     if what == "degradations":
         return json.dumps({o.name: option_entry(o) for o in options_of(Degradation)}, indent=1)
     if what == "experiments":
-        return json.dumps(presets("experiment"), indent=1)
+        return json.dumps(preset_entries("experiment"), indent=1)
     kind = _kind(what)
     return json.dumps(entries(kind), indent=1)
 
@@ -55,12 +55,12 @@ def _as_json(what: str) -> str:
 def _as_text(what: str, colour: bool) -> str:
     """Each with its needs, licence, options and whether it can run here, wrapped to the terminal."""
     if what == "experiments":
-        return "\n".join(f"{e['name']}  {e['description']}" for e in presets("experiment"))
+        return "\n".join(f"{e['name']}  {e['description']}" for e in preset_entries("experiment"))
     if what == "degradations":
         return "\n".join(line for option in options_of(Degradation) for line in _option_lines(option))
     kind = _kind(what)
     entries = [_entry(plugin, colour) for plugin in plugins.discover(kind).values()]
-    for told in presets(kind):
+    for told in preset_entries(kind):
         entries.append("\n".join([_styled(told["name"], colour, bold=True), *_wrapped("", told["description"])]))
     if what == "metrics":
         entries.append("metric:variant, * computed unless others are asked for")

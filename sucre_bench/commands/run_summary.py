@@ -20,6 +20,7 @@ from sucre_bench.machine import progress, terminal
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
+from sucre_bench.results import Reason, brief
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -67,8 +68,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     if (outcome.rows["status"] == "ok").any():
         for table in comparisons:
             terminal.out.print(tables.as_table(table, terminal.out.width))
-            for line in tables.verdicts(table):
-                click.echo(line)
+            for verdict in compare.verdicts(table):
+                click.echo(tables.verdict_text(table, verdict))
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),
@@ -95,7 +96,7 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
 
 def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Written, Path | None]:
     """The study's files and the page, where they are wanted."""
-    study = write_study(outcome)
+    study = write_study(outcome, comparisons)
     wanted = outcome.wants_report and len(outcome.rows)
     return study, report.write(outcome.out, outcome.rows, comparisons) if wanted else None
 
@@ -124,10 +125,11 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
 
 def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     """A line a reason for the scores that views could not give."""
-    skipped = rows[(rows["status"] == "skipped") & (rows["metric"] != "seconds")]
-    skipped = skipped[~skipped["reason"].str.startswith("nothing to score")]  # a method without water, say
-    why = skipped["reason"].str.split(",").str[0]
-    for reason, own in skipped.groupby(why, sort=False):
+    skipped = results.score_rows(rows[rows["status"] == "skipped"])
+    # That a method estimates no water, say, needs no line.
+    says_something = [Reason.of(text) is not Reason.NOTHING_TO_SCORE for text in skipped["reason"]]
+    skipped = skipped.loc[says_something]  # by rows, also where there is none
+    for reason, own in skipped.groupby(skipped["reason"].map(brief), sort=False):
         views = own[["dataset", "scene", "view"]].drop_duplicates()
         everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
         where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
@@ -144,11 +146,13 @@ def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
     return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"
 
 
-def write_study(outcome: Outcome) -> Written:
+def write_study(outcome: Outcome, comparisons: Sequence[Comparison]) -> Written:
     """Write the tables and figures that the command's experiment asks for, if it does."""
     if outcome.study is None:
         return Written((), ())
-    return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets)
+    is_whole = len(outcome.asked) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
+    known = comparisons if is_whole else ()
+    return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets, known)
 
 
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:

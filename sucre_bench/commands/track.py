@@ -26,7 +26,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     sucre-bench track results --uri http://127.0.0.1:5000
     sucre-bench track results --ui
 
-    What mlflow has been told before is not told again.
+    Rows that mlflow has already are not logged again.
     """
     from sucre_bench import compare, results
     from sucre_bench.reports import mlflow
@@ -38,7 +38,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     except SucreBenchError:
         raise
     except Exception as fault:
-        raise OutputError(f"{uri}: mlflow cannot be told, {shorten(one_line(fault), 200)}; check the URI") from fault
+        raise OutputError(f"{uri}: cannot log in mlflow, {shorten(one_line(fault), 200)}; check the URI") from fault
     click.echo(f"mlflow   {uri}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
     if ui:
         click.echo(f"page     {mlflow.runs_page(uri, experiment, port)}")

@@ -1,14 +1,15 @@
 """From the long table to an answer: which method is better, by how much, and whether that is more than chance.
 
-A score's unit is an image, or a chart where the metric scores charts. Methods are compared on the units that all of
-them have (a method without any restricts nobody; what that leaves out is said). A view counts once, with the mean over
-its charts and over its repetitions. Intervals are 95 %, by a hierarchical bootstrap over scenes, views and charts. Two
-methods tie when the interval of their paired difference holds 0.
+A score's unit is an image, or a chart if the metric scores charts. Methods are compared on the units that all of them
+have. A method without any restricts nobody, and notes say what is left out. A view counts once, with the mean over its
+charts and its replicates. Intervals are 95 %, by a bootstrap over scenes (or views, if there is one scene). Two methods
+tie if the interval of their paired difference includes 0. These intervals hold for all pairs of a table at once.
 """
 
-from sucre_bench.compare.model import Cell, Column, Comparison
+from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 from sucre_bench.compare.refusals import load, refuse
 from sucre_bench.compare.tables import against, compare, is_fresh, only, without_replicates
+from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.results.rows import COSTS, By
 
 __all__ = [
@@ -17,11 +18,14 @@ __all__ = [
     "Cell",
     "Column",
     "Comparison",
+    "Note",
+    "Verdict",
     "against",
     "compare",
     "is_fresh",
     "load",
     "only",
     "refuse",
+    "verdicts",
     "without_replicates",
 ]

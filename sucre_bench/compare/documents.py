@@ -75,7 +75,7 @@ def _evidence(comparison: Comparison) -> list[str]:
     """With a baseline: in how many views each method beats it, and the effect, a line a method."""
     if not comparison.baseline:
         return []
-    said = []
+    lines = []
     for name in comparison.methods:
         own = [(c, cell) for c in comparison.columns if (cell := comparison.cells.get((name, c))) and c.ranked]
         parts = [
@@ -85,8 +85,8 @@ def _evidence(comparison: Comparison) -> list[str]:
             if math.isfinite(cell.wins)
         ]
         if parts:
-            said.append(f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}")
-    return said
+            lines.append(f"{name} better than {comparison.baseline} in views: {'; '.join(parts)}")
+    return lines
 
 
 def _below(comparison: Comparison, spread: bool) -> list[str]:

@@ -1,21 +1,19 @@
-"""What is missing in a comparison, in words: who lacks what, why, and what is left to compare on."""
+"""The notes of a comparison: which method lacks which scores, why, and what remains to compare on."""
 
 from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from sucre_bench.compare.model import Column
+from sucre_bench.compare.model import Column, Note
 from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["notes"]
-
-_MOST_NAMES = 4
 
 _REPETITION = ["scene", "view", "_replicate"]
 
@@ -27,8 +25,8 @@ def notes(
     scores: Mapping[Column, pd.DataFrame],
     repetitions: Mapping[Column, pd.DataFrame],
     methods: Sequence[str],
-) -> list[str]:
-    """Say what each method lacks that others have.
+) -> list[Note]:
+    """Return what each method lacks that others have.
 
     rows: of the table, whatever became of them, with `_fresh` saying which are of the data compared, and `_replicate`;
     scores: the values of each column, units (scene, view, region) x methods, NaN = a hole; repetitions: the same before
@@ -39,29 +37,29 @@ def notes(
     why = _Why.of(rows)
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
     everywhere = anywhere.intersection(*(restored[name] for name in some))
-    said = []
+    made: list[Note] = []
     for name in methods:
         lost = anywhere - restored.get(name, set())
         if lost and name not in some:
-            said.append(f"{name} has no result ({why.restoration(name, lost)})")
+            made.append(Note("no result", (name,), reasons=why.restoration(name, lost)))
         elif lost:
             reasons = why.restoration(name, lost)
-            said.append(_sentence(name, "result", len(lost), len(anywhere), "image", reasons, len(everywhere)))
-        said += _scores_lost(name, lost, scores, repetitions, why)
+            made.append(Note("images lost", (name,), (), len(lost), len(anywhere), len(everywhere), reasons=reasons))
+        made += _scores_lost(name, lost, scores, repetitions, why)
     for column, values in scores.items():
         if column.n_units == 0:
-            said.append(f"{column.metric} ({column.variant}): no {column.of} that {_list(values.columns)} all have")
+            made.append(Note("nothing shared", tuple(map(str, values.columns)), (column,), unit=column.of))
     if not scores:
-        said += _unscored(rows, some)
-    return [*said, *_repeats_lost(rows, repetitions)]
+        made += _unscored(rows, some)
+    return [*made, *_repeats_lost(rows, repetitions)]
 
 
-def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[str]:
-    """Why nothing that is asked for was scored, of methods that did restore."""
+def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[Note]:
+    """Why none of the requested metrics scored a method that did restore."""
     own = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
     for name in methods:
         why = [f"{r.status}: {r.reason}" for r in own[own["method"] == name].itertuples()]
-        yield f"{name} has no score" + (f" ({_counted(why)})" if why else "")
+        yield Note("no score", (name,), reasons=_counted(why))
 
 
 def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
@@ -81,7 +79,7 @@ class _Why:
     def of(cls, rows: pd.DataFrame) -> _Why:
         known = {}
         for r in rows[(rows["status"] != "ok") | ~rows["_fresh"]].itertuples():
-            reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # of several views, told as one
+            reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # so that views with one reason count together
             text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
             known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
         own = rows[(rows["metric"] == "seconds") & rows["_fresh"]]
@@ -112,11 +110,11 @@ def _counted(reasons: Iterable[str]) -> str:
     for reason in sorted(reasons):
         kind, _, why = reason.partition(": ")
         kinds.setdefault(kind, Counter())[why] += 1
-    said = []
+    parts = []
     for kind, whys in kinds.items():
         why = whys.most_common(1)[0][0] + (" and others" if len(whys) > 1 else "")
-        said.append(f"{whys.total()} {kind}" + (f": {why}" if why else ""))
-    return "; ".join(said)
+        parts.append(f"{whys.total()} {kind}" + (f": {why}" if why else ""))
+    return "; ".join(parts)
 
 
 def _scores_lost(
@@ -125,9 +123,9 @@ def _scores_lost(
     scores: Mapping[Column, pd.DataFrame],
     repetitions: Mapping[Column, pd.DataFrame],
     why: _Why,
-) -> Iterator[str]:
-    """A sentence for the metrics that lack the same, beyond what was not restored at all."""
-    alike: dict[tuple[int, int, str, str, int], list[str]] = {}
+) -> Iterator[Note]:
+    """A note for the metrics that lack the same units, apart from views that were not restored."""
+    alike: dict[Note, list[Column]] = {}
     for column, values in scores.items():
         if column.metric in COSTS or name not in values or column.n_units == len(values):
             continue
@@ -140,44 +138,30 @@ def _scores_lost(
         partly = views & set(own.index[own.notna()].droplevel(["region", "_replicate"])) - there
         reasons = why.score(name, column, [(v, v in partly) for v in (missing if views & there else views)])
         if views & there:  # some charts of a view, not all
-            key = (len(missing), len(values), column.of, reasons, column.n_units)
+            key = Note("images lost", (name,), (), len(missing), len(values), column.n_units, 0, column.of, reasons)
         else:
             n = len(values.index.droplevel("region").unique())
-            key = (len(views), n, "image", reasons, column.n_views)
-        alike.setdefault(key, []).append(column.metric)
-    for (n, of_all, noun, reasons, left), metrics in alike.items():
-        yield _sentence(name, _list(dict.fromkeys(metrics)), n, of_all, noun, reasons, left)
+            key = Note("images lost", (name,), (), len(views), n, column.n_views, reasons=reasons)
+        alike.setdefault(key, []).append(column)
+    yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
-def _sentence(name: str, what: str, n: int, of_all: int, noun: str, reasons: str, left: int) -> str:
-    the_left = f"the other {left}" if n + left == of_all else f"the {left} that all have"
-    on = f"all are compared on {the_left}" if left else "nothing is left to compare"
-    return f"{name} has no {what} in {n} of {of_all} {noun}s ({reasons}): {on}"
-
-
-def _list(names: Iterable[str]) -> str:
-    names = list(names)
-    more = len(names) - _MOST_NAMES
-    return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
-
-
-def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]) -> Iterator[str]:
-    """Repetitions that a method lacks, failed or never run, of images of which it has others."""
+def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]) -> Iterator[Note]:
+    """Replicates that a method lacks, failed or never run, of images that have at least one other replicate."""
     whole = rows[(rows["metric"] == "seconds") & rows["_fresh"] & (rows["view"] != "")]
     keys = [whole[name] for name in (*_REPETITION, "method")]
     lost = _partly((whole["status"] == "ok").groupby(keys).any().unstack("method", fill_value=False), _REPETITION[:2])
     for name in lost.columns[lost.any()]:
-        yield f"{name} lacks repetitions of {_of_images(lost[name])}"
-    alike: dict[tuple[str, str], list[str]] = {}
+        yield _replicates_lost(str(name), lost[name])
+    alike: dict[Note, list[Column]] = {}
     for column, values in repetitions.items():
         if column.metric in COSTS or not values.isna().to_numpy().any():
             continue
         own = _partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
-        own &= ~lost.reindex(index=own.index, columns=own.columns, fill_value=False)  # of which it is said already
+        own &= ~lost.reindex(index=own.index, columns=own.columns, fill_value=False)  # the note above has these
         for name in own.columns[own.any()]:
-            alike.setdefault((str(name), _of_images(own[name])), []).append(column.metric)
-    for (method, images), metrics in alike.items():
-        yield f"{method} lacks {_list(dict.fromkeys(metrics))} in repetitions of {images}"
+            alike.setdefault(_replicates_lost(str(name), own[name]), []).append(column)
+    yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
 def _partly(has: pd.DataFrame, of: list[str]) -> pd.DataFrame:
@@ -185,6 +169,7 @@ def _partly(has: pd.DataFrame, of: list[str]) -> pd.DataFrame:
     return ~has & has.groupby(level=of).transform("any")
 
 
-def _of_images(lost: pd.Series) -> str:
+def _replicates_lost(name: str, lost: pd.Series) -> Note:
+    """lost: whether each replicate of an image is lost."""
     n = len(lost.index[lost].droplevel("_replicate").unique())
-    return f"{n} image{'s' * (n > 1)} ({lost.sum()} of {len(lost)}): scores are means of those that all have"
+    return Note("replicates lost", (name,), n=n, total=len(lost), lost=int(lost.sum()))

@@ -11,7 +11,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units
 from sucre_bench.results.rows import COSTS
 
-__all__ = ["NO_DIFFERENCE", "Cell", "Column", "Comparison", "Difference", "Measured"]
+__all__ = ["NO_DIFFERENCE", "Cell", "Column", "Comparison", "Difference", "Measured", "Note", "NoteKind", "Verdict"]
 
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
@@ -56,7 +56,7 @@ class Cell:
 
     NaN stands for what there is not: an interval over one view or of infinite values, the best's effect against itself.
     Where scores are equal or have no interval, the mean alone decides the rank. A number that only describes has place
-    and rank 0, and NaN for all that is told of better and worse.
+    and rank 0, and NaN instead of better and worse.
     """
 
     mean: float
@@ -98,13 +98,65 @@ class Measured:
         )
 
 
+NoteKind = Literal[
+    "no result",  # the method restored nothing
+    "images lost",  # the method lacks a restoration or scores of some units: n of total
+    "no score",  # it restored, but none of the requested metrics could score it
+    "nothing shared",  # a score of which the methods share no unit
+    "replicates lost",  # it lacks replicates of n images, `lost` of `total` in all
+    "older data",  # the methods ran on older data than the newest
+    "no baseline",  # the baseline was not run here
+    "no option",  # the dataset or method lacks the option that a study follows
+]
+
+
+@dataclass(frozen=True)
+class Note:
+    """Something that a comparison does not count.
+
+    methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: how many
+    units are lost, of how many; left: how many remain for all methods; lost: replicates; unit: of n; reasons: how often
+    for what reason, as text; option: the followed option.
+    """
+
+    kind: NoteKind
+    methods: tuple[str, ...]
+    columns: tuple[Column, ...] = ()
+    n: int = 0
+    total: int = 0
+    left: int = 0
+    lost: int = 0
+    unit: Literal["image", "chart"] = "image"
+    reasons: str = ""
+    option: str = ""
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """Which of two methods leads in a score.
+
+    difference: of the means, paired, at least 0; interval: its 95 % interval, valid for all pairs of the table at once,
+    NaN without one; wins: in how many views the leader is the best, or beats the baseline; effect: the difference in
+    standard deviations of the views' differences, NaN if they do not vary; may_be_chance: whether the interval has 0.
+    """
+
+    column: Column
+    leader: str
+    second: str
+    difference: float
+    interval: tuple[float, float]
+    wins: float
+    effect: float
+    may_be_chance: bool
+
+
 @dataclass(frozen=True)
 class Comparison:
     """One table: methods x columns; no cell where a method has nothing.
 
     title: the dataset, and the view or region if the table is of one; stale: methods left out because their rows come
-    from older data; baseline: the method that others are compared with, or ""; notes: what is not counted, and why, a
-    sentence each; measured: the numbers behind the cells, from which `against` makes differences to a baseline.
+    from older data; baseline: the method that others are compared with, or ""; notes: what is not counted, and why;
+    measured: the numbers behind the cells, from which `against` makes differences to a baseline.
     """
 
     title: str
@@ -113,5 +165,5 @@ class Comparison:
     cells: dict[tuple[str, Column], Cell]
     stale: tuple[str, ...] = ()
     baseline: str = ""
-    notes: tuple[str, ...] = ()
+    notes: tuple[Note, ...] = ()
     measured: Mapping[Column, Measured] = field(default_factory=dict, repr=False, compare=False)

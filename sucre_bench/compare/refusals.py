@@ -1,4 +1,4 @@
-"""What may not stand side by side in one table: different images, replicates, variants, versions, data or options."""
+"""Refuses comparisons of different images, replicates, variants, versions, data or options."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ __all__ = ["load", "refuse"]
 
 T = TypeVar("T")
 
-_Image = tuple[str, str]  # scene, with the replicate or without, and view
+_Image = tuple[str, str]  # scene (with or without its replicate), view
 
 
 def load(folders: Iterable[str | Path]) -> pd.DataFrame:
@@ -73,7 +73,7 @@ def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False
 
 
 def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
-    """Methods that ran, well or not, on different images or replicates; a job that failed as a whole ran on all."""
+    """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
     images = {
@@ -125,8 +125,8 @@ def _replicates(alike: Mapping[frozenset[_Image], Sequence[str]]) -> str:
         by_numbers.setdefault(numbers, []).append(name)
     (first, names), *others = by_numbers.items()
     has = "has" if len(names) == 1 else "have"
-    said = [f"{_names(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
-    return ", ".join([*said, *(f"{_names(names)} {_listed(numbers)}" for numbers, names in others)])
+    parts = [f"{_names(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
+    return ", ".join([*parts, *(f"{_names(names)} {_listed(numbers)}" for numbers, names in others)])
 
 
 def _listed(numbers: Iterable[int]) -> str:
@@ -147,7 +147,7 @@ def _variants(rows: pd.DataFrame) -> Iterator[str]:
 
 
 def _versions(rows: pd.DataFrame) -> Iterator[str]:
-    """Scores that versions or options of a metric made that differ; only the newest is what is meant by it."""
+    """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), own in rows.groupby(["metric", "variant"], sort=False):
         made_by = own["code"].map({code: code.partition(".")[2] for code in own["code"].unique()})
         last = own["time"].groupby(made_by).max().sort_values().index[-1]
@@ -163,7 +163,7 @@ def _versions(rows: pd.DataFrame) -> Iterator[str]:
 
 
 def _normalisations(rows: pd.DataFrame) -> Iterator[str]:
-    """Labels of one method whose pictures are shown in different ways, where no label says so."""
+    """Two labels of one method with different display normalisations that the labels do not mention."""
     known = rows.drop_duplicates("method")[["method", "options"]]
     options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}
     for first, second in combinations(options, 2):
@@ -177,7 +177,7 @@ def _normalisations(rows: pd.DataFrame) -> Iterator[str]:
 
 
 def _inverted(sets: Mapping[str, frozenset[T]]) -> dict[frozenset[T], list[str]]:
-    """The methods that have the same, by what they have."""
+    """Return the methods with equal sets, by set."""
     alike: dict[frozenset[T], list[str]] = {}
     for name, own in sets.items():
         alike.setdefault(own, []).append(name)

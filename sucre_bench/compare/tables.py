@@ -1,4 +1,4 @@
-"""From rows to comparisons: which units all methods have, and a table for each dataset, view or region."""
+"""Makes comparisons of rows: the units that all methods have, and a table for each dataset, view or region."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ from sucre_bench import plugins, results
 from sucre_bench.compare import ranks
 from sucre_bench.compare.bootstrap import Units
 from sucre_bench.compare.missing import notes
-from sucre_bench.compare.model import Cell, Column, Comparison, Measured
+from sucre_bench.compare.model import Cell, Column, Comparison, Measured, Note
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.rows import COSTS, By
@@ -84,27 +84,39 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
 
 
 def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
-    """Return the comparison with its columns in the order of `metrics`: "name" or "name:variant"; others last."""
+    """Return the comparison with only the columns of these metrics, in their order; all of them if there are none.
 
-    def place(column: Column) -> int:
+    metrics: "name" or "name:variant".
+    """
+
+    def place(column: Column) -> int | None:
         names = (column.metric, f"{column.metric}:{column.variant}")
-        return next((n for n, metric in enumerate(metrics) if metric in names), len(metrics))
+        return next((n for n, metric in enumerate(metrics) if metric in names), None if metrics else 0)
 
-    return replace(comparison, columns=tuple(sorted(comparison.columns, key=place)))
+    places = {column: n for column in comparison.columns if (n := place(column)) is not None}
+    columns = tuple(sorted(places, key=places.__getitem__))
+    notes = [replace(note, columns=tuple(c for c in note.columns if place(c) is not None)) for note in comparison.notes]
+    return replace(
+        comparison,
+        columns=columns,
+        cells={key: cell for key, cell in comparison.cells.items() if key[1] in places},
+        measured={column: measured for column, measured in comparison.measured.items() if column in places},
+        notes=tuple(new for new, old in zip(notes, comparison.notes, strict=True) if new.columns or not old.columns),
+    )
 
 
 def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFrame:
-    """A region's scores, and the rows of other regions that say why it lacks some: a failure is of a whole image."""
+    """A region's rows, and other rows with the reasons for missing scores: a failure concerns a whole image."""
     import pandas as pd
 
     elsewhere = everywhere.drop(region.index)
-    tells_why = (elsewhere["metric"] == "seconds") | (elsewhere["status"] != "ok")
+    has_reason = (elsewhere["metric"] == "seconds") | (elsewhere["status"] != "ok")
     scored = region["_asked"] & (region["status"] == "ok").any()
-    return pd.concat([region.assign(_asked=scored), elsewhere[tells_why].assign(_asked=False)])
+    return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
 def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
-    """Tell which rows are of the metrics named, "name" or "name:variant"; all where none is."""
+    """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all."""
     if not metrics:
         return rows["metric"].notna()
     full = rows["metric"] + ":" + rows["variant"]
@@ -120,7 +132,7 @@ def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
 
 
 def is_fresh(rows: pd.DataFrame) -> pd.Series:
-    """Tell which rows come from the newest data of their scene."""
+    """Return which rows come from the newest data of their scene."""
     newest = rows.groupby(["dataset", "scene", "data_id"])["time"].transform("max")
     return newest == newest.groupby([rows["dataset"], rows["scene"]]).transform("max")
 
@@ -141,11 +153,11 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     scores = {column: values for column, values, _ in of_columns}
     repetitions = {column: repeats for column, _, repeats in of_columns}
     columns = sorted(scores, key=lambda c: (c.better == "none", c.metric in COSTS))  # else as they were run
-    said = notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)
+    found = notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)
     if stale:
-        said.append(f"left out, for they ran on other data: {', '.join(stale)}")
+        found.append(Note("older data", stale))
     if baseline and baseline not in methods:
-        said.append(f"{baseline} was not run here: there is nothing to compare with")
+        found.append(Note("no baseline", (baseline,)))
         baseline = ""
     measured = {column: _measured(column, values) for column, values in scores.items() if column.n_units}
     made = {
@@ -153,7 +165,7 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
         for column, own in measured.items()
         for name, cell in zip(own.methods, ranks.cells(column, own), strict=True)
     }
-    table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(said), measured)
+    table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured)
     return against(table, baseline) if baseline else table
 
 
@@ -195,7 +207,7 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
 
 
 def _range(metric: str) -> tuple[float, float]:
-    """Of a metric's possible values, any where it is not installed here."""
+    """The range of a metric's values; unlimited if the metric is not installed."""
     plugin = plugins.discover("metric").get(metric)
     if isinstance(plugin, Plugin):
         return plugin.range

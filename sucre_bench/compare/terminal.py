@@ -1,4 +1,4 @@
-"""A comparison for the terminal: as many columns side by side as there is room for, numbers below each other."""
+"""A comparison as a table for the terminal, in blocks of as many columns as fit, with numbers aligned."""
 
 from __future__ import annotations
 

@@ -1,11 +1,12 @@
-"""A comparison as people and programs read it: terminal, Markdown, LaTeX, HTML, CSV, JSON, and a sentence a metric."""
+"""A comparison as text: terminal, Markdown, LaTeX, HTML, CSV, JSON, and a sentence for each verdict."""
 
 from sucre_bench.compare.documents import Format, as_text
 from sucre_bench.compare.terminal import as_table
-from sucre_bench.compare.words import ARROW, left_out, legend, number, shown, signed, title, verdicts
+from sucre_bench.compare.words import ARROW, NUMBERS, left_out, legend, number, shown, signed, title, verdict_text
 
 __all__ = [
     "ARROW",
+    "NUMBERS",
     "Format",
     "as_table",
     "as_text",
@@ -15,5 +16,5 @@ __all__ = [
     "shown",
     "signed",
     "title",
-    "verdicts",
+    "verdict_text",
 ]

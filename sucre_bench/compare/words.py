@@ -1,16 +1,33 @@
-"""What tables of every format say: numbers, headings, the parts of a cell, legends, and sentences."""
+"""The words of a comparison in every format: numbers, headings, parts of a cell, legend, notes, verdicts."""
 
 from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sucre_bench.compare import Cell, Column, Comparison
+from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 
-__all__ = ["ARROW", "Shown", "left_out", "legend", "number", "shown", "signed", "title", "verdicts"]
+__all__ = ["ARROW", "NUMBERS", "Shown", "left_out", "legend", "number", "shown", "signed", "title", "verdict_text"]
+
+
+@dataclass(frozen=True)
+class NumberRule:
+    """How numbers are rounded.
+
+    decimals: (least size, decimals), largest first; figures: of smaller numbers; scientific_below: from what size on
+    these are written as 1.2e-05.
+    """
+
+    decimals: tuple[tuple[float, int], ...]
+    figures: int
+    scientific_below: float
+
+
+NUMBERS = NumberRule(((100, 0), (10, 1), (1, 2), (0.1, 3)), 2, 1e-4)
+_MOST_NAMES = 4
 
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
 
@@ -21,14 +38,14 @@ def title(column: Column) -> str:
 
 
 def number(value: float) -> str:
-    """Three figures, two below 0.1; "-" for NaN."""
+    """Return three figures, two below 0.1 (see `NUMBERS`); "-" for NaN."""
     if not math.isfinite(value):
         return "-" if math.isnan(value) else "inf" if value > 0 else "-inf"
     size = abs(value)
-    for least, text in ((100, f"{value:.0f}"), (10, f"{value:.1f}"), (1, f"{value:.2f}"), (0.1, f"{value:.3f}")):
+    for least, decimals in NUMBERS.decimals:
         if size >= least:
-            return text
-    return f"{value:#.2g}" if size else "0"
+            return f"{value:.{decimals}f}"
+    return f"{value:#.{NUMBERS.figures}g}" if size else "0"
 
 
 def signed(value: float) -> str:
@@ -126,14 +143,14 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False) 
         of = (
             f"with a sign, the paired difference to {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
         )
-    said = [of, *_over(comparison)]
-    said += ["bold: best, underlined: second"] * ("best" in looks)
+    parts = [of, *_over(comparison)]
+    parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
-        said.append("green: better, red: worse" if colours else "bold: better")
+        parts.append("green: better, red: worse" if colours else "bold: better")
     if any(cell.mark for cell in cells):
-        said.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
-    said += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
-    return "; ".join([*said, _how(comparison, has_interval)])
+        parts.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
+    parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
+    return "; ".join([*parts, _how(comparison, has_interval)])
 
 
 def _over(comparison: Comparison) -> Iterator[str]:
@@ -153,75 +170,85 @@ def _count(column: Column) -> str:
 
 
 def _how(comparison: Comparison, has_interval: bool) -> str:
+    """Which intervals these are: of means, and of differences between methods."""
     if not has_interval:
         return "no intervals: one view says nothing of chance"
-    levels = [
-        "scenes" * any(column.n_scenes > 1 for column in comparison.columns),
-        "views",
-        "charts" * any(column.of == "chart" for column in comparison.columns),
-    ]
-    return f"intervals: hierarchical bootstrap over {', '.join(filter(None, levels))}"
+    units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
+    means = f"intervals: bootstrap over {units}"
+    n = len(comparison.methods)
+    pairs = n - 1 if comparison.baseline else n * (n - 1) // 2
+    if pairs < 1:
+        return means
+    differences = "simultaneous (max-t) for" if pairs > 1 else "Student's, for"
+    count = f"the {pairs} differences to {comparison.baseline}" if comparison.baseline else f"all {pairs} pairs"
+    return f"{means}; of differences: {differences} {count if pairs > 1 else 'the pair'}"
 
 
 def left_out(comparison: Comparison) -> list[str]:
-    """Say what the comparison does not count, and why."""
-    return list(comparison.notes)
+    """Return a sentence for everything that the comparison does not count, with the reason."""
+    return [_note_text(note) for note in comparison.notes]
 
 
-# -- sentences ---------------------------------------------------------------------------------------------
+def _note_text(note: Note) -> str:
+    name, metrics = _listed(note.methods), _listed(dict.fromkeys(column.metric for column in note.columns))
+    match note.kind:
+        case "no result":
+            return f"{name} has no result ({note.reasons})"
+        case "images lost":
+            remain = f"the other {note.left}" if note.n + note.left == note.total else f"the {note.left} that all have"
+            on = f"all are compared on {remain}" if note.left else "nothing is left to compare"
+            units = f"{note.n} of {note.total} {note.unit}s"
+            return f"{name} has no {metrics or 'result'} in {units} ({note.reasons}): {on}"
+        case "no score":
+            return f"{name} has no score" + (f" ({note.reasons})" if note.reasons else "")
+        case "nothing shared":
+            (column,) = note.columns
+            return f"{column.metric} ({column.variant}): no {note.unit} that {name} all have"
+        case "replicates lost":
+            lacks = f"{metrics} in repetitions" if metrics else "repetitions"
+            images = f"{note.n} image{'s' * (note.n > 1)} ({note.lost} of {note.total})"
+            return f"{name} lacks {lacks} of {images}: scores are means of those that all have"
+        case "older data":
+            return f"left out, for they ran on other data: {', '.join(note.methods)}"
+        case "no baseline":
+            return f"{name} was not run here: there is nothing to compare with"
+        case "no option":
+            return f"{name} is left out: it has no option {note.option}"
 
 
-def verdicts(comparison: Comparison) -> list[str]:
-    """Say for each score which method leads the next, and by how much; nothing where nobody leads.
+def _listed(names: Iterable[str]) -> str:
+    names = list(names)
+    more = len(names) - _MOST_NAMES
+    return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"
 
-    With a baseline: how each method differs from it.
+
+# -- verdicts ----------------------------------------------------------------------------------------------
+
+
+def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
+    """Return a verdict as a sentence: who leads, by how much, how steadily, and whether it may be chance.
+
+    With a baseline, the sentence is about the other method.
     """
-    say = _against_baseline if comparison.baseline else _leader
-    return [sentence for column in comparison.columns if column.ranked for sentence in say(comparison, column)]
-
-
-def _leader(comparison: Comparison, column: Column) -> Iterator[str]:
-    ranked = [(cell, name) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
-    ranked.sort(key=lambda pair: pair[0].place)
-    if len(ranked) < 2:
-        return
-    (first, best), (next_, second) = ranked[:2]
-    if next_.place == 1 or not math.isfinite(next_.behind[0]):
-        return
-    lead = f"{_name(comparison, column)}: {best} leads {second} by {_by(column, next_.behind)}"
-    yield lead + _evidence(column, "best in", first.wins, next_.effect, next_.behind)
-
-
-def _against_baseline(comparison: Comparison, column: Column) -> Iterator[str]:
-    for name in comparison.methods:
-        cell = comparison.cells.get((name, column))
-        if cell is None or not math.isfinite(cell.change[0]):
-            continue
-        change, low, high = cell.change
-        if not change:
-            yield f"{_name(comparison, column)}: {name} equals {comparison.baseline}"
-            continue
-        is_better = (change > 0) == (column.better == "higher")
-        by = (change, low, high) if change > 0 else (-change, -high, -low)
-        than = f"is {'better' if is_better else 'worse'} than {comparison.baseline} by {_by(column, by)}"
-        evidence = _evidence(column, "better in", cell.wins, cell.effect, by)
-        yield f"{_name(comparison, column)}: {name} {than}{evidence}"
-
-
-def _name(comparison: Comparison, column: Column) -> str:
+    column, baseline = verdict.column, comparison.baseline
     several = [c.metric for c in comparison.columns].count(column.metric) > 1
-    return f"{column.metric} ({column.variant})" if several else column.metric
+    name = f"{column.metric} ({column.variant})" if several else column.metric
+    if baseline and not verdict.difference:
+        return f"{name}: {verdict.leader} equals {verdict.second}"
+    by = " ".join(filter(None, [number(verdict.difference), column.unit, _interval(*verdict.interval)]))
+    if baseline == verdict.leader:
+        lead, wins = f"{verdict.second} is worse than {baseline}", "worse in"
+    elif baseline:
+        lead, wins = f"{verdict.leader} is better than {baseline}", "better in"
+    else:
+        lead, wins = f"{verdict.leader} leads {verdict.second}", "best in"
+    return f"{name}: {lead} by {by}{_evidence(verdict, wins)}"
 
 
-def _by(column: Column, difference: tuple[float, float, float]) -> str:
-    gap, low, high = difference
-    return " ".join(filter(None, [number(gap), column.unit, _interval(low, high)]))
-
-
-def _evidence(column: Column, what: str, wins: float, effect: float, difference: tuple[float, float, float]) -> str:
-    """In how many views, how large beside their spread, and whether it may be chance."""
-    if column.n_views < 2:
+def _evidence(verdict: Verdict, wins: str) -> str:
+    views = verdict.column.n_views
+    if views < 2:
         return ", on one view"
-    size = f", effect {abs(effect):.1f}" if math.isfinite(effect) else ""
-    chance = ", which may be chance" if difference[1] <= 0 else ""
-    return f", {what} {round(wins, 1):g} of {column.n_views} views{size}{chance}"
+    size = f", effect {verdict.effect:.1f}" if math.isfinite(verdict.effect) else ""
+    chance = ", which may be chance" if verdict.may_be_chance else ""
+    return f", {wins} {round(verdict.wins, 1):g} of {views} views{size}{chance}"

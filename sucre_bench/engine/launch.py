@@ -153,7 +153,7 @@ def rescue(planned: Sequence[Planned], started: str) -> None:
     progress.say("a worker process died; what it left undone runs again, each job in a process of its own")
     for plan in planned:
         rows = results.merge(plan.job.out)
-        if all(status != "missing" for status, _, _ in states(rows, plan, started)):
+        if all(state.status != "missing" for state in states(rows, plan, started)):
             continue
         with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
             try:

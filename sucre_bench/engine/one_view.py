@@ -160,16 +160,11 @@ def score(
         method=info.get("method", ""),
         options=options,
         options_id=options_id,
-        n_pixels=int(result.valid.sum()),
-        coverage=float(result.valid.mean()),
-        seconds=info.get("seconds", float("nan")),
-        peak_mb=info.get("peak_mb", float("nan")),
-        device=str(info.get("device", "cpu")),
         seed=int(info.get("options", {}).get("seed", 0)),
         code=info.get("code", ""),
         data_id=info.get("data_id", ""),
     )
-    measured = Measured(result, base.seconds, base.peak_mb)
+    measured = Measured(result, info.get("seconds", float("nan")), info.get("peak_mb", float("nan")))
     return results.frame(score_rows(measured, shown, view, scorers(metric_choices(metrics)), base))
 
 
@@ -208,7 +203,7 @@ def list_experiments() -> pd.DataFrame:
     """
     import pandas as pd
 
-    return pd.DataFrame(catalogue.presets("experiment")).set_index("name")
+    return pd.DataFrame(catalogue.preset_entries("experiment")).set_index("name")
 
 
 def _table(kind: plugins.Kind, *columns: str) -> pd.DataFrame:

@@ -4,22 +4,23 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins, results
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
-from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.errors import ANY_FAULT, DamagedTableError, InputError, SucreBenchError, did_you_mean, one_line
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
+from sucre_bench.results.rows import Status, restoration_rows
 from sucre_bench.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Planned", "ProblemsError", "check", "states"]
+__all__ = ["Planned", "ProblemsError", "State", "check", "states"]
 
 
 class ProblemsError(SucreBenchError):
@@ -93,8 +94,10 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
     """Labels that already stand for something else in the output folder: their results would be overwritten."""
     try:
         rows = results.read(planned[0].job.out)
-    except InputError as fault:
-        return [str(fault)] if "not a table" in str(fault) else []
+    except DamagedTableError as fault:
+        return [str(fault)]
+    except InputError:  # there are no results yet
+        return []
     said = []
     for plan in planned:
         job = plan.job
@@ -121,21 +124,27 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
     return said
 
 
-def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[tuple[str, str, bool]]:
-    """Status, reason and newness of each of a job's tasks; what it never got to is "missing".
+@dataclass(frozen=True)
+class State:
+    """What became of a task. status: "missing" if its job never got to it; is_new: made by this command."""
 
-    What was there before counts where it is what was asked for.
+    status: Status | Literal["missing"] = "missing"
+    reason: str = "did not finish"
+    is_new: bool = False
+
+
+def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[State]:
+    """Return the state of each of a job's tasks. started: when the command did.
+
+    Older results count if they are what the job would make.
     """
     job, done = plan.job, Done.among(rows, plan.job)
-    own = rows[(rows["metric"] == "seconds") & (rows["dataset"] == job.dataset.label)]
-    own = own[own["method"] == job.method.label]
-    known = {(r.scene, r.view): (r.status, r.reason, r.time) for r in own.itertuples()}
-    whole = known.get(("", ""), ("missing", "did not finish", ""))
-    states = []
+    own = restoration_rows(rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)])
+    known = {(r.scene, r.view): State(r.status, r.reason, r.time >= started) for r in own.itertuples()}
+    of_job = known.get(("", ""), State())
+    found = []
     for task in plan.tasks:
-        status, reason, when = known.get((task.base.scene, task.view.name), whole)
-        is_new = when >= started
-        if not is_new and not done.covers(task.base, task.place.restored(job.out, job.method.label)):
-            status, reason = "missing", "did not finish"
-        states.append((status, reason, is_new))
-    return states
+        state = known.get((task.base.scene, task.view.name), of_job)
+        is_valid = state.is_new or done.covers(task.base, task.place.restored(job.out, job.method.label))
+        found.append(state if is_valid else State())
+    return found

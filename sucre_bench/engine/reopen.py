@@ -86,7 +86,7 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     from sucre_bench.engine.tasks import open_scenes, tasks
 
     rows = results.read(out)
-    rows = rows[(rows["metric"] == "seconds") & (rows["status"] == "ok")]
+    rows = results.restoration_rows(rows[rows["status"] == "ok"])
     dataset = _only("dataset", _with_all(rows, methods, "dataset"), dataset, out)
     rows = rows[rows["dataset"] == dataset]
     scene = _only("scene", _with_all(rows, methods, "scene"), scene, out)

@@ -11,7 +11,7 @@ from typing import Any
 from sucre_bench import plugins
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.restore import measured_restore
-from sucre_bench.engine.score import Scorer, score_rows, scorers, without
+from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
 from sucre_bench.imaging.display import display
@@ -89,10 +89,10 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task) -> list[
     """Restore, keep and score one view."""
     scene, view = task.scene, task.view
     if absent := plugins.missing_needs(job.method.plugin, scene.has):
-        return [without(task.base, "skipped", absent)]
+        return [row_without_value(task.base, "skipped", absent)]
     try:
         if "depth" in job.method.plugin.needs and not view.has_depth:
-            return [without(task.base, "skipped", f"{view.name} has no depth map")]
+            return [row_without_value(task.base, "skipped", f"{view.name} has no depth map")]
         whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
         if job.overwrite != "always" and (kept := read_full(whole, task.base)):
             return _scored(job, metrics, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
@@ -105,7 +105,7 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task) -> list[
     except OutputError:
         raise
     except NotApplicableError as reason:
-        return [without(task.base, "skipped", one_line(reason))]
+        return [row_without_value(task.base, "skipped", one_line(reason))]
     except ANY_FAULT as fault:
         return [_failed(job, task.base, fault)]
 
@@ -115,15 +115,7 @@ def _scored(job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured)
     restoration, view = measured.restoration, task.view
     shown = display(restoration.image, job.method.display, view.encoding)
     write_pictures(job.out, task.place, job.method.label, view, restoration, shown)
-    base = replace(
-        task.base,
-        seconds=measured.seconds,
-        peak_mb=measured.peak_mb,
-        device=str(restoration.info.get("device", "cpu")),
-        n_pixels=int(restoration.valid.sum()),
-        coverage=float(restoration.valid.mean()),
-    )
-    return score_rows(measured, shown, view, metrics, base, log_path(job.out))
+    return score_rows(measured, shown, view, metrics, task.base, log_path(job.out))
 
 
 def failed_row(job: Job, fault: BaseException) -> Row:
@@ -136,4 +128,4 @@ def _failed(job: Job, base: Row, fault: BaseException) -> Row:
     where = " / ".join(name for name in (base.dataset, base.scene, base.view, base.method) if name)
     keep_traceback(log_path(job.out), where)
     progress.say(f"failed  {where}: {one_line(fault)}")
-    return without(base, "failed", one_line(fault))
+    return row_without_value(base, "failed", one_line(fault))

@@ -17,11 +17,12 @@ from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.log import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
+from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row, Status, fingerprint
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["Scorer", "metric_code", "score_code", "score_rows", "scorers", "without"]
+__all__ = ["Scorer", "metric_code", "row_without_value", "score_code", "score_rows", "scorers"]
 
 
 @dataclass(frozen=True)
@@ -44,8 +45,17 @@ def score_rows(
 ) -> list[Row]:
     """Return the rows of a restoration: what it took, then every score.
 
-    shown: the picture made of it; base: everything a row says that is not the score's; log: keeps tracebacks.
+    shown: the restored image; base: what the rows say of view, method, options, code and data; log: keeps tracebacks.
     """
+    image = measured.restoration
+    base = replace(
+        base,
+        seconds=measured.seconds,
+        peak_mb=measured.peak_mb,
+        device=str(image.info.get("device", "cpu")),
+        n_pixels=int(image.valid.sum()),
+        coverage=float(image.valid.mean()),
+    )
     took = (("seconds", "wall", "s", measured.seconds), ("peak_mb", "resident", "MB", measured.peak_mb))
     rows = [
         replace(base, metric=name, variant=variant, unit=unit, better="lower", value=value)
@@ -56,11 +66,11 @@ def score_rows(
     for scorer in metrics:
         plugin, code = scorer.plugin, score_code(base, scorer.code)
         own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code)
-        absent = plugins.missing_needs(plugin, offers).replace("the scene", "the view")
+        absent = plugins.missing_needs(plugin, offers, "view")
         for variant in scorer.variants:
             row = replace(own, variant=variant)
             if absent:
-                rows.append(without(row, "skipped", absent))
+                rows.append(row_without_value(row, "skipped", absent))
             else:
                 rows += _score(scorer.metric, scored, row, log)
     return rows
@@ -98,7 +108,7 @@ def score_code(base: Row, metric: str) -> str:
     return f"{base.code.split('.')[0]}.{metric}"
 
 
-def without(base: Row, status: Status, reason: str) -> Row:
+def row_without_value(base: Row, status: Status, reason: str) -> Row:
     """Return a row that says why there is no value."""
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
 
@@ -113,12 +123,12 @@ def _score(metric: Metric, scored: _Scored, base: Row, log: Path | None) -> list
             for s in metric.score(of.restoration, of.shown, of.view, variant)
         ]
     except NotApplicableError as reason:
-        return [without(base, "skipped", one_line(reason))]
+        return [row_without_value(base, "skipped", one_line(reason))]
     except ANY_FAULT as fault:
         keep_traceback(log, f"{base.dataset} / {base.method} / {base.view} / {base.metric}:{base.variant}")
-        return [without(base, "failed", one_line(fault))]
-    rows = [without(row, "skipped", "no value (NaN)") if math.isnan(row.value) else row for row in rows]
-    return rows or [without(base, "skipped", "nothing to score in this view")]
+        return [row_without_value(base, "failed", one_line(fault))]
+    rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]
+    return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
 
 
 def _offers(view: View, restoration: Restoration) -> frozenset[str]:

@@ -131,13 +131,14 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
     failed: list[Fault] = []
     skipped: list[Fault] = []
     for plan in planned:
-        for task, (status, reason, is_new) in zip(plan.tasks, states(rows, plan, started), strict=True):
-            fault = Fault(f"{plan.job.dataset.label} / {plan.job.method.label}", task.view.name, reason)
-            if status == "ok":
-                ok, cached = ok + 1, cached + (not is_new)
-            elif status == "skipped":
+        for task, state in zip(plan.tasks, states(rows, plan, started), strict=True):
+            fault = Fault(f"{plan.job.dataset.label} / {plan.job.method.label}", task.view.name, state.reason)
+            if state.status == "ok":
+                ok += 1
+                cached += not state.is_new
+            elif state.status == "skipped":
                 skipped.append(fault)
-            elif not (status == "missing" and interrupted):
+            elif state.status == "failed" or not interrupted:
                 failed.append(fault)
     first = planned[0].job
     return Outcome(

@@ -7,16 +7,16 @@ from dataclasses import MISSING
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.jobs.schema import CONF_FOLDER
+from sucre_bench.jobs.presets import presets
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
-__all__ = ["entries", "entry", "option_entry", "presets"]
+__all__ = ["entries", "entry", "option_entry", "preset_entries"]
 
 
 def entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of each plugin of a kind, and after them the presets of conf/ for that kind."""
-    return [*map(entry, plugins.discover(kind).values()), *presets(kind)]
+    return [*map(entry, plugins.discover(kind).values()), *preset_entries(kind)]
 
 
 def entry(plugin: Plugin | Broken) -> dict[str, Any]:
@@ -56,11 +56,6 @@ def option_entry(option: Option) -> dict[str, Any]:
     return about | ({"help": option.help} if option.help else {})
 
 
-def presets(group: str) -> list[dict[str, Any]]:
-    """Return name and description (its first comment) of each file in a folder of conf/, experiments say."""
-    found = []
-    for path in sorted((CONF_FOLDER / group).glob("*.yaml")):
-        lines = path.read_text(encoding="utf-8").splitlines()
-        comments = [line[1:].strip() for line in lines if line.startswith("#")]
-        found.append({"name": path.stem, "description": next((c for c in comments if not c.startswith("@")), "")})
-    return found
+def preset_entries(group: str) -> list[dict[str, Any]]:
+    """Return name and description of each preset of a folder of conf/, "experiment" say."""
+    return [{"name": preset.name, "description": preset.description} for preset in presets(group)]

@@ -58,10 +58,11 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Command:
     """Read overrides, expand their sweeps, and check every job.
 
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
-    or two jobs with one label.
+    a dataset's option without a dataset, or two jobs with one label.
     """
     overrides = [_expand_home(text) for text in overrides]
     parsed = _parse(overrides)
+    _refuse_options_of_no_dataset(parsed)
     for override in parsed:
         if override.key_or_group == "plugins":  # before its plugins can be configured
             files = override.value()
@@ -109,6 +110,16 @@ def _parse(overrides: Sequence[str]) -> list[Override]:
         except HydraException as fault:
             raise not_an_override(text, fault) from fault
     return parsed
+
+
+def _refuse_options_of_no_dataset(parsed: Sequence[Override]) -> None:
+    """Raise InputError for a dataset's option where no dataset is named: the built-in one would take it."""
+    if any(override.key_or_group in ("dataset", "experiment") for override in parsed):
+        return
+    for override in parsed:
+        if override.key_or_group.startswith("dataset."):
+            word = override.input_line
+            raise InputError(f"{word}: no dataset is named; add dataset=NAME, for example dataset=colmap {word}")
 
 
 def _texts(overrides: Sequence[Override]) -> list[str]:

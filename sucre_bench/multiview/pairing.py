@@ -83,9 +83,10 @@ class Matches:
         return Matches(*(None if values is None else values[which] for values in fields))  # type: ignore[arg-type]
 
 
-def lift(view: View) -> Surface:
+def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
     """Return a target's pixels with depth as points.
 
+    tile_px: side of the tiles that are tested for being in another view's image as one.
     Raises InputError if the view has no camera, pose or depth map, or if the map's size is not the camera's.
     """
     if view.camera is None or view.cam_from_world is None:
@@ -93,16 +94,14 @@ def lift(view: View) -> Surface:
     depth = _depth(view, view.camera)
     height, width = depth.shape
     index = np.arange(height * width, dtype=np.int32).reshape(height, width)
-    corners = [(x, y) for y in range(0, height, _TILE_PX) for x in range(0, width, _TILE_PX)]
-    tiles = [
-        index[y : y + _TILE_PX, x : x + _TILE_PX][depth[y : y + _TILE_PX, x : x + _TILE_PX] > 0] for x, y in corners
-    ]
+    corners = [(x, y) for y in range(0, height, tile_px) for x in range(0, width, tile_px)]
+    tiles = [index[y : y + tile_px, x : x + tile_px][depth[y : y + tile_px, x : x + tile_px] > 0] for x, y in corners]
     sizes = np.array([len(tile) for tile in tiles])
     pixels = np.concatenate(tiles)
     d = depth.ravel()[pixels]
     starts = np.append(0, np.cumsum(sizes[sizes > 0]))
     left, top = np.array(corners)[sizes > 0].T
-    boxes = np.stack([left, top, left + _TILE_PX, top + _TILE_PX])
+    boxes = np.stack([left, top, left + tile_px, top + tile_px])
     return Surface(
         view.camera,
         view.cam_from_world,

@@ -9,7 +9,7 @@ from typing import Any, Literal, TypeVar, get_args
 
 from sucre_bench.errors import PluginError, did_you_mean
 from sucre_bench.imaging.display import check_display
-from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin
+from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin, Role
 
 __all__ = ["dataset", "method", "metric", "snake_case"]
 
@@ -82,12 +82,14 @@ def dataset(
     licence: str = "",
     source: str = "",
     has: Iterable[str] = (),
+    charts_file: str = "",
 ) -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``scenes()`` a dataset.
 
     name: default the class's in snake_case; requires: import names of packages it uses when it runs; cites: the
     publication; licence: of the data; source: where to get the data, and their size; has: what its scenes may offer, of
-    "depth", "poses", "reference", "charts", "truth".
+    "depth", "poses", "reference", "charts", "truth"; charts_file: the option that names its charts.json, relative to
+    the option `root` (`sucre-bench charts` writes that file), "" if there is none.
 
     >>> from collections.abc import Iterator
     >>> from dataclasses import dataclass
@@ -103,7 +105,7 @@ def dataset(
     >>> GreenTank.__plugin__.name
     'green_tank'
     """
-    about: dict[str, Any] = {"source": source, "has": frozenset(has)}
+    about: dict[str, Any] = {"source": source, "has": frozenset(has), "charts_file": charts_file}
     return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
 
 
@@ -119,13 +121,17 @@ def metric(
     requires: Iterable[str] = (),
     cites: str = "",
     licence: str = "",
+    role: Role = "",
+    symbol: str = "",
 ) -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
 
     variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
     unit: as printed; better: "higher", "lower", or "none" for a metric that only describes; range: of possible values;
     name: default the class's in snake_case; needs: what a scene must offer, and "restoration" for a metric that does
-    not apply to just any picture; requires: import names of packages it uses; cites, licence: of its definition.
+    not apply to just any picture; requires: import names of packages it uses; cites, licence: of its definition;
+    role: what figures and the page use it for, besides its column in tables (`Role` in plugin.py); symbol: its name on
+    the axis of a figure, TeX between dollars, default name and unit.
 
     >>> from dataclasses import dataclass
     >>> import sucre_bench as sb
@@ -141,8 +147,11 @@ def metric(
     """
     if better not in get_args(Better):
         raise PluginError(f"metric: better='{better}'; it is 'higher', 'lower' or 'none'")
+    if role not in get_args(Role):
+        raise PluginError(f"metric: unknown role '{role}'; {did_you_mean(role, get_args(Role))}")
     chosen = tuple(default) or tuple(variants)[:1]
-    about = {"unit": unit, "better": better, "range": range, "variants": dict(variants), "default": chosen}
+    about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
+    about |= {"default": chosen, "role": role, "symbol": symbol}
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

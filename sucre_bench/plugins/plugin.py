@@ -11,9 +11,24 @@ from typing import Any, Literal, Protocol, get_args
 from sucre_bench.arrays import Array
 from sucre_bench.scene import Restoration, Scene, Score, View
 
-__all__ = ["Better", "Broken", "Dataset", "Method", "Metric", "Plugin"]
+__all__ = ["Better", "Broken", "Dataset", "Method", "Metric", "Plugin", "Role"]
 
 Better = Literal["higher", "lower", "none"]
+
+# What figures and the page show of a metric beside its table: none knows a metric by its name.
+Role = Literal[
+    "",
+    "chart-distance",  # of each chart from the camera, m
+    "chart-error",  # of a chart's patches against the expected colours, and their mean
+    "colour-difference",  # the same, as a difference between colours that swatches show
+    "coverage",  # share of pixels with a colour
+    "distance-variance",  # of a view's distances, m^2
+    "observations",  # how many a restoration used
+    "patch-colour",  # measured and expected colour of a patch: variants "red" and "red-expected", and so on
+    "patch-hue",  # measured and expected hue of a patch, degrees: variants NAME and "NAME-expected"
+    "seams",  # steps in the picture that the photograph does not have
+    "water-parameters",  # estimated water: variants "attenuation-red", and so on
+]
 
 
 Kind = Literal["method", "dataset", "metric"]
@@ -53,8 +68,8 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen, encoding, reads: see `method`; source, has: see `dataset`; unit, better, range, variants, default:
-    see `metric`.
+    to the screen, encoding, reads: see `method`; source, has, charts_file: see `dataset`; unit, better, range,
+    variants, default, role, symbol: see `metric`.
     """
 
     kind: Kind
@@ -74,6 +89,9 @@ class Plugin:
     range: tuple[float, float] = (-math.inf, math.inf)
     variants: Mapping[str, str] = field(default_factory=dict)
     default: tuple[str, ...] = ()
+    role: Role = ""
+    symbol: str = ""
+    charts_file: str = ""
 
     @property
     def summary(self) -> str:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import importlib
 import importlib.util
+from typing import Literal
 
+from sucre_bench.errors import Lack
 from sucre_bench.machine.provenance import distribution_of
 from sucre_bench.plugins.plugin import Plugin
 
@@ -24,7 +26,7 @@ def _is_installed(package: str) -> bool:
         return False
 
 
-def missing_needs(plugin: Plugin, has: frozenset[str]) -> str:
-    """Return what a plugin needs and a scene does not offer, in words; empty when nothing is missing."""
-    absent = sorted(plugin.needs - has)
-    return f"needs {' and '.join(absent)}, the scene has {', '.join(sorted(has)) or 'only images'}" if absent else ""
+def missing_needs(plugin: Plugin, has: frozenset[str], of: Literal["scene", "view"] = "scene") -> str:
+    """Return what a plugin needs and a scene or view does not have, as the text of a `Lack`; empty if it has all."""
+    absent = plugin.needs - has
+    return str(Lack(tuple(sorted(absent)), tuple(sorted(has)), of)) if absent else ""

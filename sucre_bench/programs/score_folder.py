@@ -13,7 +13,7 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
 from sucre_bench.compare.text import ARROW, number
 from sucre_bench.engine.one_view import score
-from sucre_bench.engine.score import without
+from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, read_rgb
 from sucre_bench.jobs.job import metric_choices
@@ -63,7 +63,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
             tables.append(score(Restoration(view.rgb, info={"method": label}), view, names))
         except InputError as fault:
-            tables.append(results.frame([without(results.Row(method=label, view=name), "failed", str(fault))]))
+            failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
+            tables.append(results.frame([failed]))
     rows = pd.concat(tables, ignore_index=True)
     return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
 

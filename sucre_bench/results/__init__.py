@@ -2,7 +2,18 @@
 
 from __future__ import annotations
 
-from sucre_bench.results.rows import COLUMNS, Row, Status, fingerprint, frame, replicated, unreplicated
+from sucre_bench.results.reasons import Reason, brief
+from sucre_bench.results.rows import (
+    COLUMNS,
+    Row,
+    Status,
+    fingerprint,
+    frame,
+    replicated,
+    restoration_rows,
+    score_rows,
+    unreplicated,
+)
 from sucre_bench.results.table import PARTS, TABLE, Part, merge, read
 
 __all__ = [
@@ -10,12 +21,16 @@ __all__ = [
     "PARTS",
     "TABLE",
     "Part",
+    "Reason",
     "Row",
     "Status",
+    "brief",
     "fingerprint",
     "frame",
     "merge",
     "read",
     "replicated",
+    "restoration_rows",
+    "score_rows",
     "unreplicated",
 ]

@@ -23,7 +23,7 @@ from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
-from sucre_bench.results.rows import Row
+from sucre_bench.results.rows import Row, restoration_rows
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration, View, Water
 
@@ -129,7 +129,7 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
 
 def restorations(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that stand for restorations that ended well: one a view and method, of metric "seconds"."""
-    return rows[(rows["metric"] == "seconds") & (rows["status"] == "ok") & (rows["view"] != "")]
+    return restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "")])
 
 
 _ARRAY = "array of"

@@ -16,9 +16,26 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = ["COLUMNS", "COSTS", "By", "Row", "Status", "as_arrow", "fingerprint", "frame", "replicated", "unreplicated"]
+__all__ = [
+    "COLUMNS",
+    "COSTS",
+    "RESTORATION",
+    "By",
+    "Row",
+    "Status",
+    "as_arrow",
+    "fingerprint",
+    "frame",
+    "replicated",
+    "restoration_rows",
+    "score_rows",
+    "unreplicated",
+]
 
 Status = Literal["ok", "failed", "skipped"]
+
+# The metric of the row that stands for a restoration.
+RESTORATION = "seconds"
 
 
 @dataclass(frozen=True, slots=True)
@@ -39,7 +56,7 @@ class Row:
     method: str = ""
     options: str = "{}"
     options_id: str = ""
-    metric: str = "seconds"
+    metric: str = RESTORATION
     variant: str = "wall"
     region: str = "image"
     value: float = math.nan
@@ -105,6 +122,16 @@ def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
     values = zip(*map(attrgetter(*COLUMNS), rows), strict=True)
     columns = [pyarrow.array(column, type=types[name]) for name, column in zip(COLUMNS, values, strict=True)]
     return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))
+
+
+def restoration_rows(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that stand for restorations, one for each view by each method: see `Row`."""
+    return rows[rows["metric"] == RESTORATION]
+
+
+def score_rows(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that do not stand for restorations."""
+    return rows[rows["metric"] != RESTORATION]
 
 
 By = Literal["method", "view", "region"]

@@ -18,7 +18,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.errors import InputError, OutputError, one_line
+from sucre_bench.errors import DamagedTableError, InputError, OutputError, one_line
 from sucre_bench.machine.files import _not_writable, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.rows import _RESTORATION, COLUMNS, Row, as_arrow, frame
@@ -42,10 +42,11 @@ def read(out: str | Path, **labels: str) -> pd.DataFrame:
 
     labels: dataset=, method= for the rows of these alone, which is quicker.
     Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
-    Raises InputError when there are none, or a file is damaged.
+    Raises InputError if there are none, DamagedTableError (an InputError) if a file is damaged.
     """
     out = Path(out)
-    if not (out / TABLE).is_file() and not list((out / PARTS).glob("*.parquet")):
+    # In this order: a merge writes the table before it removes the parts.
+    if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).is_file():
         raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
     return _read(out, **labels)
 
@@ -80,9 +81,12 @@ def _table(path: Path, labels: Mapping[str, str]) -> pd.DataFrame | None:
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
     except (pyarrow.ArrowInvalid, OSError) as fault:
-        raise InputError(f"{path}: not a table of scores ({one_line(fault)}); delete it and run again") from fault
+        raise DamagedTableError(
+            f"{path}: not a table of scores ({one_line(fault)}); delete it and run again"
+        ) from fault
     if absent := [name for name in COLUMNS if name not in rows]:
-        raise InputError(f"{path}: not a table of scores, it lacks {', '.join(absent)}; delete it and run again")
+        reason = f"not a table of scores, it lacks {', '.join(absent)}"
+        raise DamagedTableError(f"{path}: {reason}; delete it and run again")
     return rows[list(COLUMNS)]
 
 

@@ -11,6 +11,8 @@ from scipy import stats
 
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
 
+pytestmark = pytest.mark.short
+
 SIMULATED = 1000
 
 

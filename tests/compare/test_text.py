@@ -225,7 +225,7 @@ def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
     (comparison,) = compare.compare(frame(rows))
     said = tables.legend(comparison)
     assert "over 6 views of 2 scenes" in said
-    assert "hierarchical bootstrap over scenes, views" in said
+    assert "bootstrap over scenes" in said
     assert "○" not in said
     assert "○n" in tables.legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
     assert "no intervals" in tables.legend(table({"a": [1], "b": [2]}))
@@ -241,7 +241,11 @@ def test_charts_are_counted_in_the_legend():
 
 
 def test_a_verdict_says_gap_interval_wins_effect_and_chance():
-    (said,) = tables.verdicts(table({"a": [1.0, 9, 5], "b": [2.0, 8, 4.9]}))
+    comparison = table({"a": [1.0, 9, 5], "b": [2.0, 8, 4.9]})
+    (verdict,) = compare.verdicts(comparison)
+    assert (verdict.leader, verdict.second, verdict.wins, verdict.may_be_chance) == ("a", "b", 2, True)
+    assert verdict.difference == pytest.approx(0.1 / 3)
+    said = tables.verdict_text(comparison, verdict)
     assert re.fullmatch(
         r"psnr: a leads b by 0\.033 dB \[-\S+, \S+\], best in 2 of 3 views, effect 0\.0, which may be chance", said
     )
@@ -249,14 +253,16 @@ def test_a_verdict_says_gap_interval_wins_effect_and_chance():
 
 def test_a_verdict_against_a_baseline_is_a_sentence_a_method():
     comparison = table({"base": [1.0, 2, 3], "m": [2.0, 3.1, 3.9], "n": [1.0, 2, 3]}, baseline="base", better="lower")
-    first, second = tables.verdicts(comparison)
-    assert re.fullmatch(r"psnr: m is worse than base by 1\.00 dB \[.*\], better in 0 of 3 views, effect 10\.0", first)
+    verdicts = compare.verdicts(comparison)
+    assert [(v.leader, v.second, v.wins) for v in verdicts] == [("base", "m", 3), ("n", "base", 1.5)]
+    first, second = (tables.verdict_text(comparison, verdict) for verdict in verdicts)
+    assert re.fullmatch(r"psnr: m is worse than base by 1\.00 dB \[.*\], worse in 3 of 3 views, effect 10\.0", first)
     assert second == "psnr: n equals base"
 
 
 def test_nobody_is_said_to_lead_by_what_only_describes_or_by_infinity():
-    assert tables.verdicts(table({"a": [1.0, 2], "b": [2.0, 3]}, better="none")) == []
-    assert tables.verdicts(table({"perfect": [np.inf, 30.0], "good": [29.0, 28.0]})) == []
+    assert compare.verdicts(table({"a": [1.0, 2], "b": [2.0, 3]}, better="none")) == []
+    assert compare.verdicts(table({"perfect": [np.inf, 30.0], "good": [29.0, 28.0]})) == []
 
 
 def test_a_number_that_only_describes_has_no_arrow():

@@ -32,24 +32,26 @@ def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     return str(target)
 
 
-def test_all_that_it_brings_is_listed(bench: Bench, installed: str) -> None:
+def test_all_that_it_brings_is_listed(program: Bench, installed: str) -> None:
     for what, name in (("methods", "white_patch"), ("metrics", "colourfulness"), ("datasets", "ramp")):
-        listed = {one["name"]: one for one in json.loads(bench("list", what, "--json", PYTHONPATH=installed).stdout)}
+        listed = {one["name"]: one for one in json.loads(program("list", what, "--json", PYTHONPATH=installed).stdout)}
         assert listed[name]["installed"], what
         assert listed[name]["description"].endswith("."), what
 
 
-def test_all_that_it_brings_is_run_together_with_what_is_built_in(bench: Bench, installed: str, tmp_path: Path) -> None:
+def test_all_that_it_brings_is_run_together_with_what_is_built_in(
+    program: Bench, installed: str, tmp_path: Path
+) -> None:
     job = ["dataset=ramp", "method=underwater,white_patch", "metrics=[psnr,colourfulness]", "out=results"]
-    done = bench("run", "-m", *job, "tracking.uri=off", "report=false", PYTHONPATH=installed)
+    done = program("run", "-m", *job, "tracking.uri=off", "report=false", PYTHONPATH=installed)
     assert done.returncode == 0, done.stderr
     assert "8 ok, 0 failed, 0 skipped" in done.stdout
     assert (tmp_path / "results" / "restored" / "ramp" / "white_patch").is_dir()
 
 
 @pytest.mark.parametrize("name", ["white_patch", "colourfulness", "ramp"])
-def test_all_that_it_brings_keeps_the_contract(bench: Bench, installed: str, name: str) -> None:
-    done = bench("check", name, "--on", "ramp", "--json", PYTHONPATH=installed)
+def test_all_that_it_brings_keeps_the_contract(program: Bench, installed: str, name: str) -> None:
+    done = program("check", name, "--on", "ramp", "--json", PYTHONPATH=installed)
     (told,) = json.loads(done.stdout)
     assert {rule["status"] for rule in told["rules"]} == {"kept"}, told
     assert done.returncode == 0

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pandas as pd
+from support.command_line import Started
 
 from sucre_bench import results
 from sucre_bench.engine import sweep
@@ -55,12 +54,11 @@ def but_times(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def test_a_sweep_killed_again_and_again_ends_with_the_table_of_one_left_alone(tmp_path: Path, toys: str):
-    command = [str(Path(sys.executable).with_name("sucre-bench")), "run", "-m", "dataset=toy", "method=gain,faulty"]
-    command += ["metrics=[psnr,redness]", "tracking.uri=off", "report=false", "--plugin", toys]
+    command = ["run", "-m", "dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]", "tracking.uri=off"]
+    command += ["report=false", "--plugin", toys]
 
     def run(out: str, *more: str) -> int:
-        done = subprocess.run([*command, f"out={out}", *more], cwd=tmp_path, capture_output=True, timeout=120)
-        return done.returncode
+        return Started(tmp_path, *command, f"out={out}", *more).ended().returncode
 
     alone = run("alone")
     killed = 0
@@ -79,17 +77,14 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
     """Those that draw at random, work on threads or sum up many numbers, in two processes."""
     from sucre_bench.datasets.demo import Demo
 
-    size = {"width": 240, "height": 180, "views": 4}
+    size = {"width": 160, "height": 120, "views": 4}
     list(Demo(root=tmp_path, **size).scenes())
     demo = ["dataset=demo", f"dataset.root={tmp_path}", *(f"dataset.{name}={value}" for name, value in size.items())]
-    command = [str(Path(sys.executable).with_name("sucre-bench")), "run", "-m", *demo, "first=1"]
+    command = ["run", "-m", *demo, "first=1", "tracking.uri=off", "report=false", "degrade.noise=0.01"]
     command += ["method=ibla,haze_lines,gaussian_seathru,seathru,stitching,sucre_paper,sucre,sucre_plus"]
     tables = []
     for out in ("first", "second"):
-        done = subprocess.run(
-            [*command, "tracking.uri=off", "report=false", "degrade.noise=0.01", f"out={tmp_path / out}"],
-            capture_output=True, text=True, timeout=300, check=False,
-        )  # fmt: skip
+        done = Started(tmp_path, *command, f"out={tmp_path / out}").ended(300)
         assert done.returncode == 0, done.stdout + done.stderr
         tables.append(but_times(results.read(tmp_path / out)))
     pd.testing.assert_frame_equal(*tables)

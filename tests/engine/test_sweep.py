@@ -6,14 +6,13 @@ import errno
 import json
 import os
 import signal
-import subprocess
-import sys
 import time
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
+from support.command_line import Started
 from support.toy_runs import calls, run
 
 import sucre_bench as sb
@@ -22,6 +21,8 @@ from sucre_bench.engine import preflight, sweep
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.plugins.registry import find
+
+pytestmark = pytest.mark.short
 
 
 @pytest.fixture
@@ -327,11 +328,8 @@ SLOW = ["run", "dataset=toy", "dataset.views=8", "dataset.label=toy", "method=ga
 SLOW += ["tracking.uri=off", "method.pause=0.7", "method.label=slow"]
 
 
-def start(out: Path, toys: str, log: Path) -> subprocess.Popen[str]:
-    command = [str(Path(sys.executable).with_name("sucre-bench")), *SLOW, f"out={out}", f"method.log={log}"]
-    return subprocess.Popen(
-        [*command, "--plugin", toys], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, start_new_session=True
-    )
+def start(out: Path, toys: str, log: Path) -> Started:
+    return Started(out.parent, *SLOW, f"out={out}", f"method.log={log}", "--plugin", toys)
 
 
 def wait_for(log: Path, views: int) -> None:
@@ -346,14 +344,13 @@ def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path)
     log = tmp_path / "log"
     killed = start(out, toys, log)
     wait_for(log, 5)
-    os.killpg(killed.pid, signal.SIGKILL)
-    killed.communicate()
+    killed.send(signal.SIGKILL, to_group=True)
+    assert killed.ended().returncode == -signal.SIGKILL
     done = results.read(out)["view"].nunique()
     assert done >= 2
-    resumed = start(out, toys, log)
-    said, _ = resumed.communicate(timeout=120)
+    resumed = start(out, toys, log).ended()
     assert resumed.returncode == 0
-    assert f"8 ok ({done} cached), 0 failed" in said
+    assert f"8 ok ({done} cached), 0 failed" in resumed.stdout
     assert len(calls(log)) == 5 + 8 - done
     assert results.read(out).groupby("metric").size().tolist() == [8, 8, 8]
 
@@ -363,12 +360,12 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, t
     log = tmp_path / "log"
     stopped = start(out, toys, log)
     wait_for(log, 3)
-    stopped.send_signal(how)
-    said, wrong = stopped.communicate(timeout=60)
-    assert stopped.returncode == 130
-    assert "stopped; the same command goes on from here" in said
-    assert "2 ok, 0 failed" in said
-    assert "Traceback" not in wrong
+    stopped.send(how)
+    done = stopped.ended()
+    assert done.returncode == 130
+    assert "stopped; the same command goes on from here" in done.stdout
+    assert "2 ok, 0 failed" in done.stdout
+    assert "Traceback" not in done.stderr
     assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2
 
 

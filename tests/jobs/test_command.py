@@ -168,3 +168,22 @@ def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path:
     assert read["method"] == {"name": "gain", "label": None, "display": "none", "gain": 2.0, "mode": "plain",
                               "log": str(tmp_path / "log"), "pause": 0.0}  # fmt: skip
     assert read["dataset"]["name"] == "toy"
+
+
+def test_a_datasets_option_without_a_dataset_is_refused():
+    with pytest.raises(InputError, match="no dataset is named; add dataset=NAME, for example dataset=colmap"):
+        command.jobs(["dataset.root=pool", "method=gain"], multirun=False)
+
+
+def test_a_jobs_text_gives_the_same_job_in_another_process():
+    words = ["method.gain=1,2", "dataset.views=2,3", "degrade.noise=0.1", "views=[v0.png]", "save=full"]
+    for one in jobs(*words, multirun=True).jobs:
+        again = job.Job.read(one.config)
+        assert (again.method, again.dataset, again.degrade) == (one.method, one.dataset, one.degrade)
+        assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
+
+
+def test_labels_of_a_folder_that_names_the_swept_keys_are_as_they_were():
+    (one,) = jobs("method.gain=2").jobs
+    written_before = {**yaml.safe_load(one.config), "every": 1}
+    assert job.Job.of(written_before, ["method.gain"]).method.label == "gain,gain=2.0"

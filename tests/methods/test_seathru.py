@@ -7,7 +7,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_seabed import CLEAR, alone, in_water, random_seabed
+from support.made_seabed import CLEAR, alone, random_seabed, view_in_water
 from support.places import DATA
 
 import sucre_bench as sb
@@ -235,7 +235,7 @@ def test_white_balance_equals_the_means_of_what_is_shown():
     assert seabed.reference is not None
     J = seabed.reference.copy()
     J[..., 0] = 0.05 + 0.9 * rng.random(J.shape[:2]) ** 4
-    view = in_water(J, seabed.depth, CLEAR)
+    view = view_in_water(J, seabed.depth, CLEAR)
     plain, balanced = (
         sb.restore("seathru", alone(view), view, p=1.0, white_balance=how).image for how in ("none", "gray-world")
     )
@@ -268,7 +268,7 @@ def test_one_pixel_with_depth_is_enough():
 
 def test_estimating_on_fewer_pixels_hardly_changes_the_result():
     view = random_seabed(6)
-    large = in_water(*(np.repeat(np.repeat(x, 2, 0), 2, 1) for x in (view.reference, view.depth)), CLEAR)
+    large = view_in_water(*(np.repeat(np.repeat(x, 2, 0), 2, 1) for x in (view.reference, view.depth)), CLEAR)
     one, two = (sb.restore("seathru", alone(v), v, size=160).image for v in (view, large))
     np.testing.assert_allclose(two[::2, ::2], one, atol=2e-2)
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import itertools
+from dataclasses import replace
 from math import floor
 
 import numpy as np
@@ -9,8 +11,7 @@ import pytest
 from support.made_scene import BOX, hit, make_camera, make_pose, make_scene, make_view
 
 from sucre_bench import Arrays, Camera, InputError, View
-from sucre_bench.multiview import pairing
-from sucre_bench.multiview.pairing import Matches, lift, match, own_matches, visible_pixels
+from sucre_bench.multiview.pairing import Matches, Surface, lift, match, own_matches, visible_pixels
 
 SCENE = make_scene()
 TARGET = SCENE["a.png"]
@@ -186,37 +187,34 @@ def test_a_point_that_comes_back_left_of_the_target_is_not_matched() -> None:
     assert found.pixels.tolist() == [3]  # 1.575 -> pixel 1, back (1.5 - .7) / .25 = 3.2
 
 
-def see_all(K: np.ndarray, size: np.ndarray, pose: np.ndarray, corners: np.ndarray) -> np.ndarray:
-    """Instead of `pairing._may_be_seen`: nothing is told from poses."""
-    return np.ones((*pose.shape[:-2], corners.shape[-1]), bool)
+def everywhere(surface: Surface) -> Surface:
+    """The surface with tiles that reach a kilometre in every direction: every view may see them."""
+    corner = np.array(list(itertools.product((-1e3, 1e3), repeat=3))).T  # (3, 8)
+    return replace(surface, tile_corners=np.repeat(corner[..., None], surface.tile_corners.shape[-1], axis=-1))
 
 
 @pytest.mark.parametrize("rule", ["mutual", "depth"])
-def test_points_behind_the_other_camera_are_not_matched(rule: str, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_points_behind_the_other_camera_are_not_matched(rule: str) -> None:
     # Back to back in one place: dividing by the negative depth would mirror every point into the image, and back.
     camera = make_camera(20, 16, 20)
     forward, backward = make_pose((0, 0, 0)), make_pose((0, 0, 0), yaw=np.pi)
     arrays = Arrays(np.zeros((16, 20, 3)), np.ones((16, 20)))
-    monkeypatch.setattr(pairing, "_may_be_seen", see_all)
-    assert len(match(lift(View("a", arrays, camera, forward)), View("b", arrays, camera, backward), rule).pixels) == 0
+    surface = everywhere(lift(View("a", arrays, camera, forward)))
+    assert len(match(surface, View("b", arrays, camera, backward), rule).pixels) == 0
 
 
 @pytest.mark.parametrize("ahead_m", [3, -3])
-def test_a_point_behind_either_camera_is_not_matched_through_its_mirror_image(
-    ahead_m: float, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_point_behind_either_camera_is_not_matched_through_its_mirror_image(ahead_m: float) -> None:
     # On one axis. 3 m ahead, the other camera has the target's point behind it, and would see it, mirrored, in its
     # middle, whose own point is before the target; 3 m back, it is the other way round.
     camera = Camera(np.array([[1, 0, 0.5], [0, 1, 0.5], [0, 0, 1.0]]), 1, 1)
     arrays = Arrays(np.zeros((1, 1, 3)), np.ones((1, 1)))
-    monkeypatch.setattr(pairing, "_may_be_seen", see_all)
     target, other = View("a", arrays, camera, np.eye(4)), View("b", arrays, camera, make_pose((0, 0, ahead_m)))
-    assert len(match(lift(target), other).pixels) == 0
+    assert len(match(everywhere(lift(target)), other).pixels) == 0
 
 
-def test_culling_never_drops_a_match(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(pairing, "_TILE_PX", 8)
-    surface = lift(make_view("a.png", make_camera(96, 72, 80), make_pose((0, 0, 0))))
+def test_culling_never_drops_a_match() -> None:
+    surface = lift(make_view("a.png", make_camera(96, 72, 80), make_pose((0, 0, 0))), tile_px=8)
     rng = np.random.default_rng(0)
     poses = [
         make_pose(tuple(rng.uniform(-1.5, 1.5, 3)), *rng.uniform(-1.2, 1.2, 2), rng.uniform(-3, 3)) for _ in range(40)
@@ -224,10 +222,9 @@ def test_culling_never_drops_a_match(monkeypatch: pytest.MonkeyPatch) -> None:
     views = [make_view(f"{k}.png", make_camera(64, 48, 50), pose) for k, pose in enumerate(poses)]
     kept = [(match(surface, view), match(surface, view, "depth")) for view in views]
     share_seen = visible_pixels(surface, views) / len(surface.pixels)
-    monkeypatch.setattr(pairing, "_may_be_seen", see_all)
     for culled, view, share in zip(kept, views, share_seen, strict=True):
         for some, rule in zip(culled, ("mutual", "depth"), strict=True):
-            everything = match(surface, view, rule)
+            everything = match(everywhere(surface), view, rule)
             assert everything is not None
             assert set(everything.pixels) == (set(some.pixels) if some is not None else set())
             assert len(everything.pixels) <= share * len(surface.pixels)
@@ -257,13 +254,12 @@ def test_views_without_camera_pose_or_depth_have_no_matches() -> None:
     assert visible_pixels(surface, [View("b", rgb, camera, None), View("b", rgb, None, np.eye(4))]).tolist() == [0, 0]
 
 
-def test_matches_do_not_depend_on_how_the_points_are_cut_up(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_matches_do_not_depend_on_how_the_points_are_cut_up() -> None:
     def fields(found: Matches) -> list[list[float]]:
         return sorted(zip(found.pixels.tolist(), found.others.tolist(), found.distance.tolist(), strict=True))
 
     whole = fields(match(lift(TARGET), SCENE["side.png"]))
-    monkeypatch.setattr(pairing, "_TILE_PX", 7)
-    assert fields(match(lift(TARGET), SCENE["side.png"])) == whole
+    assert fields(match(lift(TARGET, tile_px=7), SCENE["side.png"])) == whole
 
 
 def test_a_target_that_cannot_be_paired_is_named_with_the_reason() -> None:

@@ -16,6 +16,8 @@ from sucre_bench.plugins.plugin import Broken
 from sucre_bench.plugins.registry import discover, find, load_file
 from sucre_bench.plugins.requirements import missing_packages
 
+pytestmark = pytest.mark.usefixtures("only_built_in")
+
 METHOD = """
 from dataclasses import dataclass
 from sucre_bench import Restoration, Scene, View, method
@@ -27,13 +29,6 @@ class {name}:
     def restore(self, scene: Scene, view: View) -> Restoration:
         return Restoration(view.rgb)
 """
-
-
-@pytest.fixture(autouse=True)
-def only_built_in():
-    """Plugins loaded by a test are forgotten after it."""
-    with plugins.using(plugins.Registry()):
-        yield
 
 
 def write(folder: Path, name: str, file: str | None = None) -> Path:

@@ -1,86 +1,108 @@
+"""Parts are joined while jobs write, others read, and processes are killed: no row is lost or seen twice."""
+
 from __future__ import annotations
 
 import threading
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from sucre_bench import results
-from sucre_bench.results import table
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
 
-
-def row(view: str, **other) -> Row:
-    return Row(dataset="d", scene="s", view=view, method="m", value=1.0, **other)
+TOUCHES = ("glob", "read_bytes", "rename", "replace", "rmdir", "unlink")  # how files are read and changed
 
 
-def test_a_job_that_writes_while_parts_are_joined_loses_nothing(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    """Whatever moment it writes at: here each of the steps of a merge."""
-    part = Part(tmp_path, "job")
-    for step in ("_take", "_read", "_write_table"):
-        part.add([row(f"before {step}")])
+def write(out: Path, *views: str) -> None:
+    """Rows as a job leaves them, a part each."""
+    for view in views:
+        part = Part(out, "job")
+        part.add([Row(dataset="d", scene="s", view=view, method="m", value=1.0)])
         part.flush()
-        original = getattr(table, step)
-
-        def late(*given, step=step, original=original):
-            monkeypatch.setattr(table, step, original)
-            done = original(*given)
-            part.add([row(f"after {step}")])
-            part.flush()
-            return done
-
-        monkeypatch.setattr(table, step, late)
-        results.merge(tmp_path)
-    views = {f"{when} {step}" for when in ("before", "after") for step in ("_take", "_read", "_write_table")}
-    assert set(results.read(tmp_path)["view"]) == views
-    assert set(results.merge(tmp_path)["view"]) == views
-    assert not list((tmp_path / "parts").glob("*.parquet"))
 
 
-def test_who_reads_while_parts_are_joined_sees_every_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    for number in range(3):
-        part = Part(tmp_path, f"job{number}")
-        part.add([row(f"{number}.png")])
-        part.flush()
-    original = table._table
-
-    def merged_before(*given: Any):
-        monkeypatch.setattr(table, "_table", original)
-        results.merge(tmp_path)
-        return original(*given)
-
-    monkeypatch.setattr(table, "_table", merged_before)
-    assert set(results.read(tmp_path)["view"]) == {"0.png", "1.png", "2.png"}
+def views_in(rows: Any) -> list[str]:
+    return sorted(rows["view"])
 
 
-def test_a_merge_that_was_killed_leaves_what_it_took_to_the_next(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    part = Part(tmp_path, "job")
-    part.add([row("a.png")])
-    part.flush()
+class Moments:
+    """Lets something happen when files are touched for the n-th time, in this thread, by what is within a `with`."""
 
-    def killed(*_):
+    def __init__(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        self._patching, self._left, self._happen = monkeypatch, 0, lambda: None
+        for name in TOUCHES:
+            monkeypatch.setattr(Path, name, self._touching(getattr(Path, name)))
+
+    def at(self, n: int, happen: Callable[[], None]) -> None:
+        self._left, self._happen = n, happen
+
+    @property
+    def came(self) -> bool:
+        return self._left <= 0
+
+    def _touching(self, touch: Callable[..., Any]) -> Callable[..., Any]:
+        def touched(*given: Any, **options: Any) -> Any:
+            if threading.current_thread() is threading.main_thread():
+                self._left -= 1
+                if self._left == 0:
+                    self._happen()
+            return touch(*given, **options)
+
+        return touched
+
+
+@pytest.fixture
+def moments(monkeypatch: pytest.MonkeyPatch) -> Moments:
+    return Moments(monkeypatch)
+
+
+def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_nobody(tmp_path: Path, moments: Moments):
+    """Whatever moment it writes at. Hundreds of jobs that write each second would queue for one lock."""
+    for n in range(1, 100):
+        out = tmp_path / str(n)
+        write(out, "before 1", "before 2")
+        done = threading.Event()
+
+        def late(out: Path = out, done: threading.Event = done) -> None:
+            threading.Thread(target=lambda: (write(out, "late"), done.set()), daemon=True).start()
+            assert done.wait(20), "the job waits for the merge"
+
+        moments.at(n, late)
+        results.merge(out)
+        if not moments.came:
+            break
+        expected = ["before 1", "before 2", "late"]
+        assert views_in(results.read(out)) == views_in(results.merge(out)) == expected, f"at touch {n}"
+        assert not list((out / "parts").glob("*.parquet"))
+    assert n > 6, "a merge touches more files than that"
+
+
+def test_who_reads_while_parts_are_joined_sees_every_row(tmp_path: Path, moments: Moments):
+    for n in range(1, 50):
+        out = tmp_path / str(n)
+        write(out, "0.png", "1.png", "2.png")
+        moments.at(n, lambda out=out: views_in(results.merge(out)))
+        assert views_in(results.read(out)) == ["0.png", "1.png", "2.png"], f"at touch {n}"
+        if not moments.came:
+            break
+    assert n > 4
+
+
+def test_a_merge_that_was_killed_leaves_every_row_to_the_next(tmp_path: Path, moments: Moments):
+    def killed() -> None:
         raise KeyboardInterrupt
 
-    with monkeypatch.context() as patch:
-        patch.setattr(table, "_write_table", killed)
-        with pytest.raises(KeyboardInterrupt):
-            results.merge(tmp_path)
-    assert list(results.read(tmp_path)["view"]) == ["a.png"]
-    assert list(results.merge(tmp_path)["view"]) == ["a.png"]
-
-
-def test_a_job_waits_for_nobody_to_write(tmp_path: Path):
-    """Hundreds of jobs that write each second would queue for one lock, and some file systems have none."""
-    done = threading.Event()
-
-    def write() -> None:
-        part = Part(tmp_path, "job")
-        part.add([row("a.png")])
-        part.flush()
-        done.set()
-
-    with table._locked(tmp_path):
-        threading.Thread(target=write, daemon=True).start()
-        assert done.wait(20)
+    for n in range(1, 100):
+        out = tmp_path / str(n)
+        write(out, "a.png", "b.png")
+        moments.at(n, killed)
+        try:
+            results.merge(out)
+            break
+        except KeyboardInterrupt:
+            moments.at(0, killed)
+        assert views_in(results.read(out)) == views_in(results.merge(out)) == ["a.png", "b.png"], f"at touch {n}"
+    assert n > 6

@@ -7,6 +7,7 @@ import numpy as np
 from sucre_bench import Water
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
+from support.forward_model import in_water
 from support.made_scene import WATER
 
 
@@ -25,13 +26,12 @@ def made(
     """Return observations and the true J (3, P): pixels in 70 % of the views each, the last n_single in one only."""
     rng = np.random.default_rng(seed)
     J = rng.uniform(*colours, (n_pixels, 3))
-    B, beta, gamma = water.veiling_light, water.attenuation, water.backscatter
     seen = []
     for k in range(n_views):
         several = np.flatnonzero(rng.random(n_pixels - n_single) < (1.0 if k < 2 else 0.7))
         chosen = np.arange(n_pixels) if k == 0 else several
         z = rng.uniform(*distances_m, len(chosen)).astype(np.float32)
-        I = J[chosen] * np.exp(-beta * z[:, None]) + B * (1 - np.exp(-gamma * z[:, None]))  # noqa: E741
+        I = in_water(J[chosen], z, water)  # noqa: E741
         I = I + noise * rng.standard_normal(I.shape)  # noqa: E741
         stored = np.rint(I.clip(0, 1) * 255).astype(np.uint8) if eight_bit else I.astype(np.float32)
         seen.append(Seen(f"{k}.png", chosen, z, stored))

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench import Arrays, Camera, Scene, View, Water
+from support.forward_model import in_water, photographed
 
 # The plane n . X = 1 (about 3 m away) and the box's least and greatest corner, in metres, seen along +z.
 PLANE = np.array([0.06, -0.04, 0.33])
@@ -57,11 +58,11 @@ def make_view(
     points = (rays * depth[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
     rgb = texture(points)
     if water is not None:
-        z = np.linalg.norm(rays * depth[..., None], axis=-1)[..., None]
-        rgb = rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        z = np.linalg.norm(rays * depth[..., None], axis=-1)
+        rgb = in_water(rgb, z, water)
     if blind is not None:
         depth[blind] = 0
-    return View(name, Arrays(np.rint(rgb * 255) / 255, depth), camera, pose)
+    return View(name, Arrays(photographed(rgb), depth), camera, pose)
 
 
 def texture(points: np.ndarray) -> np.ndarray:

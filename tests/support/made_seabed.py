@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench import Arrays, Scene, View, Water
+from support.forward_model import in_water, photographed
 
 CLEAR = Water(np.array([0.06, 0.22, 0.3]), np.array([0.42, 0.14, 0.1]), np.array([0.3, 0.17, 0.13]))
 
@@ -15,13 +16,12 @@ def random_seabed(seed: int = 0, water: Water = CLEAR, near: float = 2.0, far: f
     z = np.tile(np.linspace(near, far, 160, dtype=np.float32)[:, None], (1, 120))
     J = rng.uniform(0.1, 0.9, (160, 120, 3))
     J[rng.random(z.shape) < 0.025] = 0.002
-    return in_water(J, z, water)
+    return view_in_water(J, z, water)
 
 
-def in_water(J: np.ndarray, z: np.ndarray, water: Water) -> View:
-    veil = water.veiling_light * (1 - np.exp(-water.backscatter * z[..., None]))
-    intensity = J * np.exp(-water.attenuation * z[..., None]) + veil
-    return View("a.png", Arrays(np.rint(intensity.clip(0, 1) * 255) / 255, z, J))
+def view_in_water(J: np.ndarray, z: np.ndarray, water: Water) -> View:
+    """A view, 8 bits, whose reference is J."""
+    return View("a.png", Arrays(photographed(in_water(J, z, water)), z, J))
 
 
 def alone(view: View) -> Scene:

@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
 from sucre_bench.engine.launch import run_text
-from sucre_bench.engine.score import without
+from sucre_bench.engine.score import row_without_value
 from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.job_main import work
 from sucre_bench.engine.slurm.waiting import Submitted, Teller, wait
@@ -110,7 +110,7 @@ class Launcher:
         for (job, reason), *others in lost.values():
             more = f"; and {len(others)} more of its jobs" if others else ""
             part = results.Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
-            part.add([without(base_row(job), "failed", reason + more)])
+            part.add([row_without_value(base_row(job), "failed", reason + more)])
             part.flush()
 
 

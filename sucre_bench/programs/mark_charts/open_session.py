@@ -5,31 +5,32 @@ from __future__ import annotations
 from collections.abc import Sequence
 from pathlib import Path
 
+from sucre_bench import plugins
 from sucre_bench.engine.tasks import Selection, select
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.loading.view_files import Files
+from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.mark_charts.charts_json import ChartsFile
 from sucre_bench.programs.mark_charts.session import Session
 from sucre_bench.scene import View
 
 __all__ = ["open_session"]
 
-# These look for the file in their root. Others with an option `charts` have one in the folder of each scene, or charts
-# that come from elsewhere, which a new file would replace.
-_KEEP_CHARTS = ("colmap", "photos")
 _AS_STORED = "corners are kept in pixels of the images as they are stored"
 
 
-def open_session(words: Sequence[str], kind: str) -> Session:
-    """Return the session for views and overrides, as `sucre-bench charts` takes them. kind: of new charts.
+def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
+    """Return the session for views and overrides, as `sucre-bench charts` takes them.
+
+    kind: of new charts; dataset: the plugin that reads images of a folder images/, if the words name none.
 
     Raises InputError for an unknown view or kind, and for a dataset without a charts.json.
     """
     kind = str(Path(kind).expanduser().resolve()) if kind.lower().endswith(".csv") else kind
     chart_kind(kind)
-    selections = select(_overrides(words))
+    selections = select(_overrides(words, dataset))
     if len(selections) != 1:
         names = ", ".join(s.scene.name for s in selections)
         raise InputError(f"charts: the views are of {len(selections)} scenes ({names}); choose one scene's")
@@ -39,7 +40,7 @@ def open_session(words: Sequence[str], kind: str) -> Session:
     return Session(selection.views, file, kind, others)
 
 
-def _overrides(words: Sequence[str]) -> list[str]:
+def _overrides(words: Sequence[str], dataset: str) -> list[str]:
     """The overrides, with views added: files in a scene's images/, or with dataset= their names."""
     given = [word for word in words if "=" in word]
     views = [word for word in words if "=" not in word]
@@ -50,15 +51,15 @@ def _overrides(words: Sequence[str]) -> list[str]:
             raise InputError(f"{word}: {_AS_STORED}; leave it out")
     if not any(word.startswith(("dataset.", "dataset=")) for word in given):
         if not views:
-            raise InputError("charts: no view; give images of a folder images/, or dataset=colmap dataset.root=DIR")
-        roots, views = zip(*map(_in_images, views), strict=True)  # type: ignore[assignment]
+            raise InputError(f"charts: no view; give images of a folder images/, or dataset={dataset} dataset.root=DIR")
+        roots, views = zip(*(_in_images(view, dataset) for view in views), strict=True)  # type: ignore[assignment]
         if len(set(roots)) > 1:
             raise InputError(f"{views[-1]}: is not of the same scene as {views[0]}; give one scene's images")
-        given += ["dataset=colmap", f"dataset.root={quoted(str(roots[0]))}"]
+        given += [f"dataset={dataset}", f"dataset.root={quoted(str(roots[0]))}"]
     return [*given, *([f"views=[{','.join(map(quoted, views))}]"] if views else [])]
 
 
-def _in_images(word: str) -> tuple[Path, str]:
+def _in_images(word: str, dataset: str) -> tuple[Path, str]:
     """The folder of a scene that an image belongs to, and the image's name in it."""
     path = Path(word).expanduser().absolute()
     if not path.is_file():
@@ -66,7 +67,7 @@ def _in_images(word: str) -> tuple[Path, str]:
     for folder in path.parents:
         if folder.name == "images":
             return folder.parent, path.relative_to(folder).as_posix()
-    raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset=colmap dataset.root=DIR")
+    raise InputError(f"{word}: is not in a folder images/ of a scene; add dataset={dataset} dataset.root=DIR")
 
 
 def _size(view: View) -> tuple[int, int]:
@@ -80,10 +81,10 @@ def _size(view: View) -> tuple[int, int]:
 
 
 def _path(selection: Selection) -> Path:
-    options, name = selection.dataset.options, selection.dataset.plugin.name
-    if name not in _KEEP_CHARTS:
-        kept = " or ".join(_KEEP_CHARTS)
-        raise InputError(f"charts: dataset '{name}' has no charts.json in its root; use {kept}")
+    options, plugin = selection.dataset.options, selection.dataset.plugin
+    if not plugin.charts_file:
+        known = [p.name for p in plugins.discover("dataset").values() if isinstance(p, Plugin) and p.charts_file]
+        raise InputError(f"charts: dataset '{plugin.name}' has no charts.json in its root; use {' or '.join(known)}")
     if options.get("undistort"):
         remedy = "undistort the images before, or mark charts in the distorted ones"
         raise InputError(f"dataset.undistort=true: {_AS_STORED}; {remedy}")
@@ -91,4 +92,4 @@ def _path(selection: Selection) -> Path:
         raise InputError(
             f"charts: images are not shown as they are, and {_AS_STORED}; leave image_scale and degrade out"
         )
-    return Path(options["root"]).expanduser() / options["charts"]
+    return Path(options["root"]).expanduser() / options[plugin.charts_file]

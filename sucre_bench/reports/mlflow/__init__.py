@@ -1,7 +1,7 @@
-"""mlflow, as a sink: it is told what an output folder holds, once the work is done, and may fail without harm.
+"""Logs results folders in mlflow, after the work is done; if mlflow fails, the results stay complete.
 
-What a command left is a parent run; every dataset and method in it is a child run with its parameters, scores and
-pictures, the dataset as its input and the method as its model. What is there already is not told again.
+A command is a parent run; each dataset and method in it is a child run with its parameters, scores and
+pictures, the dataset as its input and the method as its model. Rows that are logged already are not logged again.
 """
 
 from sucre_bench.reports.mlflow.connection import default_uri, open_ui, runs_page

@@ -23,7 +23,7 @@ _ABOUT = {
     "mlflow.experimentKind": "custom_model_development",
     "mlflow.note.content": "Unfold a run, a command of sucre-bench, to see its own: one for each method and dataset. "
     "`psnr.masked` is a mean over views, `views/psnr.masked` has a step a view, and so have the pictures `restored`. "
-    "Find runs by ``tags.method = 'sucre'``, ``params.`dataset.water` = 'turbid'`` or ``metrics.views_failed > 0``.",
+    "Find runs by ``tags.method = 'NAME'``, ``params.`dataset.OPTION` = 'VALUE'`` or ``metrics.views_failed > 0``.",
 }
 
 

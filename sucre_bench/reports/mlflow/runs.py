@@ -1,4 +1,4 @@
-"""An output folder as mlflow's runs."""
+"""Writes a results folder as runs of mlflow."""
 
 from __future__ import annotations
 
@@ -66,7 +66,7 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
 
 @dataclass(frozen=True)
 class _Store:
-    """An experiment of mlflow, and the folder it is told of."""
+    """An experiment of mlflow, and the results folder that is logged in it."""
 
     client: MlflowClient
     experiment: str
@@ -91,7 +91,7 @@ class _Store:
         return found
 
     def succeed(self, run: str, older: Iterable[str]) -> None:
-        """Say which run is the newest of what it is of, and that older ones no longer are."""
+        """Mark a run as the newest of its dataset and method, and older runs as not."""
         self.client.set_tag(run, "latest", "yes")
         for other in older:
             self.client.set_tag(other, "latest", "no")
@@ -168,8 +168,8 @@ def _model(store: _Store, run: str, method: str, params: Mapping[str, Any], tags
     """The method as mlflow's models page shows it, with its options."""
     own = {name.removeprefix("method."): _text(value) for name, value in params.items() if name.startswith("method.")}
     name = file_name(method).replace(".", "_").replace("%", "_")
-    said = {key: tags[key] for key in ("dataset", "method", "plugin", "code")}
-    return store.client.create_logged_model(store.experiment, name, run, said, own, "restorer")
+    about = {key: tags[key] for key in ("dataset", "method", "plugin", "code")}
+    return store.client.create_logged_model(store.experiment, name, run, about, own, "restorer")
 
 
 def _replicates(rows: pd.DataFrame) -> dict[str, str]:
@@ -266,25 +266,25 @@ def _user() -> str:
 
 
 def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataFrame) -> str:
-    """What a child run is of, which mlflow's page shows as its description."""
+    """The description of a child run on mlflow's page."""
     views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
     head = f"**{method}** on **{dataset}**, {len(views)} view{'' if len(views) == 1 else 's'}."
     plugin = plugins.discover("method").get(str(options.get("name", "")))
-    said = [plugin.summary, plugin.cites] if isinstance(plugin, Plugin) else []
+    plugin_text = [plugin.summary, plugin.cites] if isinstance(plugin, Plugin) else []
     reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)
     faults = [f"failed: `{reason}`" for reason in reasons]
-    return "\n\n".join(part for part in (head, *said, *faults) if part)
+    return "\n\n".join(part for part in (head, *plugin_text, *faults) if part)
 
 
 def _source(out: Path) -> dict[str, str]:
     """Commit and command, as mlflow's page shows them."""
     environment = provenance.read(out / "environment.json") or {}
-    said = {
+    tags = {
         "mlflow.source.git.commit": environment.get("git_commit"),
         "command": " ".join(environment.get("command", [])),
         "sucre_bench": environment.get("sucre_bench"),
     }
-    return {name: str(value)[:5000] for name, value in said.items() if value}
+    return {name: str(value)[:5000] for name, value in tags.items() if value}
 
 
 def _note(rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> str:

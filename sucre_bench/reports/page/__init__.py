@@ -13,15 +13,19 @@ import json
 import math
 import shlex
 from collections.abc import Iterable, Sequence
+from dataclasses import asdict
 from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.compare.text import NUMBERS
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import roles
 from sucre_bench.results import layout
 
 if TYPE_CHECKING:
@@ -31,12 +35,8 @@ if TYPE_CHECKING:
 
 __all__ = ["write"]
 
-# In the order in which they build on one another.
+# Later styles override earlier ones.
 _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
-_SCRIPTS = (
-    *("page", "words", "sheet", "scores", "zoom", "pictures", "detail", "grid", "charts", "plots", "cost", "distances"),
-    *("water", "sweep", "keys"),
-)
 _HUGE = 1e308  # what JSON has for infinity
 
 
@@ -55,12 +55,12 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> P
     gallery = Gallery(out, _most_pictures(rows))
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
-    told = [_json(section.content()) for section in sections]
+    contents = [_json(section.content()) for section in sections]
     page = pages.get_template("page.html.j2").render(
         style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
-        scripts=Markup("\n".join(_source(f"{name}.js") for name in _SCRIPTS)),
+        scripts=Markup(bundle("main", lambda name: _source(f"{name}.js"))),
         summary=Markup(_json(_summary(comparisons))),
-        datasets=[Markup(text) for text in told],
+        datasets=[Markup(text) for text in contents],
         blocks=gallery.blocks(),
         plotly=_plotly() if (rows["status"] == "ok").any() else "",
         failed=_reasons(rows, "failed"),
@@ -98,18 +98,20 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         "colours": {name: look.colour for name, look in looks.items()},
         "columns": list(columns.values()),
         "means": means,
+        "numbers": asdict(NUMBERS),
+        "roles": roles(),
     }
 
 
 def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
-    """Where and why, the same fault of one method said once with its views."""
+    """Where and why, with the views that share a fault in one entry."""
     own = rows[rows["status"] == status]
-    said = []
+    faults = []
     for (dataset, method, metric, reason), same in own.groupby(["dataset", "method", "metric", "reason"], sort=False):
         views = sorted(set(same["view"]) - {""})
         score = "" if metric == "seconds" else metric
-        said.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
-    return said
+        faults.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
+    return faults
 
 
 def _plugins(config: str) -> tuple[str, ...]:
@@ -138,7 +140,7 @@ def _plotly() -> str:
 
 
 def _json(value: Any) -> str:
-    """As JSON that may stand in a page: nothing in it ends a script, and no number is not a number."""
+    """Return JSON for a script element: `<` is escaped, so that no value can end the script, and NaN is null."""
     text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
     return text.replace("<", "\\u003c").replace("\u2028", "\\u2028").replace("\u2029", "\\u2029")
 

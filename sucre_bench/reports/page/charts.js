@@ -1,17 +1,21 @@
 // Colour charts: each patch as measured and as expected, in every method's picture.
 
-const chartsOf = () =>
+import { $, columnOf, data, fill, h, roleOf, shownMethods, state, summary, watch } from "./page.js";
+import { css, dot, isKnown, number, withUnit } from "./words.js";
+import { sheet } from "./sheet.js";
+
+export const chartsOf = () =>
   data.views.flatMap((view) =>
     Object.entries(view.charts).map(([name, chart]) => ({ view, name, chart, key: `${view.name}\n${name}` })),
   );
-const distanceOf = ({ chart }) => {
+export const distanceOf = ({ chart }) => {
   const known = Object.entries(chart.scores)
-    .filter(([key]) => key.startsWith("chart_distance:"))
+    .filter(([key]) => roleOf(key) === "chart-distance")
     .flatMap(([, values]) => values)
-    .filter(isFinite_);
+    .filter(isKnown);
   return known.length ? known[0] : null; // of the view: the same for every method
 };
-const measuresOf = (kind) =>
+export const measuresOf = (kind) =>
   data.columns.filter(
     (c) =>
       c.of === "chart" &&
@@ -20,6 +24,9 @@ const measuresOf = (kind) =>
         kind === "chart" ? c.key in chart.scores : Object.values(chart.patches).some((p) => c.key in p),
       ),
   );
+
+// The metrics that have a role.
+const withRole = (role) => Object.keys(summary.roles).filter((metric) => summary.roles[metric] === role);
 
 watch(["dataset"], () => {
   const charts = chartsOf();
@@ -30,7 +37,7 @@ watch(["dataset"], () => {
   fill(
     $("patch-score"),
     measures.map((c) => [c.key, withUnit(c)]),
-    (measures.find((c) => c.metric === "de00") || measures[0] || { key: "" }).key,
+    (measures.find((c) => roleOf(c.key) === "colour-difference") || measures[0] || { key: "" }).key,
   );
   fill(
     $("chart"),
@@ -102,17 +109,17 @@ function drawSwatches() {
   );
   $("swatches-note").textContent = hasColours
     ? `Each square is the colour measured, the disc in it the colour expected; below it their difference${column ? `, ${withUnit(column)}` : ""}.`
-    : "The colours themselves were not kept: add patch_colour to metrics=[...] to see them.";
+    : `The colours of the patches were not scored: add ${withRole("patch-colour").join(" or ")} to metrics=[...] to see them.`;
 }
 
 // A patch's colour as it was measured in a method's picture, or as it should be.
-function colourOf(scores, what, at = null) {
-  const rgb = ["red", "green", "blue"].map((channel) => scores[`patch_colour:${channel}${what}`]);
-  const values = rgb.map((own) => own && (at === null ? own.find(isFinite_) : own[at]));
-  return values.every(isFinite_) ? values : null;
+export function colourOf(scores, what, at = null) {
+  const [metric] = withRole("patch-colour");
+  const rgb = ["red", "green", "blue"].map((channel) => scores[`${metric}:${channel}${what}`]);
+  const values = rgb.map((own) => own && (at === null ? own.find(isKnown) : own[at]));
+  return values.every(isKnown) ? values : null;
 }
 
-const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * x)).join(" ")})`;
 const rgbText = (rgb) => (rgb ? rgb.map((x) => Math.round(255 * x)).join(", ") : "nothing");
 
 function swatch(outer, inner) {

@@ -1,5 +1,9 @@
 // Time against quality.
 
+import { $, choose, columnOf, data, fill, ranked, shownMethods, state, watch } from "./page.js";
+import { isKnown, number, withUnit } from "./words.js";
+import { inked, label, ownColour, plot, signOf } from "./plots.js";
+
 watch(["dataset", "metric"], () => {
   const scores = ranked();
   fill(
@@ -16,13 +20,13 @@ watch(["dataset", "metric", "hidden", "theme"], () =>
     const [at, seconds] = [data.columns.indexOf(column), data.columns.findIndex((c) => c.key === "seconds:wall")];
     if (!column || seconds < 0) return null;
     const known = shownMethods().filter(
-      (m) => isFinite_(data.cells[m.at][at]?.mean) && data.cells[m.at][seconds]?.mean > 0,
+      (m) => isKnown(data.cells[m.at][at]?.mean) && data.cells[m.at][seconds]?.mean > 0,
     );
     if (!known.length) return null;
     const traces = known.map((m) => {
       const [cell, took] = [data.cells[m.at][at], data.cells[m.at][seconds]];
       const bar = (c) =>
-        isFinite_(c.low)
+        isKnown(c.low)
           ? {
               type: "data",
               symmetric: false,
@@ -64,6 +68,3 @@ watch(["dataset", "metric", "hidden", "theme"], () =>
     };
   }),
 );
-
-// Plotly reads some markup in text: a label stays a label.
-const label = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");

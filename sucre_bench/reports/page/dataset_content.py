@@ -1,4 +1,4 @@
-"""What the page is told of a dataset, as plain values: its table, its views with their pictures, its charts."""
+"""The page's data of a dataset, as plain values: its table, its views with their pictures, its charts."""
 
 from __future__ import annotations
 
@@ -10,12 +10,13 @@ from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.compare import COSTS, Column, Comparison, text
+from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.rerun import Command, metric_words, shell
 from sucre_bench.reports.page.gallery import Gallery
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
 
@@ -25,8 +26,7 @@ if TYPE_CHECKING:
 __all__ = ["Section", "cell_of", "column_of", "key_of"]
 
 _WATER = ("B", "beta", "gamma")
-_WHOLE = ("coverage:", *(f"{name}:" for name in COSTS))  # scores of the whole picture, or of none of it
-_MOST_TOLD = 600  # characters of what a method tells of its work
+_LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
 _EXPORTS: tuple[tuple[str, text.Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
@@ -59,7 +59,11 @@ def cell_of(table: Comparison, name: str, column: Column) -> dict[str, Any] | No
     if cell is None:
         return None
     numbers = {"mean": cell.mean, "std": cell.std, "low": cell.low, "high": cell.high}
-    return {**numbers, "holes": cell.holes, "mark": marks.mark, "look": marks.look}
+    return {**numbers, "holes": cell.holes, "tie": bool(marks.mark), "look": marks.look}
+
+
+def _verdict(verdict: Verdict) -> dict[str, Any]:
+    return {**vars(verdict), "column": key_of(verdict.column.metric, verdict.column.variant)}
 
 
 @dataclass(frozen=True)
@@ -76,14 +80,14 @@ class Section:
     plugins: tuple[str, ...]
 
     def content(self) -> dict[str, Any]:
-        """Everything the page shows of it."""
+        """Return everything that the page shows of the dataset."""
         values, charts = self._values(), self._charts()
         views = [self._view(*place, values, charts) for place in self._chosen()]
         return {
             "name": self.table.title,
             "legend": text.legend(self.table),
             "notes": list(text.left_out(self.table)),
-            "verdicts": text.verdicts(self.table),
+            "verdicts": [_verdict(verdict) for verdict in verdicts(self.table)],
             "columns": [column_of(c) for c in self.table.columns],
             "methods": [self._method(name) for name in self.table.methods],
             "cells": [[cell_of(self.table, name, c) for c in self.table.columns] for name in self.table.methods],
@@ -141,10 +145,10 @@ class Section:
         ok = self.rows[(self.rows["status"] == "ok") & ~self.rows["region"].str.contains("/", regex=False)]
         by = [*_VIEW, "method", "metric", "variant"]
         means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()
-        found: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
+        made: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
         for (scene, view, method, metric, variant), *score in means.itertuples(name=None):
-            found[scene, view][method][key_of(metric, variant)] = (score[0], score[1])
-        return found
+            made[scene, view][method][key_of(metric, variant)] = (score[0], score[1])
+        return made
 
     def _view(self, scene: str, view: str, kept: bool, values: Any, charts: Any) -> dict[str, Any]:
         place = layout.find(self.table.title, scene, view, self.out)
@@ -169,10 +173,10 @@ class Section:
 
     @cached_property
     def _restorations(self) -> dict[tuple[str, str], dict[str, Any]]:
-        found: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
         for row in self.rows[self.rows["metric"] == "seconds"].itertuples():
-            found[row.scene, row.view][row.method] = row
-        return found
+            made[row.scene, row.view][row.method] = row
+        return made
 
     def _result(
         self, place: layout.Place | None, row: Any, scores: Mapping[str, tuple[float, float]], kept: bool, name: str
@@ -181,17 +185,20 @@ class Section:
             return {"status": "not run", "reason": ""}
         if row.status != "ok":
             return {"status": row.status, "reason": row.reason}
-        own = _told(row, self.out)
+        own = _record(row, self.out)
+        whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
         return {
             "status": "ok",
             "picture": self.gallery.picture(place.restored(self.out, name), kept, row.coverage < 1) if place else None,
             "coverage": row.coverage,
             "device": row.device,
             "scores": {key: value for key, (value, _) in scores.items()},
-            "covers": {key: share for key, (_, share) in scores.items() if share < 1 and not key.startswith(_WHOLE)},
+            "covers": {
+                key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole
+            },
             "water": {k: own.get(k) for k in (*_WATER, "encoding", "standard_error")} if _has_water(own) else None,
             "truth": own.get("true_water"),
-            "told": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},
+            "record": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},
         }
 
     # -- its charts ------------------------------------------------------------------------------------------
@@ -201,20 +208,20 @@ class Section:
         place = {name: n for n, name in enumerate(self.table.methods)}
         ok = self.rows[(self.rows["status"] == "ok") & self.rows["method"].isin(place)]
         of_charts = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
-        found: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
         columns = ["scene", "view", "region", "metric", "variant", "method", "value"]
         for scene, view, region, metric, variant, method, value in of_charts[columns].itertuples(
             index=False, name=None
         ):
             chart, _, patch = region.partition("/")
-            own = found[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
+            own = made[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
             scores = own["patches"].setdefault(patch, {}) if patch else own["scores"]
             scores.setdefault(key_of(metric, variant), [None] * len(place))[place[method]] = value
-        return found
+        return made
 
 
-def _told(row: Any, out: Path) -> Mapping[str, Any]:
-    """What a method told of its work; nothing where the file is damaged: the page shows the rest."""
+def _record(row: Any, out: Path) -> Mapping[str, Any]:
+    """A method's record of its work; empty if the file is damaged, so that the page shows the rest."""
     try:
         own = read_record(row, out)
     except InputError:
@@ -228,4 +235,4 @@ def _has_water(own: Mapping[str, Any]) -> bool:
 
 
 def _is_short(value: Any) -> bool:
-    return len(json.dumps(value)) <= _MOST_TOLD
+    return len(json.dumps(value)) <= _LONGEST_VALUE

@@ -1,6 +1,15 @@
-// What is known of the picture on the right.
+// Beside the pictures: scores, water and command of the picture on the right.
 
-function drawDetail(view) {
+import { $, columnOf, data, h, state, viewOf, watch } from "./page.js";
+import { briefly, commandBox, commandFor, dot, number, percent, pictureName, titled } from "./words.js";
+import { shownOf } from "./pictures.js";
+import { waterLine } from "./water.js";
+
+watch(["dataset", "view", "method", "before", "layer"], drawDetail);
+
+function drawDetail() {
+  const view = viewOf(state.view);
+  if (!view) return;
   const at = data.methods.findIndex((m) => m.label === state.method);
   const shown = shownOf(view, state.method);
   if (at < 0) {
@@ -21,7 +30,7 @@ function drawDetail(view) {
         `${result.status}${result.reason ? `: ${result.reason}` : ""}`,
       ),
     );
-  else parts.push(...told(result, shown));
+  else parts.push(...resultParts(result, shown));
   $("detail").replaceChildren(...parts);
   drawCommand();
 }
@@ -61,7 +70,7 @@ function drawCommand() {
 }
 watch(["metric"], drawCommand);
 
-function told(result, shown) {
+function resultParts(result, shown) {
   const scores = data.columns.filter(
     (c) => (c.ranked || c.cost) && c.key in result.scores && !state.unshown.has(c.key),
   );
@@ -78,7 +87,7 @@ function told(result, shown) {
       ),
     );
   const water = result.water && waterLine(result.water);
-  const rest = Object.entries(result.told).map(([name, value]) =>
+  const rest = Object.entries(result.record).map(([name, value]) =>
     h("div", {}, h("dt", {}, name.replaceAll("_", " ")), h("dd", {}, briefly(value))),
   );
   return [
@@ -88,23 +97,13 @@ function told(result, shown) {
       ? h(
           "p",
           { class: "note" },
-          `Its confidence, as the method tells it, from ${shown.about.low} (dark) to ${shown.about.high} (bright).`,
+          `The confidence that the method gives, from ${shown.about.low} (dark) to ${shown.about.high} (bright).`,
         )
       : "",
     water || "",
     fullLink(shown),
-    rest.length ? h("details", {}, h("summary", {}, "What the method tells"), h("dl", { class: "scores" }, rest)) : "",
+    rest.length ? h("details", {}, h("summary", {}, "The method's record"), h("dl", { class: "scores" }, rest)) : "",
   ];
-}
-
-function briefly(value) {
-  if (typeof value === "number") return number(value);
-  if (Array.isArray(value)) return value.map(briefly).join(", ") || "none";
-  if (value && typeof value === "object")
-    return Object.entries(value)
-      .map(([name, inner]) => `${name}: ${briefly(inner)}`)
-      .join("; ");
-  return value === null ? "–" : String(value);
 }
 
 const fullLink = (shown) =>

@@ -1,5 +1,10 @@
 // Charts against distance.
 
+import { $, columnOf, fill, roleOf, shownMethods, watch } from "./page.js";
+import { css, isKnown, withUnit } from "./words.js";
+import { chartsOf, colourOf, distanceOf, measuresOf } from "./charts.js";
+import { axis, inked, isNarrow, label, legendHeight, ownColour, plot, signOf } from "./plots.js";
+
 watch(["dataset"], () => {
   const measures = measuresOf("chart");
   fill(
@@ -9,22 +14,22 @@ watch(["dataset"], () => {
   );
   const hues = [
     ...new Set(chartsOf().flatMap(({ chart }) => Object.values(chart.patches).flatMap((p) => Object.keys(p)))),
-  ].filter((key) => key.startsWith("hue:") && !key.endsWith("-expected"));
-  const kinds = chartKinds();
-  $("hue-kind").parentElement.hidden = kinds.length < 2;
+  ].filter((key) => roleOf(key) === "patch-hue" && !key.endsWith("-expected"));
+  const groups = chartsBySharedPatches();
+  $("hue-kind").parentElement.hidden = groups.length < 2;
   fill(
     $("hue-kind"),
-    kinds.map(([patches, names]) => [patches, names.join(", ")]),
-    kinds[0]?.[0] ?? "",
+    groups.map(([patches, names]) => [patches, names.join(", ")]),
+    groups[0]?.[0] ?? "",
   );
   fill(
     $("hue-score"),
-    hues.map((key) => [key, key === "hue:hsv" ? "HSV" : key === "hue:lab" ? "CIE Lab" : key.slice(4)]),
+    hues.map((key) => [key, key.split(":")[1]]),
     hues[0] ?? "",
   );
 });
-// Charts of one kind have the same patches: those, and the names of the charts.
-function chartKinds() {
+// The charts that have the same patches, which panels show together: patches and names of the charts.
+function chartsBySharedPatches() {
   const found = new Map();
   for (const { name, chart } of chartsOf()) {
     const patches = Object.keys(chart.patches).join("\n");
@@ -46,7 +51,7 @@ function drawDistances() {
     const column = columnOf($("distance-score").value);
     if (!column || !charts.length) return null;
     const traces = shownMethods().map((m) => {
-      const known = charts.filter((c) => isFinite_(c.chart.scores[column.key]?.[m.at]));
+      const known = charts.filter((c) => isKnown(c.chart.scores[column.key]?.[m.at]));
       return {
         name: label(m.label),
         x: known.map(distanceOf),
@@ -120,7 +125,7 @@ function huePlot(charts, key) {
       automargin: false,
     };
     const own = charts.filter(({ chart }) => chart.patches[patch]?.[`${key}-expected`]);
-    const expected = own.map(({ chart }) => chart.patches[patch][`${key}-expected`].find(isFinite_)).find(isFinite_);
+    const expected = own.map(({ chart }) => chart.patches[patch][`${key}-expected`].find(isKnown)).find(isKnown);
     const colour = own.map(({ chart }) => colourOf(chart.patches[patch], "-expected")).find(Boolean);
     layout.annotations.push({
       text: `${colour ? `<span style="color:${css(colour)}">■</span> ` : ""}${label(patch.replace(/^\d+-/, "").replaceAll("-", " "))}`,
@@ -145,7 +150,7 @@ function huePlot(charts, key) {
         line: { color: inked("ink"), width: 1, dash: "dot" },
       });
     for (const m of shownMethods()) {
-      const known = charts.filter(({ chart }) => isFinite_(chart.patches[patch]?.[key]?.[m.at]));
+      const known = charts.filter(({ chart }) => isKnown(chart.patches[patch]?.[key]?.[m.at]));
       const turned = (hue) => (expected === undefined ? hue : expected + ((hue - expected + 540) % 360) - 180);
       traces.push({
         name: label(m.label),

@@ -1,5 +1,10 @@
 // All methods on this view.
 
+import { $, REFERENCE, VIEW, choose, columnOf, data, h, shownMethods, state, summary, viewOf, watch } from "./page.js";
+import { dot, number, pictureName, titled } from "./words.js";
+import { isNear, zoomable } from "./zoom.js";
+import { sharpen, show, shownOf } from "./pictures.js";
+
 watch(["dataset", "view", "hidden", "layer"], () => {
   const view = viewOf(state.view);
   if (!view) return;
@@ -10,7 +15,7 @@ watch(["dataset", "view", "hidden", "layer"], () => {
     ? `This page keeps the pictures of ${data.views.length - missing} of ${data.views.length} views, evenly spread; those of the others are read from the folder it lies in.`
     : "";
   drawCaptions();
-  if (zoom.scale > 1.2) sharpen();
+  if (isNear()) sharpen();
 });
 
 function tile(view, which) {

@@ -1,16 +1,16 @@
 // What the page knows, what is chosen, and who draws it anew when that changes.
 
-const $ = (id) => document.getElementById(id);
-const summary = JSON.parse($("summary").textContent);
+export const $ = (id) => document.getElementById(id);
+export const summary = JSON.parse($("summary").textContent);
 const blocks = [...document.querySelectorAll("script.dataset")];
 const parsed = new Map();
 
 // Pictures that no method made, beside those that methods did.
-const VIEW = "*view";
-const REFERENCE = "*reference";
+export const VIEW = "*view";
+export const REFERENCE = "*reference";
 
 // dataset, view: names; method, before: right and left of the slider; metric: the score that pictures and plots speak of.
-const state = {
+export const state = {
   dataset: "",
   view: "",
   method: "",
@@ -25,29 +25,29 @@ const state = {
   theme: "",
 };
 const watchers = [];
-let data = null;
+export const data = {}; // of the dataset that is chosen
 
 // Draw when one of these changes, and at once.
-function watch(keys, draw) {
+export function watch(keys, draw) {
   watchers.push([keys, draw]);
 }
 
-function choose(change) {
+export function choose(change) {
   const changed = new Set(Object.keys(change).filter((key) => state[key] !== change[key]));
   if (!changed.size) return;
   Object.assign(state, change);
   if (changed.has("dataset")) {
-    open(state.dataset);
+    openDataset(state.dataset);
     for (const key of Object.keys(state)) changed.add(key);
   }
   for (const [keys, draw] of watchers) if (keys.some((key) => changed.has(key))) draw();
 }
 
 // Read a dataset's block, once, and choose what it has of what was chosen before.
-function open(name) {
+function openDataset(name) {
   const at = Math.max(0, summary.datasets.indexOf(name));
   if (!parsed.has(at)) parsed.set(at, JSON.parse(blocks[at].textContent));
-  data = parsed.get(at);
+  Object.assign(data, parsed.get(at));
   state.dataset = data.name;
   const labels = data.methods.map((m) => m.label);
   const views = data.views.map((v) => v.name);
@@ -59,10 +59,11 @@ function open(name) {
     state.metric = (ranked()[0] || data.columns[0] || { key: "" }).key;
 }
 
-const viewOf = (name) => data.views.find((v) => v.name === name);
-const columnOf = (key) => data.columns.find((c) => c.key === key);
-const ranked = () => data.columns.filter((c) => c.ranked);
-const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));
+export const viewOf = (name) => data.views.find((v) => v.name === name);
+export const roleOf = (key) => summary.roles[key.split(":")[0]] || "";
+export const columnOf = (key) => data.columns.find((c) => c.key === key);
+export const ranked = () => data.columns.filter((c) => c.ranked);
+export const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));
 
 // The method that is best in most scores: what one wants to see first.
 function best() {
@@ -72,7 +73,7 @@ function best() {
 }
 
 // An element. Text stays text: nothing that a label holds is ever read as markup.
-function h(tag, attributes = {}, ...children) {
+export function h(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") made.addEventListener(name, value);
@@ -83,7 +84,7 @@ function h(tag, attributes = {}, ...children) {
   return made;
 }
 
-function fill(select, options, chosen) {
+export function fill(select, options, chosen) {
   select.replaceChildren(...options.map(([value, text]) => h("option", { value, selected: value === chosen }, text)));
   select.value = chosen;
 }
@@ -93,7 +94,7 @@ function fill(select, options, chosen) {
 const urls = new Map();
 
 // The address of a picture in the page, decoded when it is first asked for; null where the page has none.
-function embedded(id) {
+export function embedded(id) {
   const block = id && $(id);
   if (!block) return null;
   if (!urls.has(id)) {
@@ -103,4 +104,4 @@ function embedded(id) {
   return urls.get(id);
 }
 
-const address = (picture) => picture && (embedded(picture.id) || picture.link);
+export const address = (picture) => picture && (embedded(picture.id) || picture.link);

@@ -1,17 +1,22 @@
 // A view before and after, and beside it all methods on that view.
 
+import { $, REFERENCE, VIEW, address, choose, data, embedded, fill, state, viewOf, watch } from "./page.js";
+import { pictureName } from "./words.js";
+import { isNear, onNear, zoomable } from "./zoom.js";
+
 const stage = $("stage");
 let divided = 50;
 
-function divide(percent_) {
-  divided = Math.min(100, Math.max(0, percent_));
+// Put the divider at this share of the width, in per cent.
+function divide(place) {
+  divided = Math.min(100, Math.max(0, place));
   stage.style.setProperty("--divided", `${divided}%`);
   $("divider").setAttribute("aria-valuenow", String(Math.round(divided)));
   $("divider").setAttribute("aria-valuetext", `${Math.round(divided)} % of the width is ${pictureName(state.before)}`);
 }
 
 // What there is of a picture: {picture, holes, confidence, text}, text where there is none.
-function shownOf(view, which) {
+export function shownOf(view, which) {
   if (which === VIEW) return { picture: view.original, text: "no picture was kept" };
   if (which === REFERENCE) return { picture: view.reference, text: "no reference" };
   const result = view.results[data.methods.findIndex((m) => m.label === which)];
@@ -33,7 +38,7 @@ function shownOf(view, which) {
 }
 
 // Show a picture in an <img>; from nearby, the full one from disk takes the thumbnail's place.
-function show(img, shown, alt) {
+export function show(img, shown, alt) {
   const map = state.layer === "confidence" && shown.confidence;
   const source = map || address(shown.picture);
   img.hidden = !source;
@@ -45,7 +50,7 @@ function show(img, shown, alt) {
   }
 }
 
-function sharpen() {
+export function sharpen() {
   for (const img of $("pictures").querySelectorAll("img[data-full]:not([data-full=''])")) {
     const { full } = img.dataset;
     if (img.hidden || img.dataset.source === full || img.dataset.tried === full) continue;
@@ -97,9 +102,9 @@ watch(["dataset", "view", "method", "before", "layer"], () => {
   }
   $("layer").value = state.layer;
   divide(divided);
-  drawDetail(view);
-  if (zoom.scale > 1.2) sharpen();
+  if (isNear()) sharpen();
 });
+onNear(sharpen);
 
 $("right").addEventListener("load", (event) => fit(event.currentTarget));
 $("left").addEventListener("load", (event) => fit(event.currentTarget));
@@ -131,10 +136,10 @@ $("view").addEventListener("change", (event) => choose({ view: event.currentTarg
 $("before").addEventListener("change", (event) => choose({ before: event.currentTarget.value }));
 $("after").addEventListener("change", (event) => choose({ method: event.currentTarget.value }));
 $("layer").addEventListener("change", (event) => choose({ layer: event.currentTarget.value }));
-const swap = () => choose({ before: state.method, method: state.before });
+export const swap = () => choose({ before: state.method, method: state.before });
 $("swap").addEventListener("click", swap);
 
-function step(by) {
+export function step(by) {
   const at = data.views.findIndex((v) => v.name === state.view) + by;
   if (data.views[at]) choose({ view: data.views[at].name });
 }

@@ -1,5 +1,7 @@
 // Plots, drawn by Plotly, which is unpacked when the first of them comes into view.
 
+import { $, h, shownMethods, summary, watch } from "./page.js";
+
 let unpacking = null;
 
 function plotly() {
@@ -21,7 +23,7 @@ const seen = new IntersectionObserver(
 );
 
 // Plot when the place is in view: make() -> {traces, layout}, or null where there is nothing to draw.
-function plot(id, make) {
+export function plot(id, make) {
   const place = $(id);
   pending.set(place, make);
   seen.unobserve(place);
@@ -59,14 +61,14 @@ async function paint(place) {
   }
 }
 
-const inked = (name) => {
+export const inked = (name) => {
   const probe = h("span", { style: `color:var(--${name});display:none` });
   document.body.append(probe);
   const colour = getComputedStyle(probe).color;
   probe.remove();
   return colour;
 };
-const isDark = () =>
+export const isDark = () =>
   getComputedStyle(document.documentElement).colorScheme.includes("dark") &&
   (document.documentElement.dataset.theme === "dark" ||
     (!document.documentElement.dataset.theme && matchMedia("(prefers-color-scheme: dark)").matches));
@@ -95,11 +97,11 @@ const legendBelow = () => ({
   xref: "container",
   xanchor: "left",
 });
-const legendHeight = (names) =>
+export const legendHeight = (names) =>
   22 * Math.ceil(names.reduce((width, name) => width + 55 + 7.5 * name.length, 0) / (Math.min(innerWidth, 1400) - 60));
-const isNarrow = () => innerWidth < 700;
+export const isNarrow = () => innerWidth < 700;
 
-function axis() {
+export function axis() {
   return {
     gridcolor: inked("line"),
     zeroline: false,
@@ -117,7 +119,7 @@ watch(["dataset", "theme"], () =>
 );
 
 // A method's colour, lifted where it would not be seen on dark.
-function ownColour(label) {
+export function ownColour(label) {
   const hex = summary.colours[label] || "#888888";
   const rgb = [1, 3, 5].map((at) => parseInt(hex.slice(at, at + 2), 16));
   const light = (0.299 * rgb[0] + 0.587 * rgb[1] + 0.114 * rgb[2]) / 255;
@@ -126,4 +128,7 @@ function ownColour(label) {
 }
 
 const SIGNS = ["circle", "square", "diamond", "triangle-up", "cross", "x", "star", "hexagon"];
-const signOf = (label) => SIGNS[summary.methods.indexOf(label) % SIGNS.length];
+export const signOf = (label) => SIGNS[summary.methods.indexOf(label) % SIGNS.length];
+
+// Plotly reads some markup in text: a label stays a label.
+export const label = (text) => text.replaceAll("&", "&amp;").replaceAll("<", "&lt;");

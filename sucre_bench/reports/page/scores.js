@@ -1,14 +1,16 @@
 // The table of scores: the methods' means with intervals and ties, or every view.
 
+import { $, choose, columnOf, data, h, shownMethods, state, summary, watch } from "./page.js";
+import { ARROWS, HUGE, copy, dot, isKnown, number, percent, titled, withUnit } from "./words.js";
+import { sheet } from "./sheet.js";
+
 watch(["dataset"], () => {
   $("scores").hidden = $("cost").hidden = !data.columns.length;
   $("title").textContent = summary.datasets.length > 1 ? data.name : `Results on ${data.name}`;
-  const isSure = (said) => !said.endsWith("chance");
-  const line = (said) => h("li", {}, h("b", {}, said.slice(0, said.indexOf(":"))), said.slice(said.indexOf(":") + 1));
-  const [sure, rest] = [data.verdicts.filter(isSure), data.verdicts.filter((said) => !isSure(said))];
+  const [sure, rest] = [false, true].map((chance) => data.verdicts.filter((v) => v.may_be_chance === chance));
   $("verdicts").replaceChildren(
     ...(sure.length || !rest.length
-      ? sure.map(line)
+      ? sure.map(verdictLine)
       : [h("li", {}, "In no score does a method lead by more than chance.")]),
   );
   $("chances").hidden = !rest.length;
@@ -16,13 +18,26 @@ watch(["dataset"], () => {
     `${rest.length} ${sure.length ? "more " : ""}${rest.length === 1 ? "lead" : "leads"} that may be chance`;
   $("chances")
     .querySelector("ul")
-    .replaceChildren(...rest.map(line));
+    .replaceChildren(...rest.map(verdictLine));
   $("export-menu").replaceChildren(
     ...data.exports.map((one) =>
       h("button", { type: "button", click: (event) => copy(one.text, event.currentTarget) }, one.name),
     ),
   );
 });
+
+// Who leads whom in a score, by how much, and how steadily.
+function verdictLine(verdict) {
+  const column = columnOf(verdict.column);
+  const [low, high] = verdict.interval;
+  const parts = [
+    `${verdict.leader} leads ${verdict.second} by ${[number(verdict.difference), column.unit].filter(Boolean).join(" ")}`,
+    isKnown(low) ? ` [${number(low)}, ${number(high)}]` : "",
+    column.views > 1 ? `, best in ${Number(verdict.wins.toFixed(1))} of ${column.views} views` : ", on one view",
+    isKnown(verdict.effect) ? `, effect ${verdict.effect.toFixed(1)}` : "",
+  ];
+  return h("li", {}, h("b", {}, titled(column)), parts.join(""));
+}
 
 watch(["dataset", "hidden", "unshown"], () => {
   menu(
@@ -131,21 +146,21 @@ function drawMeans(columns) {
   });
 }
 
-function meanCell(cell, scale, column) {
+export function meanCell(cell, scale, column) {
   if (!cell) return h("td", { class: "hole", title: "no score" }, "–");
-  const hasInterval = isFinite_(cell.low) && cell.high > cell.low && cell.high < HUGE;
-  const said = [
+  const hasInterval = isKnown(cell.low) && cell.high > cell.low && cell.high < HUGE;
+  const title = [
     `${withUnit(column)}: ${number(cell.mean)} ± ${number(cell.std)}`,
     hasInterval && `95 % interval ${number(cell.low)} to ${number(cell.high)}`,
-    cell.mark && "no different from the best by more than chance",
+    cell.tie && "no different from the best by more than chance",
     cell.holes && `lacks ${cell.holes} that others have`,
   ]
     .filter(Boolean)
     .join("; ");
   return h(
     "td",
-    { class: cell.look || null, title: said },
-    h("span", { class: "mark", "aria-label": cell.mark ? "ties with the best" : null }, cell.mark),
+    { class: cell.look || null, title },
+    h("span", { class: "mark", "aria-label": cell.tie ? "ties with the best" : null }, cell.tie ? "≈" : ""),
     h("span", { class: "mean" }, number(cell.mean)),
     cell.holes ? h("span", { class: "holes" }, ` ○${cell.holes}`) : "",
     hasInterval ? h("small", {}, `${number(cell.low)} to ${number(cell.high)}`) : "",
@@ -163,8 +178,8 @@ function whisker(cell, [low, high]) {
   });
 }
 
-function extent(values) {
-  const known = values.filter(isFinite_);
+export function extent(values) {
+  const known = values.filter(isKnown);
   const [low, high] = [Math.min(...known), Math.max(...known)];
   return high > low ? [low, high] : null;
 }

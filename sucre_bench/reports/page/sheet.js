@@ -1,10 +1,12 @@
 // A table to sort and filter.
 
+import { h } from "./page.js";
+
 const MOST_ROWS = 200;
 const sorted = new Map();
 
 // columns: {key, head, sub, better, value(row), cell(row), chosen}; rows: anything; words(row): what a filter looks in.
-function sheet(
+export function sheet(
   place,
   { name, columns, rows, words = () => "", filter = "", mark = () => ({}), onSort = () => {}, most = MOST_ROWS },
 ) {

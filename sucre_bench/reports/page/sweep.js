@@ -1,5 +1,11 @@
 // Several datasets, or one made worse step by step: which is looked at, and one score across them all.
 
+import { $, choose, fill, h, state, summary, watch } from "./page.js";
+import { ARROWS, isKnown } from "./words.js";
+import { sheet } from "./sheet.js";
+import { extent, meanCell } from "./scores.js";
+import { label, ownColour, plot, signOf } from "./plots.js";
+
 const several = summary.datasets.length > 1;
 $("dataset-pick").hidden = $("sweep").hidden = !several;
 $("dataset").addEventListener("change", (event) => choose({ dataset: event.currentTarget.value }));
@@ -24,7 +30,7 @@ watch(["dataset", "metric", "hidden", "theme"], () => {
   const column = summary.columns.find((c) => c.key === state.metric);
   if (!column) return;
   const methods = summary.methods
-    .map((label_, at) => ({ label: label_, at }))
+    .map((name, at) => ({ label: name, at }))
     .filter((m) => !state.hidden.has(m.label));
   const rows = summary.datasets.map((name, at) => ({ name, cells: summary.means[state.metric][at] }));
   const scale = extent(
@@ -61,11 +67,11 @@ watch(["dataset", "metric", "hidden", "theme"], () => {
           traces: methods.map((m) => {
             const cells = rows.map((row) => row.cells[m.at]);
             const reach = (end) =>
-              cells.map((cell) => (cell && isFinite_(cell[end]) ? Math.abs(cell[end] - cell.mean) : 0));
+              cells.map((cell) => (cell && isKnown(cell[end]) ? Math.abs(cell[end] - cell.mean) : 0));
             return {
               name: label(m.label),
               x: rows.map((row) => row.name),
-              y: cells.map((cell) => (isFinite_(cell?.mean) ? cell.mean : null)),
+              y: cells.map((cell) => (isKnown(cell?.mean) ? cell.mean : null)),
               mode: "lines+markers",
               line: { color: ownColour(m.label), width: 1.6 },
               marker: { color: ownColour(m.label), symbol: signOf(m.label), size: 8 },

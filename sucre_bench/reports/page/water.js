@@ -1,5 +1,10 @@
 // The water as each method estimates it, beside the true one where that is known.
 
+import { $, data, fill, h, state, watch } from "./page.js";
+import { css, isKnown, number } from "./words.js";
+import { sheet } from "./sheet.js";
+import { axis, isNarrow, plot } from "./plots.js";
+
 const PARAMETERS = [
   ["B", "B, veiling light", ""],
   ["beta", "β, attenuation", "1/m"],
@@ -16,9 +21,9 @@ const withWater = () =>
   data.methods.map((m, at) => ({ ...m, at })).filter((m) => data.views.some((v) => v.results[m.at].water));
 const triple = (values) => (Array.isArray(values) ? values.map(number).join("  ") : "–");
 
-function waterLine(water) {
+export function waterLine(water) {
   const light =
-    Array.isArray(water.B) && water.B.every(isFinite_)
+    Array.isArray(water.B) && water.B.every(isKnown)
       ? h("span", {
           class: "swatch small",
           style: `background:${css(water.B.map((x) => Math.min(1, Math.max(0, x))))}`,
@@ -28,7 +33,7 @@ function waterLine(water) {
   return h(
     "dl",
     { class: "scores water" },
-    PARAMETERS.filter(([key]) => water[key]?.some(isFinite_)).map(([key]) =>
+    PARAMETERS.filter(([key]) => water[key]?.some(isKnown)).map(([key]) =>
       h("div", {}, h("dt", {}, SYMBOLS[key], key === "B" ? light : ""), h("dd", {}, triple(water[key]))),
     ),
   );
@@ -104,13 +109,13 @@ function waterPlot(method) {
         mode: "lines+markers",
         line: { color: colour, width: 1.4 },
         marker: { size: 7 },
-        error_y: errors.some(isFinite_)
+        error_y: errors.some(isKnown)
           ? { type: "data", array: errors.map((e) => e ?? 0), thickness: 1, width: 2 }
           : undefined,
         hovertemplate: `%{x}<br>${channel} %{y:.3g} ${unit}<extra></extra>`,
       });
       const truth = data.views.map((v) => v.truth?.[key]?.[c] ?? null);
-      if (truth.some(isFinite_))
+      if (truth.some(isKnown))
         traces.push({
           name: "true",
           legendgroup: "true",

@@ -1,60 +1,57 @@
 // Numbers and commands as people read them.
 
-const HUGE = 1e307;
-const ARROWS = { higher: "↑", lower: "↓", none: "" };
+import { $, REFERENCE, VIEW, data, h, summary } from "./page.js";
 
-// Three figures, two below 0.1, as the tables of the command line have them.
-function number(value) {
+export const HUGE = 1e307;
+export const ARROWS = { higher: "↑", lower: "↓", none: "" };
+
+// The text of a number. The rule is that of the tables of the command line, which the page's data have: the decimals
+// from a size on, and the figures of smaller numbers.
+export function number(value) {
   if (value === null || value === undefined) return "–";
   const size = Math.abs(value);
   if (size >= HUGE) return value > 0 ? "∞" : "−∞";
-  const text =
-    size >= 100
-      ? value.toFixed(0)
-      : size >= 10
-        ? value.toFixed(1)
-        : size >= 1
-          ? value.toFixed(2)
-          : size >= 0.1
-            ? value.toFixed(3)
-            : size >= 0.0001
-              ? value.toPrecision(2)
-              : size
-                ? value.toExponential(1)
-                : "0";
-  return text.replace("-", "−");
+  if (!size) return "0";
+  const { decimals, figures, scientific_below } = summary.numbers;
+  const rule = decimals.find(([least]) => size >= least);
+  const text = rule
+    ? value.toFixed(rule[1])
+    : Number(size.toPrecision(figures)) < scientific_below
+      ? value.toExponential(figures - 1)
+      : value.toPrecision(figures);
+  return text.replace(/e-(\d)$/, "e-0$1").replaceAll("-", "−");
 }
 
-const isFinite_ = (value) => value !== null && value !== undefined && Math.abs(value) < HUGE;
-const percent = (share) => `${share > 0.999 && share < 1 ? "99.9" : Math.round(share * 100)} %`;
+export const isKnown = (value) => value !== null && value !== undefined && Math.abs(value) < HUGE;
+export const percent = (share) => `${share > 0.999 && share < 1 ? "99.9" : Math.round(share * 100)} %`;
 
 // A score's name, with its variant where a metric has several here.
-function titled(column) {
+export function titled(column) {
   const several = data.columns.filter((c) => c.metric === column.metric).length > 1;
   return several ? `${column.metric} (${column.variant})` : column.metric;
 }
 
-const withUnit = (column) => [titled(column), ARROWS[column.better], column.unit].filter(Boolean).join(" ");
+export const withUnit = (column) => [titled(column), ARROWS[column.better], column.unit].filter(Boolean).join(" ");
 
-function pictureName(which) {
+export function pictureName(which) {
   return which === VIEW ? "the view" : which === REFERENCE ? "reference, without water" : which;
 }
 
 // A method's colour before its name.
-const dot = (label_) => h("i", { class: "dot", style: `--own:var(--m${summary.methods.indexOf(label_)})` });
+export const dot = (method) => h("i", { class: "dot", style: `--own:var(--m${summary.methods.indexOf(method)})` });
 
 // The command that makes a restoration again, or all of a method's, with one score or all of them.
-function commandFor(method, view, metric = "") {
+export function commandFor(method, view, metric = "") {
   if (!method.command) return "";
   return [method.command, view ? view.words : method.views, data.metric_words[metric]].filter(Boolean).join(" ");
 }
 
-function commandBox(command) {
+export function commandBox(command) {
   if (!command)
     return h(
       "p",
       { class: "note" },
-      "These rows are of a version that did not keep the dataset's options: the command cannot be told.",
+      "An older version wrote these rows, without the dataset's options: their command is not known.",
     );
   return h(
     "div",
@@ -69,7 +66,7 @@ function commandBox(command) {
 }
 
 // Pages opened from disk may not use the clipboard everywhere: then the old way.
-async function copy(text, button) {
+export async function copy(text, button) {
   try {
     await navigator.clipboard.writeText(text);
   } catch {
@@ -82,8 +79,22 @@ async function copy(text, button) {
   }
   const before = button.textContent;
   button.textContent = "Copied";
-  $("said").textContent = "copied";
+  $("announcement").textContent = "copied";
   setTimeout(() => {
     button.textContent = before;
   }, 1200);
+}
+
+// A colour of the style sheet, of intensities from 0 to 1.
+export const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * x)).join(" ")})`;
+
+// A value of a record in one line.
+export function briefly(value) {
+  if (typeof value === "number") return number(value);
+  if (Array.isArray(value)) return value.map(briefly).join(", ") || "none";
+  if (value && typeof value === "object")
+    return Object.entries(value)
+      .map(([name, inner]) => `${name}: ${briefly(inner)}`)
+      .join("; ");
+  return value === null ? "–" : String(value);
 }

@@ -1,9 +1,17 @@
 // Zoom and pan, one for the slider and all pictures of the grid: three numbers that the style sheet reads.
 
-const MOST_ZOOM = 32;
-const zoom = { scale: 1, x: 0, y: 0 }; // x, y: where the picture's corner is, in widths and heights of the frame
+import { $ } from "./page.js";
 
-function setZoom(scale, x, y) {
+const MOST_ZOOM = 32;
+export const zoom = { scale: 1, x: 0, y: 0 }; // x, y: where the picture's corner is, in widths and heights of the frame
+
+const whenNear = [];
+
+// Whether a thumbnail shows too little; onNear: what to do then.
+export const isNear = () => zoom.scale > 1.2;
+export const onNear = (act) => whenNear.push(act);
+
+export function setZoom(scale, x, y) {
   zoom.scale = Math.min(MOST_ZOOM, Math.max(1, scale));
   zoom.x = Math.min(0, Math.max(1 - zoom.scale, x));
   zoom.y = Math.min(0, Math.max(1 - zoom.scale, y));
@@ -12,18 +20,18 @@ function setZoom(scale, x, y) {
   section.classList.toggle("near", zoom.scale > 1);
   section.classList.toggle("pixels", zoom.scale >= 6);
   $("scale").textContent = `${zoom.scale < 10 ? Number(zoom.scale.toFixed(1)) : Math.round(zoom.scale)}×`;
-  if (zoom.scale > 1.2) sharpen();
+  if (isNear()) for (const act of whenNear) act();
 }
 
 // Zoom about a point of the frame, in its widths and heights.
-function zoomAt(factor, px = 0.5, py = 0.5) {
+export function zoomAt(factor, px = 0.5, py = 0.5) {
   const scale = Math.min(MOST_ZOOM, Math.max(1, zoom.scale * factor));
   const grown = scale / zoom.scale;
   setZoom(scale, px - (px - zoom.x) * grown, py - (py - zoom.y) * grown);
 }
 
 // Let a frame be zoomed and panned by pointer. slide(share): where the frame has a divider to be dragged.
-function zoomable(frame, slide = null) {
+export function zoomable(frame, slide = null) {
   const pointers = new Map();
   let mode = "";
   let travelled = 0;

@@ -1,6 +1,6 @@
 """Scores followed through the values of one option: how much worse with fewer frames, noisier depth, other water.
 
-The value of a row is read from what the row says of its dataset, degradation and method, never from labels. Everything
+The value of a row is read from the row's options of dataset, degradation and method, never from labels. Everything
 is compared on the images that all methods have at all values. Differences are paired: of a method to itself at the
 undegraded value (or the first), and of the methods to a baseline at each value.
 """
@@ -15,7 +15,7 @@ from dataclasses import dataclass, fields, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.compare import Cell, Column, Comparison, against, compare, only
+from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
 from sucre_bench.compare.tables import is_fresh, without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
@@ -75,26 +75,28 @@ def _line(option: str, value: Value, method: str) -> str:
 
 
 def along(rows: pd.DataFrame, study: Study) -> list[Along]:
-    """Return the scores of each dataset (of what it is without the option) along `study.along`.
+    """Group rows by dataset, without the followed option in its label, and tabulate scores per value of the option.
 
-    rows: in the order that methods, and values that are words, are to have.
+    rows: their order sets the order of methods, and of values that are not numbers.
     Raises NotApplicableError where no row says a value.
     """
     group, _, name = study.along.partition(".")
-    said = _told_apart({text: _said(json.loads(text), group, name) for text in rows["options"].unique()})
-    if not any(said.values()):
-        known = {key for text in said for key in _part(json.loads(text), group)}
+    values_of = _with_distinct_words(
+        {text: _value_in(json.loads(text), group, name) for text in rows["options"].unique()}
+    )
+    if not any(values_of.values()):
+        known = {key for text in values_of for key in _part(json.loads(text), group)}
         raise NotApplicableError(f"no {group} here has an option '{name}'; {did_you_mean(name, known)}")
     label = "method" if group == "method" else "dataset"
     plain = {text: _without(text, name) for text in rows[label].unique()}
-    # What is degraded has other data by nature: only what is out of date keeps a mark of them.
+    # Degraded copies have other data_ids by design: only outdated rows keep theirs.
     rows = without_replicates(rows.assign(data_id=rows["data_id"].mask(is_fresh(rows), "")))
-    rows = rows.assign(_value=rows["options"].map(said), **{label: rows[label].map(plain)})
+    rows = rows.assign(_value=rows["options"].map(values_of), **{label: rows[label].map(plain)})
     lacking = rows.loc[rows["_value"].isna(), label].unique()
-    notes = tuple(f"{own} is left out: it has no option {name}" for own in lacking)
+    notes = tuple(Note("no option", (str(own),), option=name) for own in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
-        rows = rows.assign(scene="")  # a scene may be called after the value: views are told by their own names
+        rows = rows.assign(scene="")  # a scene may be called after the value: views are told apart by name
     groups = [(str(title), own) for title, own in rows.groupby("dataset", sort=False)]
     followed = [_along(title, own, name, study, notes) for title, own in groups if _is_scored(own, study)]
     if not followed:
@@ -108,8 +110,8 @@ def _is_scored(rows: pd.DataFrame, study: Study) -> bool:
     return len(ok) > 0 and {metric.partition(":")[0] for metric in study.metrics} <= {*ok["metric"]}
 
 
-def _said(options: dict[str, Any], group: str, name: str) -> Value | None:
-    """The value that a row says; None where its dataset or method has no such option."""
+def _value_in(options: dict[str, Any], group: str, name: str) -> Value | None:
+    """The value in a row's options; None if its dataset or method has no such option."""
     part = _part(options, group)
     value, is_given = part.get(name), True
     if group == "degrade" and value is None:
@@ -132,19 +134,19 @@ def _read(name: str, value: Any) -> tuple[str, float | None]:
     return "_".join(map(str, value)) if isinstance(value, list) else PurePath(str(value)).name, None
 
 
-def _told_apart(said: dict[str, Value | None]) -> dict[str, Value | None]:
-    """Let no two different values have one word."""
+def _with_distinct_words(values_of: dict[str, Value | None]) -> dict[str, Value | None]:
+    """Give different values different words."""
     full: dict[str, set[str]] = {}
-    for value in filter(None, said.values()):
+    for value in filter(None, values_of.values()):
         full.setdefault(value.word, set()).add(value.full)
     return {
         text: value and (value if len(full[value.word]) == 1 else replace(value, word=value.full))
-        for text, value in said.items()
+        for text, value in values_of.items()
     }
 
 
 def _part(options: dict[str, Any], group: str) -> dict[str, Any]:
-    """What a row says of its dataset, degradation or method."""
+    """A row's options of its dataset, degradation or method."""
     part = options if group == "method" else options.get(group, {})
     return {key: value for key, value in part.items() if key not in ("dataset", "degrade", "replicate", "name")}
 
@@ -154,7 +156,7 @@ def _without(label: str, option: str) -> str:
     return ",".join(part for part in label.split(",") if not part.startswith(f"{option}="))
 
 
-def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tuple[str, ...]) -> Along:
+def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tuple[Note, ...]) -> Along:
     values = _ordered(rows["_value"].unique())
     methods = tuple(dict.fromkeys(rows["method"]))
     reference = next((value for value in values if not value.is_given), values[0])

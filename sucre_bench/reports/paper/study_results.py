@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare import By, Comparison, against, compare, only
+from sucre_bench.compare.tables import asked_for
 from sucre_bench.jobs.study import Study
 from sucre_bench.reports.paper.follow_option import Along, along
 
@@ -22,17 +23,22 @@ __all__ = ["StudyResults"]
 class StudyResults:
     """What tables and figures are made of.
 
-    rows: in the order that methods are to have; out: the results folder.
+    rows: in the order that methods are to have; out: the results folder; made: comparisons of these rows by all
+    metrics, if there are some already.
     """
 
     study: Study
     rows: pd.DataFrame
     out: Path
+    made: tuple[Comparison, ...] = ()
 
     @cached_property
     def comparisons(self) -> list[Comparison]:
         """A table for each dataset: methods by the study's metrics."""
-        return self._compare("method")
+        if not self.made:
+            return self._compare("method")
+        scored = set(self.rows.loc[asked_for(self.rows, self.study.metrics), "dataset"])
+        return [only(table, self.study.metrics) for table in self.made if table.title in scored]
 
     @cached_property
     def with_baseline(self) -> list[Comparison]:

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.compare import text
+from sucre_bench.compare import Comparison, text, verdicts
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.study import Study
 from sucre_bench.machine.files import write_atomically
@@ -34,12 +34,18 @@ class Written:
 
 
 def write(
-    study: Study, rows: pd.DataFrame, out: Path, methods: Sequence[str] = (), datasets: Sequence[str] = ()
+    study: Study,
+    rows: pd.DataFrame,
+    out: Path,
+    methods: Sequence[str] = (),
+    datasets: Sequence[str] = (),
+    comparisons: Sequence[Comparison] = (),
 ) -> Written:
     """Write a study's tables and figures under `out`.
 
     rows: of the study's methods and datasets alone, as `results.read` returns them; methods, datasets: labels in the
-    order that tables and figures have them, default as they were first run. What cannot be made is a note, and costs
+    order that tables and figures have them, default as they were first run; comparisons: of these rows by all metrics,
+    if they are made already. What cannot be made is a note, and costs
     nothing else. Raises OutputError where files cannot be written.
     """
     notes: list[str] = []
@@ -47,7 +53,7 @@ def write(
     if not (rows["status"] == "ok").any():
         return _nothing(study, out, "nothing was restored, so there is nothing to show")
     named, study = study.metrics, _applicable(study, rows, notes)
-    results, paths = StudyResults(study, rows, out), list[Path]()
+    results, paths = StudyResults(study, rows, out, tuple(comparisons)), list[Path]()
     try:
         if named and not study.metrics:
             raise NotApplicableError("nothing that it asks for was scored")
@@ -122,7 +128,7 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
         csv = str(pd.DataFrame([record for one in results.followed for record in records(one)]).to_csv(index=False))
     else:
         tables = results.comparisons
-        sentences = "".join(f"- {line}\n" for table in tables for line in text.verdicts(table))
+        sentences = "".join(f"- {line}\n" for table in tables for line in _sentences(table))
         csv = text.as_text([*results.with_baseline, *results.parts], "csv", study.spread)
         if study.baseline:
             titled = [replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline]
@@ -131,6 +137,10 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     yield "md", text.as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
     yield "tex", text.as_text(tables, "latex", study.spread)
     yield "csv", csv
+
+
+def _sentences(table: Comparison) -> list[str]:
+    return [text.verdict_text(table, verdict) for verdict in verdicts(table)]
 
 
 def _figures(name: str, results: StudyResults, notes: list[str]) -> list[Path]:

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_camera, make_pose, make_view
-from support.made_seabed import CLEAR, alone, in_water, random_seabed
+from support.made_seabed import CLEAR, alone, random_seabed, view_in_water
 
 import sucre_bench as sb
 from sucre_bench import Arrays, Restoration, View, Water
@@ -37,7 +37,7 @@ def veil(water: Water) -> np.ndarray:
 def normal_seabed(seed: int = 0) -> View:
     """Colours drawn from N(0.5, 0.1), in the water CLEAR."""
     z = np.tile(np.linspace(2, 8, 160, dtype=np.float32)[:, None], (1, 120))
-    return in_water(np.random.default_rng(seed).normal(0.5, 0.1, (160, 120, 3)), z, CLEAR)
+    return view_in_water(np.random.default_rng(seed).normal(0.5, 0.1, (160, 120, 3)), z, CLEAR)
 
 
 # -- distances -------------------------------------------------------------------------------------------------

@@ -22,6 +22,8 @@ from sucre_bench.methods.sucre.solvers import colours_for_water, solve_adam_clos
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import observe
 
+pytestmark = pytest.mark.short
+
 WATERS = [
     WATER,
     Water(np.array([0.05, 0.28, 0.43]), np.array([0.26, 0.07, 0.05]), np.array([0.19, 0.11, 0.1])),  # blue ocean

@@ -16,6 +16,8 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
+pytestmark = pytest.mark.short
+
 BACKENDS = ["numpy", "numba", "torch", "jax"]
 SINGLE = BACKENDS[1:]  # those that compute in float32
 # Near made_scene's, not at the minimum: rows RGB, columns B, beta, gamma.

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import itertools
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.forward_model import seen_through
 
-from sucre_bench.programs.contract.made_scenes import charted, least, wall
+from sucre_bench.programs.contract.made_scenes import WATER, charted, least, wall
 from sucre_bench.programs.contract.process_state import changed, snapshot
 
 
@@ -31,6 +33,15 @@ def test_the_painted_charts_are_read_as_what_they_are() -> None:
     for chart in view.charts:
         for reading in measure(np.asarray(view.reference), chart):
             np.testing.assert_allclose(reading.rgb, reading.patch.srgb, atol=1e-6)
+
+
+def test_the_water_of_the_contract_is_that_of_the_model() -> None:
+    """Methods are checked on these scenes: a wrong sign here would let the same wrong sign there pass."""
+    view = charted()["far.png"]
+    B, beta, gamma = (WATER.veiling_light, WATER.attenuation, WATER.backscatter)
+    for y, x, c in itertools.product((0, 20, 60, 95), (0, 30, 70, 127), range(3)):
+        expected = seen_through(float(view.reference[y, x, c]), 3.0, B[c], beta[c], gamma[c])
+        assert view.rgb[y, x, c] == pytest.approx(expected, abs=1e-6)
 
 
 def test_changes_of_what_is_global_are_named(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -88,13 +88,11 @@ def test_this_repository_is_known_from_every_folder_of_it(tmp_path: Path) -> Non
     assert checkout_of(tmp_path) is None
 
 
-def test_a_method_is_short() -> None:
+def test_a_method_is_short(folder: Path) -> None:
     """At most 15 lines of code, as counted without blank lines, docstrings and comments."""
-    from sucre_bench.programs.contract.new import _filled
-
-    for depth in (False, True):
-        about = {"kind": "method", "name": "x", "cls": "X", "depth": depth, "place": "folder", "is_named": False}
-        tree = ast.parse(_filled("method.py.j2", about))
+    for name, more in (("tried", ()), ("tried_with_depth", ("--depth",))):
+        new("method", name, *more)
+        tree = ast.parse((folder / f"{name}.py").read_text())
         own = [node for node in ast.walk(tree) if isinstance(node, (ast.stmt, ast.arg)) and not is_text(node)]
         assert len({node.lineno for node in own}) <= 15
 
@@ -111,12 +109,12 @@ def is_text(node: ast.AST) -> bool:
     return isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant)
 
 
-def test_a_package_is_installed_and_found_under_its_name(bench: Bench, folder: Path) -> None:
+def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:
     done = new("method", "tried_out", "--package", "my-restorers")
     assert "install  pip install -e my-restorers" in done.stdout
     install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-compile"]
     subprocess.run([*install, "--target", "there", "./my-restorers"], check=True)
-    listed = bench("list", "methods", PYTHONPATH=str(folder / "there")).stdout
+    listed = program("list", "methods", PYTHONPATH=str(folder / "there")).stdout
     assert "tried_out\n    Multiply the red channel by a factor." in listed
     assert "2 passed" in pytest_in(folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there"))
 

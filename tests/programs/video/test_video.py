@@ -15,11 +15,11 @@ from support.made_frames import make_frame, plain, wall_view
 from support.places import TOYS
 
 from sucre_bench import Arrays, InputError, View
-from sucre_bench.commands.video import _labels, video
+from sucre_bench.commands.video import video
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen import Frame
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode, to_8bit
-from sucre_bench.programs.video.flicker import Flicker, _mean, flicker
+from sucre_bench.programs.video.flicker import flicker
 from sucre_bench.programs.video.frames import composed, panel_size
 from sucre_bench.programs.video.write_vp9 import write_video
 
@@ -114,15 +114,18 @@ def test_points_need_depth_and_poses(tmp_path: Path):
     assert set(with_geometry["restored"]) == {"gain", "points", "relative"}
 
 
-def test_the_interval_is_students_and_never_below_0():
-    found = _mean([11.0, 12.0, 13.0])
-    assert (found.mean, found.pairs) == (12.0, 3)
-    half = 4.302653 / math.sqrt(3)
-    assert (found.low, found.high) == (pytest.approx(12 - half, abs=1e-5), pytest.approx(12 + half, abs=1e-5))
-    assert _mean([1.0, 2.0, 3.0]).low == 0
-    one = _mean([1.0])
-    assert one == Flicker(1.0, one.low, one.high, 1)
-    assert math.isnan(one.low)
+def test_the_interval_is_students_and_never_below_0(tmp_path: Path):
+    """Gains of e^g: the flicker of consecutive views is the difference of their g."""
+    for changes, name in (([0.11, 0.12, 0.13], "narrow"), ([0.1, 0.2, 0.3], "wide")):
+        gains = np.exp(-np.cumsum([0, *changes]))
+        found = flicker(sequence(tmp_path / name, gains), ["restored"])["restored"]["gain"]
+        half = 4.302653 * np.std(changes, ddof=1) / math.sqrt(3)
+        assert (found.mean, found.pairs) == (pytest.approx(np.mean(changes), abs=2e-3), 3)
+        assert found.low == pytest.approx(max(0, np.mean(changes) - half), abs=4e-3)
+        assert found.high == pytest.approx(np.mean(changes) + half, abs=4e-3)
+    assert found.low == 0
+    alone = flicker(sequence(tmp_path / "two", [1, G]), ["restored"])["restored"]["gain"]
+    assert (alone.pairs, math.isnan(alone.low), math.isnan(alone.high)) == (1, True, True)
 
 
 RED, GREEN = (200, 30, 20), (20, 180, 40)
@@ -176,14 +179,6 @@ def test_a_video_is_read_back_with_its_colours_in_order(tmp_path: Path, suffix: 
     assert capfd.readouterr().err == ""
 
 
-def test_labels_are_parted_by_commas_though_they_may_hold_some():
-    assert _labels("gray_world, sucre,pairing=mutual,lr=1,sucre") == [
-        "gray_world",
-        "sucre,pairing=mutual,lr=1",
-        "sucre",
-    ]
-
-
 @pytest.fixture(scope="module")
 def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The toy scene as it is and darker; of the darker, a view is missing."""
@@ -192,6 +187,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     words = ["dataset=toy", "method=gain", f"out={out}", "metrics=[psnr]", "tracking.uri=off", "report=false"]
     sweep.run([*words, "method.label=same"], False, [toys])
     sweep.run([*words, "method.label=dark", "method.gain=0.5", "first=2"], False, [toys])
+    sweep.run([*words, "method.gain=0.5,0.8"], True, [toys])
     return out
 
 
@@ -211,6 +207,16 @@ def test_the_command_writes_a_video_and_the_flicker_as_numbers(results: Path, tm
     }
     assert told["flicker"]["dark"]["gain"]["mean"] < 0.02
     assert set(told["flicker"]["dark"]) == set(told["formulae"])
+
+
+def test_labels_are_parted_by_commas_though_they_may_hold_some(results: Path, tmp_path: Path):
+    labels = "same, gain,gain=0.5,gain,gain=0.8,same"
+    done = CliRunner().invoke(
+        video, [str(results), str(tmp_path / "v.mp4"), "--methods", labels], catch_exceptions=False
+    )
+    assert done.exit_code == 0, done.output
+    told = json.loads((tmp_path / "v.mp4.json").read_text())
+    assert list(told["flicker"]) == ["input", "same", "gain,gain=0.5", "gain,gain=0.8"]
 
 
 @pytest.mark.parametrize(

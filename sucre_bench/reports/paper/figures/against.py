@@ -38,8 +38,8 @@ def draw(results: StudyResults) -> Drawn:
         if len(followed.values) < 2:
             yield suffix, NotApplicableError(f"{followed.title} has one value of {followed.option}; sweep over more")
         elif not columns:
-            said = f"{followed.title} has no scores that differ between values of {followed.option}, or methods"
-            yield suffix, NotApplicableError(f"{said}; name others, study.metrics=[NAME]")
+            reason = f"{followed.title} has no scores that differ between values of {followed.option}, or methods"
+            yield suffix, NotApplicableError(f"{reason}; name others, study.metrics=[NAME]")
         else:
             yield suffix, _figure(followed, columns)
 

@@ -1,7 +1,8 @@
 """The errors of colour charts against their distance (SUCRe, fig. "Chart psi-bar error vs. distance").
 
 A dot is the mean over charts that are about equally far, at most eight such places; the bar behind it reaches one
-standard deviation of their patches to either side. Needs the scores `chart_distance`, and `psi` or `de00`.
+standard deviation of their patches to either side. Needs metrics of the roles chart-distance, and
+chart-error or colour-difference.
 """
 
 from __future__ import annotations
@@ -12,7 +13,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.plugins.plugin import Role
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import metrics_of, symbol
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -22,7 +25,7 @@ if TYPE_CHECKING:
 
 __all__ = ["PLACES", "draw", "seen_charts", "with_places"]
 
-_ERRORS = {"psi": "mean angle $\\bar\\psi$ (°)", "de00": "$\\Delta E_{00}$"}
+_ERRORS: tuple[Role, ...] = ("chart-error", "colour-difference")
 _CHART = ["dataset", "scene", "view", "chart"]
 PLACES = 8
 
@@ -30,12 +33,13 @@ PLACES = 8
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset, a panel per error and variant, of those that the study names if it names any."""
     charts = seen_charts(results.rows)
-    charts = charts[charts["metric"].isin(_ERRORS)]
+    charts = charts[charts["metric"].isin(metrics_of(*_ERRORS))]
     full = charts["metric"] + ":" + charts["variant"]
     named = charts["metric"].isin(results.study.metrics) | full.isin(results.study.metrics)
     charts = charts[named] if named.any() else charts
     if charts.empty:
-        raise NotApplicableError("no errors of colour charts; add metrics=[psi,de00,chart_distance]")
+        wanted = ",".join(metrics_of(*_ERRORS, "chart-distance"))
+        raise NotApplicableError(f"no errors of colour charts; add metrics=[{wanted}]")
     for name, own in style.each_dataset(charts):
         yield name, _against_distance(with_places(own))
 
@@ -47,10 +51,15 @@ def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
     """
     ok = rows[(rows["status"] == "ok") & rows["value"].notna()]
     ok = ok.assign(chart=ok["region"].str.split("/").str[0])
-    distances = ok[ok["metric"] == "chart_distance"].drop_duplicates(_CHART).rename(columns={"value": "distance"})
+    distances = (
+        ok[ok["metric"].isin(metrics_of("chart-distance"))]
+        .drop_duplicates(_CHART)
+        .rename(columns={"value": "distance"})
+    )
     if distances.empty:
+        wanted = ",".join(metrics_of("chart-distance"))
         raise NotApplicableError(
-            "no colour chart at a known distance; add the metric chart_distance, on images with charts and depth"
+            f"no colour chart at a known distance; add metrics=[{wanted}], on images with charts and depth"
         )
     return ok.merge(distances[[*_CHART, "distance"]], on=_CHART)
 
@@ -82,7 +91,7 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
             panel.errorbar(x, means, spread, fmt="none", ecolor=look.colour, alpha=0.3, elinewidth=0.7, zorder=1)
             panel.plot(x, means, color=look.colour, marker=look.marker, label=method, markersize=3)
         several = sum(metric == other for other, _ in panels) > 1
-        panel.set(ylabel=f"{_ERRORS[metric]}{f', {variant}' if several else ''}")
+        panel.set(ylabel=f"{symbol(metric, str(scores['unit'].iloc[0]))}{f', {variant}' if several else ''}")
         panel.set_ylim(bottom=0)
         panel.tick_params(labelbottom=place + width >= len(panels))
         panel.grid(axis="y")

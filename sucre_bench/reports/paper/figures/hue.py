@@ -2,7 +2,8 @@
 
 A panel a patch, half a turn up and down from the hue expected there, the gray line. A dot is the circular mean over
 charts that are about equally far, see `figures.charts`; a line that leaves through the top comes back
-from below. Needs the scores `hue` (measured and expected) and `chart_distance`.
+from below. Needs metrics of the roles patch-hue and
+chart-distance.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import PLACES, seen_charts, with_places
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
@@ -33,29 +35,31 @@ _PANELS = 24
 
 
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
-    """Yield a figure per dataset, kind of chart (told apart by their patches) and variant of hue."""
+    """Yield a figure per dataset, set of patches and variant of hue."""
     hues = seen_charts(results.rows)
-    hues = hues[hues["metric"] == "hue"]
+    hues = hues[hues["metric"].isin(metrics_of("patch-hue"))]
     forms = [v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])]
     if not forms:
-        raise NotApplicableError("no hues of chart patches; add metrics=[hue,chart_distance]")
+        wanted = ",".join(metrics_of("patch-hue", "chart-distance"))
+        raise NotApplicableError(f"no hues of chart patches; add metrics=[{wanted}]")
     hues = hues.assign(patch=hues["region"].str.partition("/")[2])
     for name, own in style.each_dataset(hues):
-        kinds = list(_by_kind(own))
-        for kind, charts in kinds:
+        groups = list(_with_same_patches(own))
+        for first, charts in groups:
             for form in forms:
                 pages = _pages(charts)
                 for k, patches in enumerate(pages, 1):
-                    several = (len(kinds) > 1, len(forms) > 1, len(pages) > 1)
-                    words = [name, *itertools.compress((kind, form, str(k)), several)]
+                    several = (len(groups) > 1, len(forms) > 1, len(pages) > 1)
+                    words = [name, *itertools.compress((first, form, str(k)), several)]
                     yield "-".join(filter(None, words)), _panels(with_places(charts), form, patches)
 
 
-def _by_kind(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
-    """The charts that have the same patches, named after the first of them."""
-    names = hues.groupby("chart")["patch"].transform(lambda patches: "|".join(sorted(set(patches))))
-    for kind in dict.fromkeys(names):
-        own = hues[names == kind]
+def _with_same_patches(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+    """The charts that have the same patches, which panels show together, with the name of the first chart."""
+    patches = {chart: frozenset(own) for chart, own in hues.groupby("chart")["patch"]}
+    of_rows = hues["chart"].map(patches)
+    for same in dict.fromkeys(of_rows):
+        own = hues[of_rows == same]
         yield file_name(own["chart"].iloc[0]), own
 
 
@@ -79,7 +83,7 @@ def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
     for panel in axes.flat[len(patches) :]:
         panel.set_visible(False)
     figure.supxlabel("distance of the chart (m)", fontsize=7)
-    figure.supylabel({"hsv": "hue (HSV, °)", "lab": "hue $h_{ab}$ (CIE Lab, °)"}.get(form, form), fontsize=7)
+    figure.supylabel(f"hue ({form}, °)", fontsize=7)
     style.legend_above(figure, axes[0, 0], 5)
     return figure
 

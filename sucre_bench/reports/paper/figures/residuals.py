@@ -40,7 +40,7 @@ _REACH = 5
 
 
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
-    """Yield the figures. NotApplicableError where no method told what it leaves."""
+    """Yield the figures. NotApplicableError if no record has residuals."""
     done = restorations(results.rows)
     drawn = False
     for (_, method), those in done.groupby(["dataset", "method"], sort=False):
@@ -58,7 +58,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
             ):
                 yield f"{what}-{named}", make(known, title)
     if not drawn:
-        raise NotApplicableError("no method told its residuals; run sucre or sucre_paper with method.residuals=true")
+        raise NotApplicableError("no record has residuals; run sucre or sucre_paper with method.residuals=true")
 
 
 def _panels(title: str, xlabel: str, ylabel: str, **subplots: Any) -> tuple[Figure, list[Axes]]:

@@ -16,6 +16,7 @@ import numpy as np
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results.restorations import read_record, restorations
 
 if TYPE_CHECKING:
@@ -36,16 +37,17 @@ _FEWEST, _SPREAD = 4, 2.0
 
 # Rounds of the fit, and the least time that a line may give, in seconds.
 _ROUNDS, _LEAST_S = 10, 1e-4
-_LABELLED = 50  # greatest over least number up to which 2 and 5 are said beside powers of ten
+_LABELLED = 50  # greatest over least number up to which the axis has 2 and 5 beside powers of ten
 
 
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
-    """Yield the figure. NotApplicableError where no method told its observations."""
+    """Yield the figure. NotApplicableError if no restoration has a number of observations."""
     from matplotlib.ticker import EngFormatter, LogLocator
 
     table = times(results.rows, results.out)
     if table.empty:
-        raise NotApplicableError("no method told how many observations it had; add the metric observations")
+        wanted = ",".join(metrics_of("observations"))
+        raise NotApplicableError(f"no restoration has a number of observations; add metrics=[{wanted}]")
     few = table["n"].max() < _LABELLED * table["n"].min()
     stages = [stage for stage in _STAGES if table[stage].notna().any()]
     height = 2.8 if len(stages) > 1 else 2.6
@@ -64,10 +66,12 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 
 
 def times(rows: pd.DataFrame, out: Path) -> pd.DataFrame:
-    """Return a line a restoration: method, n observations, seconds, and of these pair and solve, NaN where not told."""
+    """Return a line a restoration: method, n observations, seconds, and of these pair and solve, NaN if unknown."""
     import pandas as pd
 
-    counts = rows[(rows["metric"] == "observations") & (rows["variant"] == "all") & (rows["status"] == "ok")]
+    counts = rows[
+        rows["metric"].isin(metrics_of("observations")) & (rows["variant"] == "all") & (rows["status"] == "ok")
+    ]
     key = ["dataset", "scene", "view", "method"]
     n = {tuple(getattr(row, name) for name in key): row.value for row in counts.itertuples()}
     lines = []
@@ -112,7 +116,7 @@ def _series(axis: Axes, method: str, n: Any, seconds: Any, look: style.Look) -> 
     if len(n) >= _FEWEST and n.max() > _SPREAD * n.min():
         a, b, error = line(n, seconds)
         at = np.geomspace(n.min(), n.max(), 50)
-        if b > 0:  # times that fall tell of other things than observations
+        if b > 0:  # falling times have other causes than observations
             axis.plot(at, a + b * at, color=look.colour, linewidth=0.9)
         if b > 2 * error:
             label = f"{method}: {b * 1e6:.2g} ± {error * 1e6:.1g} s per million"

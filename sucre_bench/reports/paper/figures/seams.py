@@ -19,6 +19,7 @@ from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.filters.seams import Seams, find_seams
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 
 if TYPE_CHECKING:
@@ -42,7 +43,8 @@ _DIFFERS, _PART = 8 / 255, 0.05
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure a view. NotApplicableError where there is no score of seams or no picture."""
     rows, out = results.rows, results.out
-    scores = rows[(rows["metric"] == "seams") & (rows["variant"] == "visible") & (rows["status"] == "ok")]
+    scores = rows[rows["metric"].isin(metrics_of("seams")) & (rows["status"] == "ok")]
+    scores = scores[scores["variant"].isin(scores["variant"].iloc[:1])]  # of several, the first
     drawn = False
     for _, those in scores.groupby("dataset", sort=False):
         worst = those.groupby(["dataset", "scene", "view"], sort=False)["value"].max()
@@ -58,7 +60,8 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
                     _figure(pictures, values, f"{view} of {dataset}"),
                 )
     if not drawn:
-        raise NotApplicableError("no picture with a score of seams; add the metric seams, and let methods run on depth")
+        wanted = ",".join(metrics_of("seams"))
+        raise NotApplicableError(f"no picture with a score of seams; add metrics=[{wanted}], and run methods on depth")
 
 
 def _pictures(dataset: str, scene: str, view: str, values: dict[str, float], out: Path) -> dict[str, Array]:

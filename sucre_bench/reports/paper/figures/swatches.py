@@ -1,7 +1,7 @@
 """The patches of the nearest and the farthest colour chart, as each method shows them, with their CIEDE2000.
 
-Each swatch is the measured colour above a strip of the expected one, of the sRGB list: numbers are those of de00:srgb
-where that was scored. Needs the scores `patch_colour`, `de00` and `chart_distance`.
+Each swatch is the measured colour above a strip of the expected one, of the sRGB list: numbers are those of the variant
+srgb, if it was scored. Needs metrics of the roles patch-colour, colour-difference and chart-distance.
 """
 
 from __future__ import annotations
@@ -14,6 +14,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import seen_charts
+from sucre_bench.reports.roles import metrics_of, roles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,9 +34,12 @@ _CHART = ["scene", "view", "chart"]
 def draw(results: StudyResults) -> Drawn:
     """Yield a figure per dataset, or why there is none of it."""
     charts = seen_charts(results.rows)
-    if not {"patch_colour", "de00"} <= set(charts["metric"]):
-        raise NotApplicableError("no colours of chart patches; add metrics=[patch_colour,de00,chart_distance]")
-    for name, own in style.each_dataset(charts[charts["metric"].isin(("patch_colour", "de00"))]):
+    role = charts["metric"].map(roles())
+    if not {"patch-colour", "colour-difference"} <= set(role):
+        wanted = ",".join(metrics_of("patch-colour", "colour-difference", "chart-distance"))
+        raise NotApplicableError(f"no colours of chart patches; add metrics=[{wanted}]")
+    charts = charts.assign(role=role)[role.isin(("patch-colour", "colour-difference"))]
+    for name, own in style.each_dataset(charts):
         try:
             yield name, _swatches(own)
         except NotApplicableError as reason:
@@ -45,7 +49,7 @@ def draw(results: StudyResults) -> Drawn:
 def _swatches(charts: pd.DataFrame) -> Figure:
     methods = list(dict.fromkeys(charts["method"]))
     nearest, farthest = _ends(charts, methods)
-    variants = list(dict.fromkeys(charts.loc[charts["metric"] == "de00", "variant"]))
+    variants = list(dict.fromkeys(charts.loc[charts["role"] == "colour-difference", "variant"]))
     variant = "srgb" if "srgb" in variants else variants[0]
     figure, axes = style.figure(2, 1.0 + 0.2 * len(methods), 1, 2)
     for panel, place in zip(axes[0], (nearest, farthest), strict=True):
@@ -53,14 +57,14 @@ def _swatches(charts: pd.DataFrame) -> Figure:
         _panel(panel, own, methods, variant)
         panel.set_title(f"{place[2]}, {own['distance'].iloc[0]:.1f} m", fontsize=7)
     axes[0, 0].set_yticks(range(len(methods)), methods)
-    said = f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list"
-    figure.supxlabel(said, fontsize=7)
+    caption = f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list"
+    figure.supxlabel(caption, fontsize=7)
     return figure
 
 
 def _ends(charts: pd.DataFrame, methods: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The nearest and the farthest chart that all methods show, of one kind: with the same patches."""
-    scored = charts[(charts["metric"] == "de00") & charts["region"].str.contains("/", regex=False)]
+    scored = charts[(charts["role"] == "colour-difference") & charts["region"].str.contains("/", regex=False)]
     of = scored.groupby(_CHART).agg(
         distance=("distance", "first"),
         methods=("method", "nunique"),
@@ -75,9 +79,9 @@ def _ends(charts: pd.DataFrame, methods: list[str]) -> tuple[tuple[str, ...], tu
 
 def _panel(axes: Axes, chart: pd.DataFrame, methods: list[str], variant: str) -> None:
     """One chart: a line a method, a column a patch."""
-    errors = chart[(chart["metric"] == "de00") & chart["region"].str.contains("/", regex=False)]
+    errors = chart[(chart["role"] == "colour-difference") & chart["region"].str.contains("/", regex=False)]
     errors = errors[errors["variant"] == variant].set_index(["method", "region"])["value"]
-    colours = chart[chart["metric"] == "patch_colour"].set_index(["method", "region", "variant"])["value"]
+    colours = chart[chart["role"] == "patch-colour"].set_index(["method", "region", "variant"])["value"]
     patches = sorted({region for _, region in errors.index}, key=_number)
     patches = [patches[k] for k in evenly(len(patches), _PATCHES)]
     for y, method in enumerate(methods):

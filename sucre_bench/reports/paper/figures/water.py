@@ -2,8 +2,8 @@
 
 A row a parameter, a column a method, at most four a figure; a dot a view and channel; dashed, the true water where the
 run's records know it. On top, the scatter of each channel over the views: standard deviation by mean. Views of one
-water that disagree at the left and agree at the right are the paper's case. Needs the scores `water_parameters` and
-`distance_variance`.
+water that disagree at the left and agree at the right are the paper's case. Needs metrics of the roles
+water-parameters and distance-variance.
 """
 
 from __future__ import annotations
@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.compare.text import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results.restorations import read_record
 
 if TYPE_CHECKING:
@@ -41,12 +42,17 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield a figure per dataset and four methods."""
     rows, out = results.rows, results.out
     ok = rows[(rows["status"] == "ok") & rows["value"].notna()]
-    water = ok[ok["metric"] == "water_parameters"]
-    variances = ok[ok["metric"] == "distance_variance"].drop_duplicates(_VIEW).rename(columns={"value": "variance"})
+    water = ok[ok["metric"].isin(metrics_of("water-parameters"))]
+    variances = (
+        ok[ok["metric"].isin(metrics_of("distance-variance"))]
+        .drop_duplicates(_VIEW)
+        .rename(columns={"value": "variance"})
+    )
     water = water.merge(variances[[*_VIEW, "variance"]], on=_VIEW)
     if water.empty:
+        wanted = ",".join(metrics_of("water-parameters", "distance-variance"))
         raise NotApplicableError(
-            "no water beside a variance of distances; add metrics=[water_parameters,distance_variance], with a method "
+            f"no water beside a variance of distances; add metrics=[{wanted}], with a method "
             "that estimates water, on images with depth"
         )
     for name, own in style.each_dataset(water):

@@ -1,4 +1,19 @@
-// Links, keys, light and dark, and the start.
+// The entry of the page: its address, keys, light and dark, and the start.
+
+import { $, REFERENCE, VIEW, choose, data, h, state, summary, viewOf, watch } from "./page.js";
+import { briefly, commandBox, commandFor, dot, number } from "./words.js";
+import "./sheet.js";
+import "./scores.js";
+import { setZoom, zoom, zoomAt } from "./zoom.js";
+import { step, swap } from "./pictures.js";
+import "./detail.js";
+import "./grid.js";
+import "./charts.js";
+import { isDark } from "./plots.js";
+import "./cost.js";
+import "./distances.js";
+import "./water.js";
+import "./sweep.js";
 
 // -- the address names dataset/view/method/score -------------------------------------------------------------
 
@@ -102,8 +117,8 @@ addEventListener("keydown", (event) => {
 });
 addEventListener("click", (event) => {
   // a menu closes when one goes on elsewhere
-  for (const menu_ of document.querySelectorAll("details.menu[open]"))
-    if (!menu_.contains(event.target)) menu_.open = false;
+  for (const menu of document.querySelectorAll("details.menu[open]"))
+    if (!menu.contains(event.target)) menu.open = false;
 });
 // Printed, everything is shown that is folded away.
 addEventListener("beforeprint", () => {
@@ -156,3 +171,6 @@ if (summary.datasets.length) {
   else if (location.hash.includes("/")) $("pictures").scrollIntoView();
   setZoom(1, 0, 0);
 }
+
+// For the browser's console, and for tests.
+window.resultsPage = { data, state, choose, number, zoom, zoomAt };

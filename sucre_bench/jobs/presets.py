@@ -1,0 +1,45 @@
+"""The files of conf/: experiments, and methods or metrics with options set."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from sucre_bench.jobs.schema import CONF_FOLDER
+
+__all__ = ["Preset", "default_choice", "presets"]
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A file of conf/: its name, what its first comment says, and the names in its defaults list."""
+
+    name: str
+    description: str
+    builds_on: tuple[str, ...]
+
+
+def presets(group: str) -> list[Preset]:
+    """Return the presets of a folder of conf/, "experiment" or "method" say, by name."""
+    return [_read(path) for path in sorted((CONF_FOLDER / group).glob("*.yaml"))]
+
+
+def default_choice(group: str) -> str:
+    """Return the method or dataset that a command without `method=` or `dataset=` takes."""
+    defaults = _defaults((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8"))
+    return next((str(entry[group]) for entry in defaults if isinstance(entry, dict) and group in entry), "")
+
+
+def _read(path: Path) -> Preset:
+    text = path.read_text(encoding="utf-8")
+    comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
+    description = next((comment for comment in comments if not comment.startswith("@")), "")
+    names = tuple(entry for entry in _defaults(text) if isinstance(entry, str) and entry != "_self_")
+    return Preset(path.stem, description, names)
+
+
+def _defaults(text: str) -> list[Any]:
+    import yaml
+
+    return list((yaml.safe_load(text) or {}).get("defaults") or [])

@@ -1,0 +1,31 @@
+"""Why a row has no value: the text that rows store, as data."""
+
+from __future__ import annotations
+
+from enum import Enum
+
+from sucre_bench.errors import Lack
+
+__all__ = ["Reason", "brief"]
+
+
+class Reason(Enum):
+    """Kinds of reasons. The value is the text that rows store, or "" where the text says more; see `of`."""
+
+    NOTHING_TO_SCORE = "nothing to score in this view"
+    NO_VALUE = "no value (NaN)"
+    LACK = ""
+    OTHER = "?"
+
+    @classmethod
+    def of(cls, text: str) -> Reason:
+        """Return the kind of a row's reason: a `Lack`, a text that is the same for all rows, or any other."""
+        if Lack.read(text):
+            return cls.LACK
+        return next((reason for reason in (cls.NOTHING_TO_SCORE, cls.NO_VALUE) if reason.value == text), cls.OTHER)
+
+
+def brief(text: str) -> str:
+    """Return a row's reason without what differs between scenes: what is needed, not what there is."""
+    lack = Lack.read(text)
+    return lack.brief if lack else text

@@ -1,0 +1,55 @@
+"""What runs on this machine: what is missing, what is broken, and what only some need."""
+
+from __future__ import annotations
+
+import json
+import re
+import subprocess
+from pathlib import Path
+
+import pytest
+
+from sucre_bench.machine import provenance
+from sucre_bench.programs import doctor
+
+
+def states(found: doctor.Examined) -> dict[str, doctor.Feature]:
+    return {feature.name: feature for feature in found.features}
+
+
+def test_doctor_tells_programs_what_people_read(bench):
+    done = bench("doctor", "--json")
+    told = json.loads(done.stdout)
+    assert done.returncode == (1 if told["faults"] else 0)
+    assert set(told["machine"]) >= {"cores", "memory", "disk", "gpu"}
+    for feature in told["features"]:
+        assert feature["said"]
+        assert feature["state"] in ("ready", "missing", "broken", "absent")
+        if feature["state"] == "missing":
+            assert re.search(r"pip install \S+|apt-get install \S+|make setup", feature["remedy"])
+
+
+def test_doctor_counts_a_missing_dependency_but_nothing_optional(monkeypatch: pytest.MonkeyPatch, tmp_path: Path):
+    version_of = provenance.version_of
+    monkeypatch.setattr(provenance, "version_of", lambda name: None if name == "pycolmap" else version_of(name))
+    monkeypatch.setattr(doctor.shutil, "which", lambda program: None)
+    monkeypatch.setattr(doctor, "_open3d_fault", lambda: ("", ""))
+    found = doctor.examine(tmp_path / "not" / "there")
+    assert found.faults == 1
+    lacking = states(found)["prepare: photos to a scene"]
+    assert (lacking.state, lacking.remedy.split("-m ")[1]) == ("broken", "pip install pycolmap")
+    assert states(found)["tests in a browser"].state == "missing"
+    assert states(found)["a cluster, by SLURM"].state == "absent"
+
+
+def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyPatch):
+    version_of = provenance.version_of
+    monkeypatch.setattr(provenance, "gpu", lambda: "NVIDIA H100")
+    monkeypatch.setattr(doctor, "_open3d_fault", lambda: ("", ""))
+    for torch, said in (("2.6.0+cpu", "built for CPUs alone"), ("2.6.0+cu124", "does not see the NVIDIA H100")):
+        monkeypatch.setattr(provenance, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n))
+        failed = subprocess.CompletedProcess([], 1, "", "Traceback\nRuntimeError: driver too old")
+        monkeypatch.setattr(doctor, "_python", lambda code, failed=failed: failed)
+        feature = states(doctor.examine())["SUCRe on the GPU"]
+        assert feature.state == "broken"
+        assert said in feature.said

@@ -1,0 +1,133 @@
+"""The command line: run in this process, as a process of its own, or looked at."""
+
+from __future__ import annotations
+
+import contextlib
+import io
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import tempfile
+from collections.abc import Iterator
+from dataclasses import dataclass
+from multiprocessing import forkserver
+from pathlib import Path
+from unittest import mock
+
+import click
+from rich.console import Console
+
+from sucre_bench.cli import cli, main
+from sucre_bench.machine import terminal
+from sucre_bench.plugins.registry import Registry, using
+
+PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
+WIDTH = 200  # columns, so that no line is folded
+
+
+@dataclass(frozen=True)
+class Done:
+    """What a command printed, and its exit code."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@contextlib.contextmanager
+def _wide(console: Console) -> Iterator[None]:
+    before = console.width
+    console.width = WIDTH
+    try:
+        yield
+    finally:
+        console.width = before
+
+
+def run_here(folder: Path, *arguments: str) -> Done:
+    """Run `sucre-bench ARGUMENTS` in this process, in a folder, without the plugin files loaded before.
+
+    For one call at a time; what other processes print is not caught.
+    """
+    out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    with (
+        contextlib.chdir(folder),
+        using(Registry()),
+        mock.patch.dict(os.environ, COLUMNS=str(WIDTH)),
+        mock.patch.object(sys, "argv", [PROGRAM, *arguments]),
+        _wide(terminal.out),
+        _wide(terminal.err),
+        contextlib.redirect_stdout(out),
+        contextlib.redirect_stderr(err),
+    ):
+        try:
+            main()
+        except SystemExit as ended:
+            status = ended.code
+    assert isinstance(status, int)
+    return Done(status, *(stream.buffer.getvalue().decode() for stream in (out, err)))  # type: ignore[attr-defined]
+
+
+class Started:
+    """`sucre-bench ARGUMENTS` at work in a process of its own, which leads a group of processes.
+
+    The process is forked from one that has imported the engine already: for tests that kill many.
+    """
+
+    def __init__(self, folder: Path, *arguments: str) -> None:
+        with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
+            forkserver.ensure_running()  # before Python 3.14 it does not look in our sys.path
+        self._said = Path(tempfile.mkdtemp())
+        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments))
+        self._process.start()
+
+    def send(self, number: signal.Signals, to_group: bool = False) -> None:
+        assert self._process.pid
+        (os.killpg if to_group else os.kill)(self._process.pid, number)
+
+    def ended(self, timeout: float = 120) -> Done:
+        """Wait for the end. returncode: minus the signal's number where a signal was the end."""
+        self._process.join(timeout)
+        status = self._process.exitcode
+        said = [(self._said / name).read_text(encoding="utf-8") for name in ("out", "err")]
+        shutil.rmtree(self._said)
+        assert status is not None, "the command does not end"
+        return Done(status, *said)
+
+
+_FORKS = multiprocessing.get_context("forkserver")
+_FORKS.set_forkserver_preload(["support.warm", __name__])
+
+
+def _run(folder: Path, said: Path, arguments: tuple[str, ...]) -> None:
+    os.setsid()
+    os.chdir(folder)
+    for name, stream in (("out", 1), ("err", 2)):
+        os.dup2(os.open(said / name, os.O_WRONLY | os.O_CREAT), stream)
+    sys.stdout, sys.stderr = (open(stream, "w", encoding="utf-8") for stream in (1, 2))  # noqa: PTH123, SIM115
+    terminal.out.width = terminal.err.width = WIDTH
+    sys.argv = [PROGRAM, *arguments]
+    main()
+
+
+def run_program(folder: Path, *arguments: str, **environment: str) -> Done:
+    """Run `sucre-bench ARGUMENTS` as a process of its own, in a folder."""
+    done = subprocess.run(
+        [PROGRAM, *arguments],
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=300,
+        env={**os.environ, "COLUMNS": str(WIDTH), **environment},
+    )
+    return Done(done.returncode, done.stdout, done.stderr)
+
+
+def commands() -> dict[str, click.Command]:
+    """Every command by name."""
+    context = click.Context(cli)
+    return {name: command for name in cli.list_commands(context) if (command := cli.get_command(context, name))}
