@@ -8,7 +8,8 @@ it: the chart's coverage, the share of the patches' pixels behind its value, tel
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import functools
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,7 +28,7 @@ __all__ = ["De00", "Psi", "angle_deg", "chart_scores", "patch_region"]
     role="chart-error",
     symbol=r"mean angle $\bar\psi$ (°)",
     needs={"charts"},
-    requires=["cv2", "colour"],
+    requires=["cv2"],
     unit="deg",
     better="lower",
     range=(0, 180),
@@ -48,17 +49,18 @@ class Psi:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
-        for chart in view.charts:
-            readings = [r for r in measure(shown, chart) if variant == "all" or r.patch.colour != (variant == "gray")]
-            expected = np.array([_expected_rgb(r.patch, variant) for r in readings])
-            yield from chart_scores(chart, readings, angle_deg(np.array([r.rgb for r in readings]), expected))
+        readings = [
+            [r for r in measure(shown, chart) if variant == "all" or r.patch.colour != (variant == "gray")]
+            for chart in view.charts
+        ]
+        yield from _scored(view, readings, angle_deg, lambda patch: _expected_rgb(patch, variant))
 
 
 @metric(
     role="colour-difference",
     symbol=r"$\Delta E_{00}$",
     needs={"charts"},
-    requires=["cv2", "colour"],
+    requires=["cv2", "skimage"],
     unit="dE00",
     better="lower",
     range=(0, np.inf),
@@ -79,11 +81,28 @@ class De00:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per chart and per patch."""
-        for chart in view.charts:
-            readings = [r for r in measure(shown, chart) if r.patch.colour]
-            expected = [r.patch.lab if variant == "lab" else lab_d50(np.array(r.patch.srgb)) for r in readings]
-            measured = lab_d50(np.array([r.rgb for r in readings]))
-            yield from chart_scores(chart, readings, ciede2000(measured, np.array(expected)))
+        readings = [[r for r in measure(shown, chart) if r.patch.colour] for chart in view.charts]
+
+        def difference(rgb: Array, lab: Array) -> Array:
+            return ciede2000(lab_d50(rgb), lab)
+
+        yield from _scored(view, readings, difference, lambda patch: _expected_lab(patch, variant))
+
+
+def _scored(
+    view: View,
+    readings: Sequence[Sequence[PatchReading]],
+    error: Callable[[Array, Array], Array],
+    expected: Callable[[Patch], Array],
+) -> Iterator[Score]:
+    """Compare what each chart's patches show with what is expected, all charts at once."""
+    every = [reading for of_chart in readings for reading in of_chart]
+    if not every:
+        return
+    values = error(np.array([r.rgb for r in every]), np.array([expected(r.patch) for r in every]))
+    ends = np.cumsum([len(of_chart) for of_chart in readings])
+    for chart, of_chart, own in zip(view.charts, readings, np.split(values, ends[:-1]), strict=True):
+        yield from chart_scores(chart, of_chart, own)
 
 
 def angle_deg(a: Array, b: Array) -> Array:
@@ -112,7 +131,13 @@ def chart_scores(chart: Chart, readings: Sequence[PatchReading], values: Array) 
         yield Score(float(score), patch_region(chart, reading.patch), int(n), float(coverage))
 
 
+@functools.lru_cache(maxsize=4096)
 def _expected_rgb(patch: Patch, variant: str) -> Array:
     if variant == "gray":
         return np.ones(3)
     return srgb_of_lab_d50(np.array(patch.lab)) if variant == "colour-lab" else np.array(patch.srgb)
+
+
+@functools.lru_cache(maxsize=4096)
+def _expected_lab(patch: Patch, variant: str) -> Array:
+    return np.array(patch.lab) if variant == "lab" else lab_d50(np.array(patch.srgb))

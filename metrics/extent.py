@@ -56,8 +56,10 @@ class Negative:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no pixel has a colour."""
-        valid = restored.valid
-        negative = restored.image[valid] < 0  # (P, 3)
-        hit = negative.any(axis=-1) if variant == "any" else negative[:, _CHANNELS[variant]]
-        value = float(hit.mean()) if valid.any() else np.nan
-        yield Score(value, n_pixels=int(valid.sum()), coverage=float(valid.mean()))
+        valid, channels = restored.valid, range(3) if variant == "any" else [_CHANNELS[variant]]
+        negative = np.zeros_like(valid)
+        for channel in channels:
+            negative |= restored.image[..., channel] < 0
+        n = int(np.count_nonzero(valid))
+        value = np.count_nonzero(negative & valid) / n if n else np.nan
+        yield Score(value, n_pixels=n, coverage=float(valid.mean()))

@@ -16,7 +16,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.charts.kinds import Patch
 from sucre_bench.imaging.charts.reading import measure
-from sucre_bench.imaging.cielab import colour_science, lab_d50
+from sucre_bench.imaging.cielab import lab_d50
 from sucre_bench.metrics.charts import chart_scores, patch_region
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
@@ -29,7 +29,7 @@ _LOST_DEG = 90.0  # the mean error of a hue at random
 @metric(
     role="patch-hue",
     needs={"charts"},
-    requires=["cv2", "colour"],
+    requires=["cv2", "skimage"],
     unit="deg",
     better="none",
     range=(0, 360),
@@ -57,7 +57,7 @@ class Hue:
 
 @metric(
     needs={"charts"},
-    requires=["cv2", "colour"],
+    requires=["cv2", "skimage"],
     unit="deg",
     better="lower",
     range=(0, 180),
@@ -87,11 +87,12 @@ class HueError:
 
 def hue_deg(rgb: Array, form: str) -> Array:
     """Return the hue of gamma-encoded sRGB (..., 3), degrees in [0, 360), NaN for grays. form: "hsv" or "lab"."""
-    colour = colour_science()
+    from skimage.color import rgb2hsv
+
     rgb = np.asarray(rgb, dtype=np.float64)
     has_hue = np.ptp(rgb, axis=-1) > 0  # False for NaN
     safe = np.where(has_hue[..., None], rgb, [1.0, 0, 0])
-    angle = 360 * colour.RGB_to_HSV(safe)[..., 0] if form == "hsv" else _lab_hue_deg(lab_d50(safe))
+    angle = 360 * rgb2hsv(safe)[..., 0] if form == "hsv" else _lab_hue_deg(lab_d50(safe))
     return np.asarray(np.where(has_hue, angle % 360, np.nan))
 
 

@@ -1,4 +1,4 @@
-"""Some of many, evenly chosen: the first, the last, and others at equal steps between."""
+"""Types of arrays, and what is asked of arrays everywhere."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "Mask", "Picture", "evenly"]
+__all__ = ["Array", "Mask", "Picture", "coloured", "evenly"]
 
 
 def evenly(count: int, most: int) -> list[int]:
@@ -22,3 +22,11 @@ Array = npt.NDArray[np.floating[Any]]
 
 
 Mask = npt.NDArray[np.bool_]
+
+
+def coloured(image: npt.NDArray[Any]) -> Mask:
+    """Return the pixels (H, W) of an image (H, W, 3) that have a colour: all three channels are finite."""
+    finite = np.isfinite(image[..., 0])
+    finite &= np.isfinite(image[..., 1])
+    finite &= np.isfinite(image[..., 2])
+    return np.asarray(finite)

@@ -16,7 +16,7 @@ from typing import Any, Literal, Protocol
 import numpy as np
 from cachetools import LRUCache, cached
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, coloured
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 
@@ -286,7 +286,7 @@ class Restoration:
     @property
     def valid(self) -> Mask:
         """(H, W) bool: pixels where the method gives all three colours."""
-        return np.asarray(np.isfinite(self.image).all(axis=-1))
+        return coloured(self.image)
 
 
 @dataclass(frozen=True)

@@ -127,7 +127,8 @@ def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     """A line a reason for the scores that views could not give."""
     skipped = results.score_rows(rows[rows["status"] == "skipped"])
     # That a method estimates no water, say, needs no line.
-    skipped = skipped[[Reason.of(text) is not Reason.NOTHING_TO_SCORE for text in skipped["reason"]]]
+    says_something = [Reason.of(text) is not Reason.NOTHING_TO_SCORE for text in skipped["reason"]]
+    skipped = skipped.loc[says_something]  # by rows, also where there is none
     for reason, own in skipped.groupby(skipped["reason"].map(brief), sort=False):
         views = own[["dataset", "scene", "view"]].drop_duplicates()
         everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()

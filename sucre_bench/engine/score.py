@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+import functools
 import math
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
 from sucre_bench import plugins
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, coloured
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, one_line
+from sucre_bench.imaging.once import locked
+from sucre_bench.imaging.resizing import Resizing, resized_view, split_variant
 from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.log import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
@@ -59,8 +62,7 @@ def score_rows(
         for name, variant, unit, value in took
     ]
     offers = _offers(view, measured.restoration)
-    restoration = replace(measured.restoration, image=_locked(measured.restoration.image))
-    shown = _locked(shown)
+    scored = _Scored(replace(measured.restoration, image=locked(measured.restoration.image)), locked(shown), view)
     for scorer in metrics:
         plugin, code = scorer.plugin, score_code(base, scorer.code)
         own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code)
@@ -70,15 +72,29 @@ def score_rows(
             if absent:
                 rows.append(row_without_value(row, "skipped", absent))
             else:
-                rows += _scored(scorer.metric, restoration, shown, view, row, log)
+                rows += _score(scorer.metric, scored, row, log)
     return rows
 
 
-def _locked(array: Array) -> Array:
-    """The same array, read-only: what one metric may not do to the next."""
-    locked = array.view()
-    locked.setflags(write=False)
-    return locked
+@dataclass(frozen=True, eq=False)
+class _Scored:
+    """What is scored. Its arrays are read-only, so that no metric alters what the next one gets."""
+
+    restoration: Restoration
+    shown: Array
+    view: View
+    sizes: dict[Resizing, _Scored] = field(default_factory=dict)
+
+    @functools.cached_property
+    def share(self) -> float:
+        """The share of pixels that have a colour."""
+        return float(coloured(self.shown).mean())
+
+    def at(self, resizing: Resizing) -> _Scored:
+        """Return the same at another size."""
+        if resizing not in self.sizes:
+            self.sizes[resizing] = _Scored(*resized_view(self.restoration, self.shown, self.view, resizing))
+        return self.sizes[resizing]
 
 
 def metric_code(metric: MetricChoice) -> str:
@@ -97,19 +113,19 @@ def row_without_value(base: Row, status: Status, reason: str) -> Row:
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
 
 
-def _scored(
-    metric: Metric, restoration: Restoration, shown: Array, view: View, base: Row, log: Path | None
-) -> list[Row]:
+def _score(metric: Metric, scored: _Scored, base: Row, log: Path | None) -> list[Row]:
     try:
-        scores = list(metric.score(restoration, shown, view, base.variant))
+        variant, resizing = split_variant(base.variant)
+        of = scored.at(resizing) if resizing else scored
+        share = scored.share if resizing else 1.0  # at another size holes are black pixels
         rows = [
-            replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=float(s.coverage))
-            for s in scores
+            replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=s.coverage * share)
+            for s in metric.score(of.restoration, of.shown, of.view, variant)
         ]
     except NotApplicableError as reason:
         return [row_without_value(base, "skipped", one_line(reason))]
     except ANY_FAULT as fault:
-        keep_traceback(log, f"{base.dataset} / {base.method} / {view.name} / {base.metric}:{base.variant}")
+        keep_traceback(log, f"{base.dataset} / {base.method} / {base.view} / {base.metric}:{base.variant}")
         return [row_without_value(base, "failed", one_line(fault))]
     rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]

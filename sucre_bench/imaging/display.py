@@ -10,12 +10,16 @@ and leaves black where it is.
 from __future__ import annotations
 
 import re
+from collections.abc import Callable
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, coloured
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.once import locked
+from sucre_bench.imaging.percentiles import channel_percentiles
+from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Encoding
 
 __all__ = ["check_display", "display", "gray_world_gain", "stretch"]
@@ -28,23 +32,48 @@ def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
     Raises InputError for an unknown name.
     """
     check_display(how)
-    valid = np.isfinite(image).all(axis=-1)
-    shown = np.full(image.shape, np.nan, dtype=np.float32)
-    if not valid.any():
-        return shown
-    pixels: Array = np.asarray(image[valid], dtype=np.float64)  # (P, 3)
+    if how.startswith("linear-") and encoding == "gamma":
+        image, encoding = _by_rows(srgb_decode, image), "linear"
+    shown = np.empty(image.shape, dtype=np.float32)
+    compiled(_rescale)(locked(image), *_limits(image, how), shown)
+    return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
+
+
+def _limits(image: Array, how: str) -> tuple[Array, Array]:
+    """Return what to subtract from each channel (3,), and what to divide it by then."""
+    nothing, one = np.zeros(3), np.ones(3)
+    valid = coloured(image)
+    if how == "none" or not valid.any():
+        return nothing, one
     if how == "gray-world":
-        pixels = pixels * gray_world_gain(pixels)
-    elif how.startswith("white-"):
-        pixels = pixels * _white_gain(pixels, float(how.split("-")[1]))
-    elif how != "none":
-        low, high = (float(p) for p in how.split("-")[-2:])
-        if how.startswith("linear-") and encoding == "gamma":
-            pixels, encoding = srgb_decode(pixels), "linear"
-        pixels = stretch(pixels, low, high)
-    pixels = pixels.clip(0, 1)
-    shown[valid] = srgb_encode(pixels) if encoding == "linear" else pixels
-    return shown
+        return nothing, 1 / _gain_of_means(np.array([image[valid, c].mean(dtype=np.float64) for c in range(3)]))
+    if how.startswith("white-"):
+        (top,) = channel_percentiles(image, [float(how.split("-")[1])], valid)
+        return nothing, np.where(top > 1e-6, top, 1)
+    low, high = channel_percentiles(image, [float(p) for p in how.split("-")[-2:]], valid)
+    flat = high - low < 1e-6
+    return np.where(flat, 0, low), np.where(flat, 1, high - low)
+
+
+def _rescale(image: Array, low: Array, span: Array, shown: Array) -> None:
+    """Write (image - low) / span to `shown`, clipped to [0, 1], computed in float64; NaN if a channel is not finite."""
+    for row in range(image.shape[0]):
+        for column in range(image.shape[1]):
+            known = True
+            for channel in range(3):
+                known = known and np.isfinite(image[row, column, channel])
+            for channel in range(3):
+                value = (np.float64(image[row, column, channel]) - low[channel]) / span[channel]
+                shown[row, column, channel] = min(max(value, 0.0), 1.0) if known else np.nan
+
+
+def _by_rows(curve: Callable[[Array], Array], image: Array, rows: int = 64) -> Array:
+    """Return a curve of an image (H, W, 3) as float32, computed in float64 on a few rows at a time."""
+    curved = np.empty(image.shape, dtype=np.float32)
+    for start in range(0, len(image), rows):
+        band = slice(start, start + rows)
+        curved[band] = curve(image[band].astype(np.float64))
+    return curved
 
 
 def check_display(how: str) -> None:
@@ -64,7 +93,7 @@ def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None =
 
     image: (..., 3); over: (P, 3) pixels to take the percentiles of, default the image's own.
     """
-    bottom, top = np.percentile(image.reshape(-1, 3) if over is None else over, [low, high], axis=0)
+    bottom, top = channel_percentiles(image if over is None else over, [low, high])
     flat = top - bottom < 1e-6
     scaled = (image - np.where(flat, 0, bottom)) / np.where(flat, 1, top - bottom)
     return np.asarray(scaled.clip(0, 1))
@@ -72,13 +101,9 @@ def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None =
 
 def gray_world_gain(pixels: Array) -> Array:
     """Return the (3,) factors that bring each channel's mean (P, 3) to that of all; 1 for one that is not positive."""
-    mean = pixels.mean(axis=0, dtype=np.float64)
+    return _gain_of_means(pixels.mean(axis=0, dtype=np.float64))
+
+
+def _gain_of_means(mean: Array) -> Array:
     usable = mean > 1e-6
     return np.asarray(np.where(usable, mean.mean() / np.where(usable, mean, 1), 1))
-
-
-def _white_gain(pixels: Array, high: float) -> Array:
-    """The (3,) factors that bring a percentile of each channel (P, 3) to 1; 1 for one that is not positive."""
-    top = np.percentile(pixels, high, axis=0)
-    usable = top > 1e-6
-    return np.asarray(np.where(usable, 1 / np.where(usable, top, 1), 1))

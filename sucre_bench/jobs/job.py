@@ -11,6 +11,7 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, one_line, unknown_name
 from sucre_bench.imaging.display import check_display
+from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Shard, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.study import Study
@@ -243,12 +244,19 @@ def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
 
 
 def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
-    if "all" in names:
-        return tuple(plugin.variants)
-    for name in names:
-        if name not in plugin.variants:
+    """Return the variants that names stand for: each "NAME" or "all", perhaps with a size behind @."""
+    chosen: list[str] = []
+    for text in names:
+        name, resizing = split_variant(text)
+        if name != "all" and name not in plugin.variants:
             raise unknown_name(plugin.name, name, plugin.variants, "variant")
-    return tuple(dict.fromkeys(names))
+        if resizing and not plugin.needs <= {"reference"}:
+            needs = " and ".join(sorted(plugin.needs))
+            raise InputError(
+                f"{plugin.name}:{text}: has no score at another size, it needs {needs}; leave @ and size out"
+            )
+        chosen += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
+    return tuple(dict.fromkeys(chosen))
 
 
 def _view_names(given: Any) -> tuple[str, ...] | None:

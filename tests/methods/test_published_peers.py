@@ -7,8 +7,10 @@ import numpy as np
 import pytest
 from support.published import psnr_db, published, read, restored
 
+from sucre_bench import Arrays, Restoration, View, score
 from sucre_bench.methods.fusion import Fusion2012
 from sucre_bench.methods.ibla import Ibla
+from sucre_bench.methods.networks.onnx import Onnx
 from sucre_bench.methods.udcp import Udcp
 from sucre_bench.methods.ulap import Ulap
 
@@ -51,3 +53,21 @@ def test_ulap_does_not_flood_a_reef_with_red():
     photograph = read(published("seathru_d5_charts") / "images" / "LFT_3411.png")
     small = cv2.resize(photograph, None, fx=0.25, fy=0.25, interpolation=cv2.INTER_AREA)
     assert 255 * restored(Ulap(), small).image[..., 0].clip(0, 1).mean() < 170
+
+
+def test_physicalnn_raises_the_no_reference_scores_of_u45():
+    """The recipe of docs/doors.md with the authors' weights; the figures are those it names."""
+    weights, folder = published("published_weights") / "physicalnn" / "physicalnn.onnx", published("u45_published")
+    network = Onnx(model=weights, tile=None)
+    before, after = [], []
+    for file in sorted((folder / "Raws").iterdir()):
+        view = View(file.name, Arrays(read(file)))
+        before.append(uiqm(Restoration(view.rgb), view))
+        after.append(uiqm(restored(network, view.rgb), view))
+    assert np.mean(before) == pytest.approx(2.82, abs=0.01)
+    assert np.mean(after) == pytest.approx(3.31, abs=0.02)
+
+
+def uiqm(restoration: Restoration, view: View) -> float:
+    rows = score(restoration, view, metrics=["uiqm:panetta2016"])
+    return float(rows.loc[rows["variant"] == "panetta2016", "value"].item())

@@ -166,3 +166,43 @@ def test_a_view_without_a_reference_has_no_score() -> None:
 def test_a_reference_of_another_size_is_named() -> None:
     with pytest.raises(InputError, match=r"a\.png: the reference is 50x39, the image 50x40"):
         score(Psnr(), "masked", reference=REFERENCE[:39])
+
+
+def test_luma_is_compared_in_whole_levels_of_8_bits() -> None:
+    colours = np.array([[[200, 100, 50], [0, 0, 0]]], np.uint8)  # luma 124.2 and 0
+    found = score(Psnr(), "luma", np.float32(colours) / 255, np.zeros((1, 2, 3), np.float32))
+    assert found.value == pytest.approx(-10 * np.log10((124 / 255) ** 2 / 2))
+    assert found.n_pixels == 2
+
+
+def test_gray_is_of_luma_at_256_by_pillow() -> None:
+    from PIL import Image, ImageOps
+
+    levels = []
+    for image in (SHOWN, REFERENCE):
+        small = Image.fromarray((image * 255 + 0.5).astype(np.uint8)).resize((256, 256), Image.Resampling.BICUBIC)
+        levels.append(np.asarray(ImageOps.grayscale(small)).astype(float) / 255)
+    found = score(Psnr(), "gray")
+    assert found.value == pytest.approx(-10 * np.log10(np.mean((levels[0] - levels[1]) ** 2)), abs=1e-3)
+    assert (found.n_pixels, found.coverage) == (256 * 256, 1)
+    holed = np.where(np.arange(40)[:, None, None] < 20, np.float32(np.nan), SHOWN)
+    assert score(Psnr(), "gray", holed).value == score(Psnr(), "gray", np.nan_to_num(holed)).value
+
+
+@pytest.mark.parametrize("variant", ["gaussian", "uniform7", "gray"])
+def test_ssim_of_dark_and_smooth_pictures_is_that_of_scikit_image_in_float64(variant: str) -> None:
+    from skimage.metrics import structural_similarity
+
+    rng = np.random.default_rng(5)
+    slope = np.linspace(0, 1, 300)[:, None, None] * np.array([0.02, 0.4, 1])
+    reference = (slope + 0.001 * rng.random((300, 700, 3))).clip(0, 1).astype(np.float32)
+    shown = (0.9 * reference + 0.0005 * rng.random((300, 700, 3))).astype(np.float32)
+    x, y, channel = shown.astype(float), reference.astype(float), -1
+    if variant == "gray":
+        (x, y), channel = (z @ [0.299, 0.587, 0.114] for z in (x, y)), None
+    window = {"win_size": 7} if variant == "uniform7" else {"gaussian_weights": True, "use_sample_covariance": False}
+    edge = 3 if variant == "uniform7" else 5
+    _, full = structural_similarity(x, y, data_range=1, channel_axis=channel, full=True, **window)
+    assert score(Ssim(), variant, shown, reference).value == pytest.approx(
+        full[edge:-edge, edge:-edge].mean(), rel=1e-6
+    )

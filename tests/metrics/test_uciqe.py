@@ -1,16 +1,22 @@
-"""uciqe: values of public programs on public pictures, hand-made pictures, and what a hole may not do."""
+"""uciqe: values of public programs on public pictures, published scores, float64 references, and holes."""
 
 from __future__ import annotations
+
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 import pytest
+from support.places import DATA
+from support.published import u45_rows
 
 from sucre_bench.arrays import Array
-from sucre_bench.metrics.uciqe import Uciqe, uciqe
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.metrics.uciqe import Uciqe
 from sucre_bench.scene import Arrays, Restoration, Score, View
 
 VARIANTS = tuple(Uciqe.__plugin__.variants)
+Bytes = npt.NDArray[np.uint8]
 
 
 def score(shown: Array, variant: str = "yang2015") -> Score:
@@ -18,7 +24,12 @@ def score(shown: Array, variant: str = "yang2015") -> Score:
     return found
 
 
-def picture(name: str) -> npt.NDArray[np.uint8]:
+def of(pixels: Any, variant: str = "yang2015") -> float:
+    """Of 8-bit pixels (P, 3) or (H, W, 3)."""
+    return score(np.float32(np.atleast_3d(pixels).reshape(-1, 1, 3)) / np.float32(255), variant).value
+
+
+def picture(name: str) -> Bytes:
     from skimage import data
 
     return np.asarray(getattr(data, name)())
@@ -26,35 +37,105 @@ def picture(name: str) -> npt.NDArray[np.uint8]:
 
 @pytest.mark.parametrize(
     ("variant", "astronaut", "coffee", "digit"),
-    [("yang2015", 0.688, 0.663, 0.001), ("ratio", 2.12, 1.41, 0.01), ("cielab", 38.4, 35.5, 0.1)],
+    [
+        ("yang2015", 0.688, 0.663, 0.001),
+        ("matlab", 0.691, 0.665, 0.001),
+        ("ratio", 2.12, 1.41, 0.01),
+        ("cielab", 38.4, 35.5, 0.1),
+        ("cielab-range", 38.6, 36.7, 0.1),
+        ("hue", 0.520, 0.474, 0.001),
+        ("centred", 0.404, 0.420, 0.001),
+    ],
 )
 def test_public_programs_give_these_values(variant: str, astronaut: float, coffee: float, digit: float) -> None:
     for name, value in [("astronaut", astronaut), ("coffee", coffee)]:
         found = score(np.float32(picture(name)) / np.float32(255), variant)
-        assert found.value == pytest.approx(value, abs=digit / 2)
+        assert found.value == pytest.approx(value, abs=digit * 0.51)
         assert found.coverage == 1
+
+
+def test_matlab_gives_the_scores_that_u45_publishes() -> None:
+    for row in u45_rows():
+        assert score(read_rgb(row.path), "matlab").value == pytest.approx(row.uciqe, abs=1e-4), row.path
 
 
 def test_the_default_is_the_form_whose_values_lie_in_0_to_1() -> None:
     assert Uciqe.__plugin__.default == ("yang2015",)
 
 
+# -- written out in float64 over all pixels, without a palette ---------------------------------------------------
+
+
+def reference(image: Bytes, variant: str) -> float:
+    """The formula of a variant over pixels (H, W, 3), by libraries and sorts."""
+    import cv2
+    from skimage.color import rgb2lab
+
+    pixels = image.reshape(-1, 3)
+    one_percent = max(len(pixels) // 100, 1)
+    if variant in ("hue", "hue-bgr", "hsv-bytes"):
+        given = np.ascontiguousarray(pixels[:, ::-1] if variant == "hue-bgr" else pixels)[None]
+        H, S, V = (x.astype(float).ravel() for x in cv2.split(cv2.cvtColor(given, cv2.COLOR_RGB2HSV)))
+        V.sort()
+        if variant == "hsv-bytes":
+            return 0.4680 * H.std() + 0.2745 * V[-one_percent:].mean() + 0.2576 * S.mean()
+        contrast = (V[-one_percent:].mean() - V[:one_percent].mean()) / 255
+        return 0.4680 * H.std() / 180 + 0.2745 * contrast + (0.2576 - 0.0001 * ("bgr" in variant)) * S.mean() / 255
+    if variant in ("yang2015", "range-contrast", "ratio", "centred"):
+        L, a, b = cv2.cvtColor(pixels[None], cv2.COLOR_RGB2LAB).reshape(-1, 3).T / 255
+    else:
+        L, a, b = rgb2lab(pixels[None].astype(float) / 255).reshape(-1, 3).T
+    if variant == "centred":
+        a, b = a - 0.5, b - 0.5
+    c, ordered = np.sqrt(a**2 + b**2), np.sort(L)
+    n = max(round(0.01 * L.size), 1)
+    contrast = {
+        "yang2015": np.diff(np.percentile(L, [1, 99]))[0],
+        "range-contrast": np.diff(np.percentile(L, [1, 99]))[0] / np.ptp(L),
+        "ratio": np.diff(np.percentile(L, [1, 99]))[0],
+        "centred": np.ptp(L),
+        "cielab": ordered[-n:].mean() - ordered[:n].mean(),
+        "cielab-range": np.ptp(L),
+        "hsv": np.ptp(L),
+        "strided": ordered[::-1][::n].mean() - ordered[::n].mean(),
+    }[variant]
+    with np.errstate(divide="ignore", invalid="ignore"):
+        spread = np.sqrt(np.abs(1 - (c.mean() / c) ** 2).mean())
+        saturation = np.nan_to_num(c / L, posinf=0)
+    if variant not in ("yang2015", "range-contrast"):
+        spread = c.std()
+    if variant in ("yang2015", "range-contrast", "centred"):
+        saturation = c / np.sqrt(c**2 + L**2)
+    if variant == "hsv":
+        top, bottom = pixels.max(axis=1).astype(float), pixels.min(axis=1)
+        saturation = (top - bottom) / np.maximum(top, 1e-9)
+    return float(0.4680 * spread + 0.2745 * contrast + 0.2576 * saturation.mean())
+
+
+@pytest.mark.parametrize("variant", [v for v in VARIANTS if v != "matlab"])
+def test_sums_over_the_palette_are_sums_over_the_pixels(variant: str) -> None:
+    for image in (picture("coffee")[:, :301], picture("astronaut")):
+        assert score(np.float32(image) / np.float32(255), variant).value == pytest.approx(
+            reference(image, variant), rel=1e-10
+        )
+
+
 # 8-bit Lab of gray 119 is L = 128 (50.03 in CIE), a = b = 128: c = 128 sqrt(2) with the offset kept, 0 without.
-C, L = 128 * 2**0.5, 128.0
+C, L, HALF = 128 * 2**0.5, 128.0, 0.5 * 2**0.5
 BY_HAND = {
     "yang2015": 0.2576 * C / np.hypot(C, L),
+    "matlab": 0.2576 * C / np.hypot(C, L),
     "range-contrast": 0.2576 * C / np.hypot(C, L),
     "ratio": 0.2576 * C / L,
-    "cielab": 0.0,
-    "hsv": 0.0,
-    "strided": 0.0,
+    "centred": 0.2576 * HALF / np.hypot(HALF, L),  # 128 / 255 is .5 / 255 above .5
+    "hsv-bytes": 0.2745 * 119,
 }
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_a_gray_picture_has_only_the_saturation_of_the_kept_offset(variant: str) -> None:
     gray = np.full((20, 30, 3), 119 / 255, np.float32)
-    assert score(gray, variant).value == pytest.approx(BY_HAND[variant], abs=1e-4)
+    assert score(gray, variant).value == pytest.approx(BY_HAND.get(variant, 0), abs=1e-4)
 
 
 def test_black_and_white_by_hand() -> None:
@@ -62,30 +143,44 @@ def test_black_and_white_by_hand() -> None:
     pixels[:50] = 255  # Lab, 8 bit: (255, 128, 128) and (0, 128, 128)
     c = 128 * 2**0.5 / 255
     saturation = (c / np.hypot(c, 1) + 1) / 2
-    assert uciqe(pixels, "yang2015") == pytest.approx(0.2745 + 0.2576 * saturation)
-    assert uciqe(pixels, "ratio") == pytest.approx(0.2745 + 0.2576 * c / 2)  # black is without saturation
-    assert uciqe(pixels, "cielab") == pytest.approx(0.2745 * 100, abs=5e-3)
-    assert uciqe(pixels, "hsv") == pytest.approx(0.2745 * 100, abs=5e-3)
-    assert uciqe(pixels, "strided") == pytest.approx(0, abs=0.02), "the copied slip hides the contrast"
+    for variant in ("yang2015", "matlab"):
+        assert of(pixels, variant) == pytest.approx(0.2745 + 0.2576 * saturation)
+    assert of(pixels, "ratio") == pytest.approx(0.2745 + 0.2576 * c / 2)  # black is without saturation
+    for variant in ("cielab", "cielab-range", "hsv"):
+        assert of(pixels, variant) == pytest.approx(0.2745 * 100, abs=5e-3)
+    assert of(pixels, "strided") == pytest.approx(0, abs=0.02), "the copied slip hides the contrast"
+
+
+@pytest.mark.parametrize(("tails", "contrast"), [(1, 0.0), (2, 1.0)])
+def test_matlabs_limits_are_levels_that_more_than_one_percent_reach(tails: int, contrast: float) -> None:
+    gray = np.repeat([0, 119, 255], [tails, 100 - 2 * tails, tails])
+    levels = np.repeat([0, 128, 255], [tails, 100 - 2 * tails, tails])  # L in 8 bits
+    saturation = (C / np.hypot(C, levels)).mean()
+    assert of(np.repeat(gray[:, None], 3, axis=1).astype(np.uint8), "matlab") == pytest.approx(
+        0.2745 * contrast + 0.2576 * saturation
+    )
 
 
 def test_range_contrast_does_not_see_that_a_picture_is_dull_and_the_default_does() -> None:
     ramp = np.arange(256)[:, None] * np.ones(3)
     full, dull = ramp.astype(np.uint8), (100 + ramp / 8).astype(np.uint8)
-    assert uciqe(full) - uciqe(dull) > 0.2
-    saturation = [uciqe(p, "range-contrast") - 0.2745 * 0.98 for p in (full, dull)]
+    assert of(full) - of(dull) > 0.2
+    saturation = [of(p, "range-contrast") - 0.2745 * 0.98 for p in (full, dull)]
     assert np.ptp(saturation) < 0.05
 
 
 def test_hsv_by_hand() -> None:
-    pixels = np.array([[255, 0, 0], [255, 0, 0]], np.uint8)  # one colour: no spread, no contrast, saturation 1
-    assert uciqe(pixels, "hsv") == pytest.approx(0.2576)
+    red_and_blue = np.array([[255, 0, 0], [0, 0, 255]] * 100, np.uint8)  # hues 0 and 240 deg, S = V = 1
+    assert of(red_and_blue[::2], "hsv") == pytest.approx(0.2576)  # one colour: no spread, no contrast, saturation 1
+    assert of(red_and_blue, "hue") == pytest.approx(0.4680 * 60 / 180 + 0.2576)
+    assert of(red_and_blue, "hue-bgr") == pytest.approx(0.4680 * 60 / 180 + 0.2575)
+    assert of(red_and_blue, "hsv-bytes") == pytest.approx(0.4680 * 60 + 0.2745 * 255 + 0.2576 * 255)
 
 
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_holes_are_left_out_of_every_term(variant: str) -> None:
     rng = np.random.default_rng(4)
-    shown = rng.random((40, 50, 3)).astype(np.float32)
+    shown = (0.2 + 0.5 * rng.random((40, 50, 3)) * [1, 0.5, 0.2]).astype(np.float32)
     given = rng.random((40, 50)) < 0.6
     holed = np.where(given[..., None], shown, np.float32(np.nan))
     found = score(holed, variant)
@@ -99,3 +194,12 @@ def test_a_picture_of_holes_is_nan_with_coverage_0() -> None:
     found = score(np.full((4, 4, 3), np.nan, np.float32))
     assert np.isnan(found.value)
     assert (found.n_pixels, found.coverage) == (0, 0)
+
+
+def test_the_real_photographs_score_as_the_reference_says() -> None:
+    files = sorted((DATA / "seathru_d5_charts" / "images").glob("*.png"))[:1]
+    for file in files or [pytest.skip(f"needs the Sea-thru charts in {DATA}")]:
+        image = read_rgb(file)
+        for variant in ("yang2015", "cielab", "hue"):
+            expected = reference((image * 255 + 0.5).astype(np.uint8), variant)
+            assert score(image, variant).value == pytest.approx(expected, rel=1e-6)

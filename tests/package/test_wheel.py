@@ -33,7 +33,7 @@ def test_the_wheel_carries_plugins_and_configuration(wheel: zipfile.ZipFile):
         "sucre_bench/methods/sucre/adam.py",
         "sucre_bench/datasets/colmap.py",
         "sucre_bench/datasets/demo/__init__.py",
-        "sucre_bench/metrics/uiqm.py",
+        "sucre_bench/metrics/uiqm/__init__.py",
         "sucre_bench/conf/config.yaml",
         "sucre_bench/conf/experiment/demo.yaml",
         "sucre_bench/reports/page/page.html.j2",

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import csv
+from dataclasses import dataclass
 from pathlib import Path
 
 import cv2
@@ -35,3 +37,25 @@ def restored(method: object, rgb: np.ndarray) -> Restoration:
 def psnr_db(image: np.ndarray, other: np.ndarray) -> float:
     """Peak signal-to-noise ratio of images in [0, 1], clipped, dB."""
     return float(-10 * np.log10(np.mean((image.clip(0, 1) - other) ** 2)))
+
+
+@dataclass(frozen=True)
+class U45Row:
+    """A picture of the publication U45, and the scores that it gives for it."""
+
+    path: Path
+    uciqe: float
+    uiqm: float
+    uicm: float
+    uiconm: float
+    uism: float
+
+
+def u45_rows() -> list[U45Row]:
+    """Every published picture that is at hand, or a skipped test."""
+    folder = published("u45_published")
+    with (folder / "published.csv").open() as lines:
+        return [
+            U45Row(folder / row.pop("method") / row.pop("image"), **{name: float(value) for name, value in row.items()})
+            for row in csv.DictReader(lines)
+        ]

@@ -14,13 +14,17 @@ this chart shows. "colorchecker_sg" and charts described by a CSV file: see `suc
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.kinds import Patch, chart_kind
+from sucre_bench.imaging.charts.kinds import ChartKind, Patch, chart_kind
+from sucre_bench.imaging.once import locked, once
+from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Chart
 
 __all__ = ["PatchReading", "check_corners", "image_from_chart", "measure", "scaled_chart"]
@@ -50,8 +54,7 @@ def measure(shown: Array, chart: Chart) -> list[PatchReading]:
     """
     kind, corners = chart_kind(chart.kind), np.asarray(chart.corners, dtype=np.float64)
     check_corners(chart.name, corners)
-    homography = image_from_chart(corners)
-    return [_read(shown, patch, homography) for patch in kind.patches]
+    return list(_readings(shown, kind, corners.tobytes()))
 
 
 def image_from_chart(corners: Array) -> Array:
@@ -74,31 +77,73 @@ def check_corners(name: str, corners: Array) -> None:
         raise InputError(fault)
 
 
-def _read(shown: Array, patch: Patch, homography: Array) -> PatchReading:
-    """The median of the pixels in the inner half: a corner that is off by a tenth of a patch does no harm."""
-    x0, y0, x1, y1 = patch.box
-    x_inner = (0.75 * x0 + 0.25 * x1, 0.25 * x0 + 0.75 * x1)
-    y_inner = (0.75 * y0 + 0.25 * y1, 0.25 * y0 + 0.75 * y1)
-    outline = _map(homography, np.array([(x, y) for x in x_inner for y in y_inner]))
-    (u0, v0), (u1, v1) = np.floor(outline.min(axis=0)).astype(int), np.ceil(outline.max(axis=0)).astype(int)
-    u, v = (a.ravel() for a in np.meshgrid(np.arange(u0, u1), np.arange(v0, v1)))
-    x, y = _map(np.linalg.inv(homography), np.stack([u, v], axis=-1) + 0.5).T
-    inside = (x >= x_inner[0]) & (x <= x_inner[1]) & (y >= y_inner[0]) & (y <= y_inner[1])
-    u, v = u[inside], v[inside]
-    if u.size == 0:
-        centre = np.floor(_map(homography, np.array([[(x0 + x1) / 2, (y0 + y1) / 2]])))
-        u, v = centre.astype(int).T
-    in_image = (u >= 0) & (u < shown.shape[1]) & (v >= 0) & (v < shown.shape[0])
-    pixels = np.asarray(shown[v[in_image], u[in_image]], dtype=np.float64)
-    pixels = pixels[np.isfinite(pixels).all(axis=-1)]  # (P, 3)
-    rgb = np.median(pixels, axis=0) if len(pixels) else np.full(3, np.nan)
-    return PatchReading(patch, rgb, len(pixels), len(pixels) / u.size)
+@once
+def _readings(shown: Array, kind: ChartKind, corners: bytes) -> tuple[PatchReading, ...]:
+    """corners: (4, 2) float64."""
+    homography = image_from_chart(np.frombuffer(corners).reshape(4, 2))
+    n = len(kind.patches)
+    rgb, n_pixels, n_inside = np.empty((n, 3)), np.empty(n, np.int64), np.empty(n, np.int64)
+    inner = _inner_halves(kind)
+    compiled(_read_patches)(locked(shown), homography, np.linalg.inv(homography), inner, rgb, n_pixels, n_inside)
+    read = zip(kind.patches, locked(rgb), n_pixels.tolist(), (n_pixels / n_inside).tolist(), strict=True)
+    return tuple(PatchReading(*reading) for reading in read)
 
 
-def _map(homography: Array, points: Array) -> Array:
-    """Apply a homography (3, 3) to points (N, 2)."""
-    mapped = np.c_[points, np.ones(len(points))] @ homography.T
-    return np.asarray(mapped[:, :2] / mapped[:, 2:])
+@functools.lru_cache(maxsize=32)
+def _inner_halves(kind: ChartKind) -> Array:
+    """The box (x0, y0, x1, y1) of each patch's inner half (N, 4): corners may be off by a tenth of a patch."""
+    boxes = np.array([patch.box for patch in kind.patches])
+    near, far = boxes[:, :2], boxes[:, 2:]
+    return np.concatenate([0.75 * near + 0.25 * far, 0.25 * near + 0.75 * far], axis=1)
+
+
+def _read_patches(
+    shown: Array,
+    homography: Array,
+    inverse: Array,
+    inner: Array,
+    rgb: Array,
+    n_pixels: npt.NDArray[np.int64],
+    n_inside: npt.NDArray[np.int64],
+) -> None:
+    """Write each patch's median (N, 3), the pixels with a colour it is made of, and all pixels that lie in it."""
+    height, width, _ = shown.shape
+    for patch in range(len(inner)):
+        x0, y0, x1, y1 = inner[patch]
+        left, top, right, bottom = np.inf, np.inf, -np.inf, -np.inf
+        for x in (x0, x1):
+            for y in (y0, y1):
+                u, v, w = homography[:, 0] * x + homography[:, 1] * y + homography[:, 2]
+                left, right = min(left, u / w), max(right, u / w)
+                top, bottom = min(top, v / w), max(bottom, v / w)
+        columns = max(min(int(np.ceil(right)), width) - max(int(np.floor(left)), 0), 1)
+        rows = max(min(int(np.ceil(bottom)), height) - max(int(np.floor(top)), 0), 1)
+        found = np.empty((3, rows * columns))
+        n, inside = 0, 0
+        for v in range(int(np.floor(top)), int(np.ceil(bottom))):
+            for u in range(int(np.floor(left)), int(np.ceil(right))):
+                a = inverse[0, 0] * (u + 0.5) + inverse[0, 1] * (v + 0.5) + inverse[0, 2]
+                b = inverse[1, 0] * (u + 0.5) + inverse[1, 1] * (v + 0.5) + inverse[1, 2]
+                c = inverse[2, 0] * (u + 0.5) + inverse[2, 1] * (v + 0.5) + inverse[2, 2]
+                if not (x0 <= a / c <= x1 and y0 <= b / c <= y1):
+                    continue
+                inside += 1
+                if 0 <= u < width and 0 <= v < height:
+                    for channel in range(3):
+                        found[channel, n] = shown[v, u, channel]
+                    n += int(np.isfinite(found[0, n] + found[1, n] + found[2, n]))
+        if inside == 0:  # smaller than a pixel: the one at its centre
+            inside = 1
+            x, y = (x0 + x1) / 2, (y0 + y1) / 2
+            a, b, c = homography[:, 0] * x + homography[:, 1] * y + homography[:, 2]
+            u, v = int(np.floor(a / c)), int(np.floor(b / c))
+            if 0 <= u < width and 0 <= v < height:
+                for channel in range(3):
+                    found[channel, 0] = shown[v, u, channel]
+                n += int(np.isfinite(found[0, 0] + found[1, 0] + found[2, 0]))
+        n_pixels[patch], n_inside[patch] = n, inside
+        for channel in range(3):
+            rgb[patch, channel] = np.median(found[channel, :n]) if n else np.nan
 
 
 def scaled_chart(chart: Chart, size: tuple[int, int], target: tuple[int, int]) -> Chart:

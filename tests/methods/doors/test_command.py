@@ -17,6 +17,8 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from onnx.helper import make_node
+from support.made_networks import onnx_file
 from support.places import ROOT
 
 from sucre_bench import (
@@ -488,6 +490,22 @@ STAND_INS = {
     "assert sys.argv[-2:] == ['/in', '/out']\nshutil.copytree(first, second, dirs_exist_ok=True)",
     "conda": "import os, sys\nos.execvp(sys.executable, [sys.executable, *sys.argv[sys.argv.index('python') + 1:]])",
     "envs/theirs/bin/python": "import os, sys\nos.execv(sys.executable, [sys.executable, *sys.argv[1:]])",
+    "envs/deepseecolor/bin/python": "import os, sys\nos.execv(sys.executable, [sys.executable, *sys.argv[1:]])",
+    # What its README and --help say: depth maps paired with images by order, results called NAME-corrected.png.
+    "DeepSeeColor/deepseecolor.py": "import argparse, os, shutil\n"
+    "import cv2\n"
+    "parser = argparse.ArgumentParser()\n"
+    "for name in ('images', 'depth', 'output'): parser.add_argument('--' + name, required=True)\n"
+    "for name in ('height', 'width', 'seed'): parser.add_argument('--' + name, type=int)\n"
+    "parser.add_argument('--depth_16u', action='store_true')\n"
+    "given = parser.parse_args()\n"
+    "images, maps = sorted(os.listdir(given.images)), sorted(os.listdir(given.depth))\n"
+    "assert len(images) == len(maps) and given.depth_16u\n"
+    "for image, depth in zip(images, maps):\n"
+    "    millimetres = cv2.imread(os.path.join(given.depth, depth), cv2.IMREAD_UNCHANGED)\n"
+    "    assert millimetres.dtype == 'uint16' and (millimetres == 2000).all()\n"
+    "    target = image.rstrip('.png') + '-corrected.png'\n"
+    "    shutil.copy(os.path.join(given.images, image), os.path.join(given.output, target))",
     "restore.py": "import shutil, sys\nassert sys.argv[1::2] == ['--in', '--out']\nshutil.copy(*sys.argv[2::2])",
 }
 
@@ -508,9 +526,10 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
     (script,) = [block for block in blocks("sh") if block.startswith("#!/bin/sh")]
     (tmp_path / "restore.sh").write_text(script)
     (tmp_path / "restore.sh").chmod(0o755)
-    (plugin,) = blocks("python")
+    (plugin,) = [block for block in blocks("python") if "class KnownWater" in block]
     (tmp_path / "known_water.py").write_text(plugin)
     plugins.load_file(tmp_path / "known_water.py")
+    onnx_file(tmp_path / "physicalnn.onnx", [make_node("Identity", ["x"], ["y"])])
     (scene,) = load_scenes("toy")
     for folder in ("renders/train/rgb_clear_clamp", "model/train/render", "named"):
         (tmp_path / folder).mkdir(parents=True)
@@ -518,7 +537,7 @@ def test_the_examples_of_the_documentation_restore(tmp_path: Path, toys: str, mo
             np.save(tmp_path / folder / view.name.replace(".png", ".npy"), view.rgb)
 
     lines = [line for block in blocks("sh") for line in block.splitlines() if line.startswith("sucre-bench run")]
-    assert len(lines) == 9
+    assert len(lines) == 11
     for line in lines:
         words = [w for w in shlex.split(line)[2:] if w not in ("--plugin", "known_water.py")]
         overrides = [w for w in words if not w.startswith("dataset")]

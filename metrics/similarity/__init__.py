@@ -10,20 +10,27 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Mask, coloured
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.encoding import srgb_encode
+from sucre_bench.imaging.encoding import srgb_encode, to_8bit
+from sucre_bench.imaging.resizing import Resizing, resized
+from sucre_bench.metrics.similarity.loops import RADIUS, mean_ssim, squared_error
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
 __all__ = ["Psnr", "Ssim"]
 
+_GRAY = Resizing(256)
+
 
 @metric(
     needs={"reference"},
+    requires=["numba", "PIL"],
     unit="dB",
     better="higher",
     range=(-np.inf, np.inf),
@@ -31,6 +38,9 @@ __all__ = ["Psnr", "Ssim"]
         "masked": "the shown picture, over pixels with depth and a colour",
         "unmasked": "the shown picture, all pixels, holes as black",
         "raw": "the computed image, neither stretched nor clipped, over pixels with depth and a colour",
+        "luma": "as masked, of luma (.299, .587, .114), in 8 bits",
+        "gray": "luma of both pictures brought to 256x256 in 8 bits (Pillow's bicubic), all pixels, holes as black, as"
+        " in xahidbuffon/FUnIE-GAN",
     },
 )
 @dataclass(frozen=True)
@@ -46,17 +56,21 @@ class Psnr:
             return
         raw = variant == "raw"
         image, reference = _pair(restored.image if raw else shown, view, encode=not raw)
-        mask = _finite(reference) if variant == "unmasked" else _scored(image, reference, view)
-        image = np.nan_to_num(image, nan=0.0)
-        error = image[mask].astype(np.float64) - reference[mask]
+        mask = _scored(image, reference, view) if variant in ("masked", "raw", "luma") else coloured(reference)
+        if variant == "gray":
+            image, reference = (resized(to_8bit(x), _GRAY) for x in (image, reference))
+            mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
+        if variant in ("luma", "gray"):
+            image, reference = (_luma_8bit(x) for x in (image, reference))
+        n = np.count_nonzero(mask) * image.shape[-1]
         with np.errstate(divide="ignore"):  # equal images
-            value = -10 * np.log10(np.mean(error**2)) if mask.any() else np.nan
+            value = -10 * np.log10(squared_error(image, reference, mask) / n) if n else np.nan
         yield _score(float(value), mask)
 
 
 @metric(
     needs={"reference"},
-    requires=["cv2", "skimage"],
+    requires=["cv2", "numba"],
     unit="",
     better="higher",
     range=(-1, 1),
@@ -80,36 +94,44 @@ class Ssim:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score; nothing where the view has no reference."""
-        import cv2
-        from skimage.metrics import structural_similarity
-
         if view.reference is None:
             return
         window, _, unmasked = variant.partition("-")
         image, reference = _pair(shown, view, encode=True)
-        mask = _finite(reference) if unmasked else _scored(image, reference, view)
-        image, reference = np.nan_to_num(image, nan=0.0), np.nan_to_num(reference, nan=0.0)
+        mask = coloured(reference) if unmasked else _scored(image, reference, view)
         if window == "gray":
-            image, reference = _luma(image), _luma(reference)
-        size = 7 if window == "uniform7" else 11
-        box = np.ones((size, size), np.uint8)
-        whole = cv2.erode(mask.astype(np.uint8), box, borderType=cv2.BORDER_CONSTANT, borderValue=0) > 0
+            image, reference = (_luma(np.nan_to_num(x, nan=0.0)) for x in (image, reference))
+        weights, norm = _WINDOWS["uniform7" if window == "uniform7" else "gaussian"]
+        whole = _whole_windows(mask, int(np.count_nonzero(weights)) // 2)
         if not whole.any():
             yield Score(np.nan, n_pixels=0, coverage=0.0)
             return
-        gaussian = window != "uniform7"
-        _, ssim = structural_similarity(
-            image,
-            reference,
-            win_size=size,
-            gaussian_weights=gaussian,
-            sigma=1.5,
-            use_sample_covariance=not gaussian,
-            data_range=1.0,
-            channel_axis=None if window == "gray" else -1,
-            full=True,
-        )
-        yield _score(float(ssim[whole].mean(dtype=np.float64)), whole)
+        yield _score(mean_ssim(image, reference, weights, norm, whole), whole)
+
+
+def _gaussian(sigma: float) -> Array:
+    weights = np.exp(-(np.arange(-RADIUS, RADIUS + 1) ** 2) / (2 * sigma**2))
+    return np.asarray(weights / weights.sum())
+
+
+# Weights along a row and a column, and what variances are multiplied by.
+_WINDOWS = {
+    "gaussian": (_gaussian(1.5), 1.0),
+    "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48),
+}
+
+
+def _whole_windows(mask: Mask, radius: int) -> Mask:
+    """The centres of windows that lie in the image and in the mask as a whole."""
+    import cv2
+
+    whole = mask
+    if not mask.all():
+        box = np.ones((2 * radius + 1, 2 * radius + 1), np.uint8)
+        whole = cv2.erode(mask.astype(np.uint8), box) > 0
+    whole = whole.copy()
+    whole[:radius] = whole[-radius:] = whole[:, :radius] = whole[:, -radius:] = False
+    return whole
 
 
 def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:
@@ -125,15 +147,18 @@ def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:
 
 
 def _scored(image: Array, reference: Array, view: View) -> Mask:
-    return _finite(image) & _finite(reference) & view.valid
-
-
-def _finite(image: Array) -> Mask:
-    return np.asarray(np.isfinite(image).all(axis=-1))
+    return coloured(image) & coloured(reference) & view.valid
 
 
 def _luma(image: Array) -> Array:
-    return np.asarray(image @ np.array([0.299, 0.587, 0.114], dtype=image.dtype))
+    """(H, W, 1), of an image (H, W, 3)."""
+    return np.asarray(image @ np.array([[0.299], [0.587], [0.114]], dtype=image.dtype))
+
+
+def _luma_8bit(image: npt.NDArray[Any]) -> Array:
+    """(H, W, 1) in [0, 1], of an image (H, W, 3) in 8 bits or in [0, 1]: whole levels of 255, as files hold them."""
+    levels = image if image.dtype == np.uint8 else to_8bit(image)
+    return np.asarray(np.floor(_luma(levels.astype(np.float64)) + 0.5) / 255)
 
 
 def _score(value: float, mask: Mask) -> Score:
