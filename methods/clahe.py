@@ -12,13 +12,13 @@ from sucre_bench.plugins.ranges import check_ranges
 @method(requires=("cv2",), cites="Zuiderveld 1994", encoding="gamma")
 @dataclass(frozen=True)
 class Clahe:
-    """Equalise the histogram of lightness tile by tile, contrast limited; hue and chroma are kept.
+    """Equalise the histogram of lightness in tiles, with limited contrast; hue and chroma are kept.
 
-    It raises contrast and corrects no cast: what most pipelines for underwater images begin with.
+    Many pipelines for underwater images begin with this step. It raises contrast and corrects no cast.
     """
 
     clip: float = 2.0
-    """How steep the curve may become: the limit of a histogram's bin, in multiples of the mean bin; 256 = no limit."""
+    """Limit of the contrast, in multiples of a histogram's mean bin; 256 switches the limit off."""
 
     tiles: int = 4
     """Tiles along each side of the image."""

@@ -1,6 +1,6 @@
-"""Gaussian Sea-thru: the water of a single view by maximum likelihood, colours taken as normally distributed.
+"""Gaussian Sea-thru: the water of a single view by maximum likelihood, with normally distributed colours.
 
-A variant of Sea-thru by the authors of SUCRe. Of each channel, J ~ N(mu, sigma^2) at every distance alike, so that
+A variant of Sea-thru by the authors of SUCRe. In each channel, J ~ N(mu, sigma^2) at every distance. So
 I ~ N(m(z), s(z)^2) with m(z) = mu exp(-beta z) + B (1 - exp(-gamma z)) and s(z) = sigma exp(-beta z). Intensities are
 gamma-encoded, in [0, 1]; distances Euclidean, in metres; beta and gamma 1/m.
 """
@@ -21,11 +21,11 @@ __all__ = ["GaussianSeathru", "Parameters", "negative_log_likelihood"]
 
 Kind = Literal["constant", "two_term"]
 
-# Starts of B, gamma and beta (1/m); the first is the authors' own. Each of them ends in a worse minimum than another
-# does in some channel of the made waters, by up to 1.5 in the likelihood.
+# Starts of B, gamma and beta (1/m); the first is the authors' own. On the made scenes, each start ends in a worse
+# minimum than another one in some channel, by up to 1.5 in the likelihood.
 _STARTS = ((0.25, 0.1, 0.1), (0.25, 0.5, 0.5), (0.1, 0.2, 0.3))
 _LEAST, _GREATEST_LIGHT, _GREATEST_RATE = 1e-6, 1.0, 5.0
-# Of two terms, some simplex takes 5,500 on the made waters.
+# With two terms, a simplex took up to 5,500 evaluations on the made scenes.
 _MOST_EVALUATIONS = 10_000
 
 
@@ -43,13 +43,13 @@ class Parameters:
 
 
 def negative_log_likelihood(water: Parameters, intensity: Array, z: Array) -> float:
-    """Return mean ln(s sqrt(2 pi)) + mean(((I - m) / s)^2) / 2 for I (P,), z (P,), mu and sigma those of J.
+    """Return mean ln(s sqrt(2 pi)) + mean(((I - m) / s)^2) / 2 for I (P,) and z (P,), with mu and sigma those of J.
 
-    (I - m) / s is (J - mu) / sigma, so that the second term is a half, and the first ln(sigma sqrt(2 pi)) less the mean
-    of beta(z) z. inf where all J are equal: nothing is normally distributed.
+    Since (I - m) / s = (J - mu) / sigma, the second term is 1/2. The first is ln(sigma sqrt(2 pi)) - mean(beta(z) z).
+    Returns inf where all J are equal: they have no normal distribution.
     """
     tau = water.beta.optical_depth(z)
-    most = float(tau.max())  # taken out, so that no exponential is too great
+    most = float(tau.max())  # factored out, so that no exponential overflows
     sigma = float(((intensity - water.veil(z)) * np.exp(tau - most)).std())
     if sigma == 0:
         return np.inf
@@ -65,21 +65,22 @@ def negative_log_likelihood(water: Parameters, intensity: Array, z: Array) -> fl
 )
 @dataclass(frozen=True)
 class GaussianSeathru:
-    """Fit the water under which colours are normally distributed, and equally so at all distances.
+    """Fit the water under which colours are normally distributed, alike at all distances.
 
-    From a single view with its distances; no dark pixel and no illuminant is looked for. Pixels without depth have no
-    colour. Shown stretched, as SUCRe is: the likelihood leaves the brightness of the whole open.
+    One view and its distances are enough; the method looks for no dark pixels and no illuminant. Pixels without depth
+    have no colour. Results are shown stretched, as SUCRe's are, because the likelihood leaves the overall brightness
+    open.
     """
 
     attenuation: Kind = "constant"
-    """Of light with distance: "constant", as in SUCRe, or "two_term", beta(z) = a exp(-b z) + c exp(-d z)."""
+    """How attenuation depends on distance: "constant", as in SUCRe, or "two_term", a exp(-b z) + c exp(-d z)."""
 
     sample: int = 20000
-    """How many pixels the likelihood is taken over, drawn at random from all but the farthest hundredth; all of those
-    where there are fewer."""
+    """Number of pixels in the likelihood, drawn at random from all but the farthest 1 %; all pixels if there are
+    fewer."""
 
     seed: int = 0
-    """Seed of the drawing; equal seeds give equal results."""
+    """Seed of the random pixels; equal seeds give equal results."""
 
     def __post_init__(self) -> None:
         if self.sample < 2:
@@ -88,7 +89,11 @@ class GaussianSeathru:
             raise InputError(f"gaussian_seathru.seed: {self.seed} is negative; give 0 or more")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError without any depth."""
+        """Return J, NaN where the view has no depth; it may leave [0, 1].
+
+        info: along, cost, mu, sigma, beta_terms, negative_share, and undetermined (what the view cannot tell). Raises
+        NotApplicableError when no pixel has depth.
+        """
         z, along = distances(view)
         intensity, far = self._drawn(view.rgb, z)
         fits = [_fitted(intensity[:, c], far, self.attenuation) for c in range(3)]
@@ -116,7 +121,7 @@ class GaussianSeathru:
         return Restoration(J, Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
 
     def _drawn(self, rgb: Array, z: Array) -> tuple[Array, Array]:
-        """Intensities (P, 3) and distances (P,), float64, of pixels with depth, without outlying ones."""
+        """Return intensities (P, 3) and distances (P,), float64, of pixels with depth, without the farthest 1 %."""
         seen = np.flatnonzero(trusted(z))
         if seen.size > self.sample:
             seen = seen[np.random.default_rng(self.seed).integers(seen.size, size=self.sample)]
@@ -125,7 +130,7 @@ class GaussianSeathru:
 
 @dataclass(frozen=True, slots=True)
 class _Fit:
-    """A channel's water, how unlikely it is, and whether the simplex came to rest."""
+    """A channel's water, its negative log-likelihood, and whether the simplex converged."""
 
     water: Parameters
     cost: float
@@ -133,10 +138,10 @@ class _Fit:
 
 
 def _fitted(intensity: Array, z: Array, kind: Kind) -> _Fit:
-    """Return the likeliest water of a channel: the best of what Nelder and Mead's simplex reaches from all starts."""
+    """Return the likeliest water of a channel: the best result of Nelder and Mead's simplex over all starts."""
     from scipy.optimize import minimize
 
-    if np.ptp(intensity) == 0:  # no spread to be likely: the image as it is
+    if np.ptp(intensity) == 0:  # a channel without spread stays as it is
         return _Fit(Parameters(_LEAST, _LEAST, TwoTerm(_LEAST)), np.inf, True)
 
     def water(x: Array) -> Parameters:
@@ -158,7 +163,7 @@ def _fitted(intensity: Array, z: Array, kind: Kind) -> _Fit:
 
 
 def _undetermined(z: Array, fits: list[_Fit]) -> str:
-    """Say what the view cannot tell; "" where it can."""
+    """Return what the view does not determine, as text; "" where it determines everything."""
     if is_flat(z):
         return "all pixels are about equally far: no water is likelier than another"
     within = [0.01 < fit.water.B < 0.99 and 0.01 < fit.water.gamma < 0.99 * _GREATEST_RATE for fit in fits]

@@ -15,12 +15,12 @@ from sucre_bench.imaging.display import gray_world_gain
 class GrayWorld:
     """Scale every channel so that all three have the same mean over valid pixels.
 
-    Valid are pixels with depth, all of them where there is no depth: open water is not asked to be gray. A channel
-    that is black throughout is left black.
+    Valid pixels are those with depth, or all pixels of a view without depth. So open water need not be gray. A black
+    channel stays black.
     """
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, scaled; it may exceed 1."""
+        """Return the whole image; values may exceed 1. info: gain, the factor of each channel."""
         valid = view.valid
         pixels = view.rgb[valid] if valid.any() else view.rgb.reshape(-1, 3)
         gain = gray_world_gain(pixels)

@@ -1,4 +1,4 @@
-"""Contrast stretch, channel by channel: the display normalisation of SUCRe's tables, alone."""
+"""Contrast stretch of each channel: the display normalisation of SUCRe's tables, without any restoration."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from sucre_bench.imaging.display import stretch
 class HistogramStretch:
     """Map two percentiles of each channel, over valid pixels, to 0 and 1, and clip.
 
-    Valid are pixels with depth, all of them where there is no depth. A constant channel is left as it is.
+    Valid pixels are those with depth, or all pixels of a view without depth. A constant channel stays as it is.
     """
 
     low: float = 1.0
@@ -30,7 +30,7 @@ class HistogramStretch:
             raise InputError(f"histogram_stretch: low={self.low}, high={self.high}; use 0 <= low < high <= 100")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, stretched to [0, 1]."""
+        """Return the whole image, in [0, 1]."""
         valid = view.valid
         over = view.rgb[valid] if valid.any() else None
         return Restoration(stretch(view.rgb, self.low, self.high, over).astype(np.float32))

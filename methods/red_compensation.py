@@ -1,7 +1,8 @@
-"""Red compensation: the quick colour correction that survey images are given before or after photogrammetry.
+"""Red compensation: a quick colour correction that survey images get before or after photogrammetry.
 
-Red from green and gray world as in Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018, Color balance and fusion for
-underwater image enhancement, without its fusion; then a contrast stretch.
+Red from green and gray world are the colour step of Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018, Color balance and
+fusion for underwater image enhancement. A contrast stretch takes the place of its fusion. This is not the red-channel
+prior of Galdran et al. 2015, which data sets call RED.
 """
 
 from __future__ import annotations
@@ -22,15 +23,15 @@ class RedCompensation:
     """Lift red where green is strong, balance by gray world, and stretch the contrast of each channel."""
 
     strength: float = 1.0
-    """How much of red's lack, against green, is given back: alpha of Ancuti et al. 2018, eq. 4; 0 = none."""
+    """Share of red's lack against green that is given back: alpha of Ancuti et al. 2018, eq. 4; 0 switches it off."""
 
     percent: float = 0.05
-    """Of each channel's pixels, how many percent become 0, and as many 1."""
+    """Percent of each channel's pixels that become 0, and as many 1; 0 stretches from minimum to maximum."""
 
     def __post_init__(self) -> None:
         check_ranges(self, strength="[0, 10]", percent="[0, 50)")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, corrected, in [0, 1]."""
+        """Return the whole image, in [0, 1]."""
         balanced = gray_world(red_from_green(view.rgb, self.strength))
         return Restoration(stretch(balanced, self.percent, 100 - self.percent).astype(np.float32))

@@ -1,9 +1,9 @@
 """Relative global histogram stretching (Huang, Wang, Song, Sequeira & Mavromatis 2018, Shallow-water image enhancement
 using relative global histogram stretching based on adaptive parameter acquisition, MMM).
 
-Contrast: green and blue are brought to mid gray, each channel is stretched from its own range [I_min, I_max] to a
-desired one [O_min, O_max], and noise is filtered. Colour: lightness is stretched, and weak chroma raised, in L*a*b*.
-A channel's histogram is taken for a Rayleigh distribution with its mode a, of sigma = sqrt((4 - pi) / 2) a = 0.655 a.
+Contrast: green and blue are scaled to mid gray, each channel is stretched from its range [I_min, I_max] to a desired
+range [O_min, O_max], and noise is filtered. Colour: in L*a*b*, lightness is stretched and weak chroma raised. A
+channel's histogram is modelled as a Rayleigh distribution of mode a, with sigma = sqrt((4 - pi) / 2) a = 0.655 a.
 """
 
 from __future__ import annotations
@@ -21,28 +21,28 @@ from sucre_bench.imaging.filters.white_balance import mid_gray_gain
 from sucre_bench.plugins.ranges import check_ranges
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a
-_RESIDUAL = (0.83, 0.95, 0.97)  # of red, green and blue light, what a metre of water leaves
+_RESIDUAL = (0.83, 0.95, 0.97)  # shares of red, green and blue light that a metre of water leaves
 _KAPPA = (1.1, 0.9, 0.9)  # found by trial, in the publication
-_CHROMA = 1.3  # phi: gray's factor; full chroma keeps its own
+_CHROMA = 1.3  # phi: the factor of weak chroma; full chroma keeps its value
 _LEVEL = 1 / 255  # a mode is a level of an 8-bit histogram
 
 
 @method(requires=("cv2",), cites="Huang, Wang, Song, Sequeira & Mavromatis 2018", encoding="gamma")
 @dataclass(frozen=True)
 class Rghs:
-    """Stretch each channel to a range that its histogram and its attenuation set, then lightness and chroma.
+    """Stretch each channel to a range set by its histogram and its attenuation, then lightness and chroma.
 
-    Made for shallow water: red is stretched but not balanced, so a picture with next to no red stays cold.
+    The method is made for shallow water. Red is stretched but not balanced, so a picture with little red stays cold.
     """
 
     distance_m: float = 3.0
-    """How far the scene is taken to be, metres: a channel that loses more on the way is stretched further."""
+    """Assumed distance of the scene, metres. A channel that loses more light on the way is stretched further."""
 
     tail: float = 0.1
-    """Percent of the pixels on each side of a channel's mode that its range leaves out."""
+    """Percent of the pixels on each side of a channel's mode that its range leaves out; 0 leaves out none."""
 
     noise: float = 0.1
-    """Differences of colour, in [0, 1], that the bilateral filter takes for noise; 0 = no filter."""
+    """Colour differences, in [0, 1], that the bilateral filter smooths as noise; 0 switches the filter off."""
 
     def __post_init__(self) -> None:
         check_ranges(self, distance_m="[0, 100]", tail="[0, 50)", noise="[0, 1]")
@@ -55,7 +55,7 @@ class Rghs:
         return Restoration(_coloured(denoised(rgb, self.noise)))
 
     def _stretched(self, plane: Array, channel: int) -> Array:
-        """The plane (H, W) moved from [I_min, I_max] to [O_min, O_max], cut at 0 and 1."""
+        """Return the plane (H, W) moved from [I_min, I_max] to [O_min, O_max], cut at 0 and 1."""
         low, high, mode = _range(plane, self.tail)
         if high - low < _LEVEL:
             return plane.clip(0, 1)

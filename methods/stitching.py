@@ -1,4 +1,4 @@
-"""Stitching the closest observations together (SUCRe, supplementary material: SUCRe vs. image stitching)."""
+"""Stitching of the closest observations (SUCRe, supplementary material: SUCRe vs. image stitching)."""
 
 from __future__ import annotations
 
@@ -12,13 +12,17 @@ from sucre_bench import Restoration, Scene, View, method
 @method(needs={"depth", "poses"}, cites="Boittiaux et al. 2024, SUCRe, supplementary material")
 @dataclass(frozen=True)
 class Stitching:
-    """Give every pixel the colour of its closest observation among all views; no water model.
+    """Give each pixel the colour of its closest observation in any view, without a water model.
 
     Pixels without depth have no colour. Of equally close observations, the first in the scene's order counts.
     """
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the stitched image, NaN where the view has no depth. Raises SolveError when it has none at all."""
+        """Return the stitched image, NaN where the view has no depth.
+
+        info: n_observations, n_views, unreadable (views that could not be read). Raises SolveError when no pixel has
+        depth.
+        """
         from sucre_bench.multiview.observe import observe
 
         observations = observe(view, scene.views)

@@ -1,8 +1,8 @@
 """Underwater dark channel prior, UDCP (Drews et al. 2013, Transmission estimation in underwater single images).
 
-Continued in Drews et al. 2016, Underwater depth estimation and image restoration based on single images. Where nothing
-of the scene is dark, the dark channel prior of He, Sun & Tang (2011) holds for green and blue alone: red is dark
-everywhere under water, near and far.
+Continued in Drews et al. 2016, Underwater depth estimation and image restoration based on single images. The dark
+channel prior of He, Sun & Tang (2011) says that somewhere near each pixel one channel is dark, unless there is haze.
+Under water red is dark everywhere, near and far, so only green and blue are used.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ from sucre_bench.plugins.ranges import check_ranges
 )
 @dataclass(frozen=True)
 class Udcp:
-    """Remove the veil that the dark channel of green and blue measures, the same in all three channels.
+    """Remove the veil that the dark channel of green and blue measures; its transmission is the same in all channels.
 
-    The veiling light A is the colour where that dark channel is highest. The transmission t is 1 less the dark channel
-    of I / A, refined by a guided filter, and J = (I - A) / t + A.
+    The veiling light A is the colour where that dark channel is highest. The transmission t is 1 - the dark channel of
+    I / A, refined by a guided filter. Then J = (I - A) / t + A.
     """
 
     window: int = 9
@@ -39,9 +39,9 @@ class Udcp:
     eps: float = 1e-3
     """Variance of intensity below which the guided filter smooths."""
     least: float = 0.2
-    """Least transmission: what bounds the amplification of noise."""
+    """Least transmission: noise is amplified by at most 1 / least; 1e-6 switches the bound off."""
     greatest: float = 0.9
-    """Greatest transmission: a veil that near parts keep, too."""
+    """Greatest transmission: near parts keep some veil too; 1 switches the bound off."""
 
     def __post_init__(self) -> None:
         check_ranges(self, window="[1, 1001]", radius="[1, 1000]", eps="[1e-6, 1]")
@@ -50,7 +50,7 @@ class Udcp:
             raise InputError(f"udcp.window: {self.window} is even; give an odd number of pixels")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored; it may leave [0, 1]."""
+        """Return the whole image; values may leave [0, 1]."""
         rgb = view.rgb
         A = _veiling_light(rgb, self.window)
         t = guided_filter(rgb, _transmission(rgb, A, self.window), self.radius, self.eps)
@@ -58,12 +58,12 @@ class Udcp:
 
 
 def _veiling_light(rgb: Array, window: int) -> Array:
-    """The colour (3,) of the pixel where the dark channel of green and blue is highest; of equals, the brightest."""
+    """Return the colour (3,) where the dark channel of green and blue is highest; of equals, the brightest."""
     dark = dark_channel(rgb[..., 1:], window)
     return brightest(rgb, dark == dark.max())
 
 
 def _transmission(rgb: Array, veiling_light: Array, window: int) -> Array:
-    """1 - min over window and over green and blue of I / A, (H, W); may fall below 0."""
+    """Return 1 - min over window and over green and blue of I / A, (H, W); it may fall below 0."""
     A = np.maximum(veiling_light[1:], 1e-3).astype(np.float32)  # in a black image, nothing is brighter than A
     return np.asarray(1 - dark_channel(rgb[..., 1:] / A, window))

@@ -1,4 +1,4 @@
-"""The input itself: what every restorer is compared with."""
+"""The photograph itself, with which every restorer is compared."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from sucre_bench import Restoration, Scene, View, method
 @method()
 @dataclass(frozen=True)
 class Underwater:
-    """The image as it was taken, unrestored."""
+    """The photograph as it was taken, without restoration."""
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the view's own pixels."""
