@@ -19,7 +19,7 @@ test: setup
 	@$(bin)/python -m pytest -n auto
 
 test-short: setup
-	@$(bin)/python -m pytest -n auto -m short
+	@$(bin)/python -m pytest -n auto -m short $$(grep -rl --include='*.py' 'pytest\.mark\.short' tests)
 
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
