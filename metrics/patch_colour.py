@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.charts.reading import measure
-from sucre_bench.metrics.charts import patch_region
+from sucre_bench.metrics.psi_and_de00 import patch_region
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

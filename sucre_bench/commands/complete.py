@@ -123,7 +123,8 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     """The options of the method, dataset or metric that was chosen before (the first of several), or of the engine."""
     from sucre_bench.degrade import Degradation
     from sucre_bench.jobs.presets import default_choice
-    from sucre_bench.jobs.schema import Shard, Tracking
+    from sucre_bench.jobs.schema import Tracking
+    from sucre_bench.jobs.shard import Shard
     from sucre_bench.plugins.options import options_of
 
     engine = {"degrade": Degradation, "shard": Shard, "tracking": Tracking}

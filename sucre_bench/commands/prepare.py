@@ -108,7 +108,7 @@ def prepare(
     """
     from sucre_bench.jobs.quoting import quoted
     from sucre_bench.machine import terminal
-    from sucre_bench.machine.interrupts import terminated_as_interrupt
+    from sucre_bench.machine.sigterm import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
     from sucre_bench.programs.prepare.scale import Known, Length

@@ -19,8 +19,8 @@ from sucre_bench.jobs.schema import Tracking
 from sucre_bench.jobs.study import Study
 from sucre_bench.machine import provenance, terminal
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.interrupts import terminated_as_interrupt
 from sucre_bench.machine.log import now
+from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.results.layout import pairs_path
 
 if TYPE_CHECKING:

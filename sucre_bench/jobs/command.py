@@ -16,8 +16,8 @@ from sucre_bench import plugins
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.explain import check_experiment, in_our_words, not_an_override
 from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.labels import refuse_same_place
 from sucre_bench.jobs.schema import CONF, register
-from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
@@ -72,7 +72,7 @@ def jobs(overrides: Sequence[str], multirun: bool) -> Command:
         check_experiment(parsed)
         composed = _compose_jobs(parsed, multirun)
         planned = [Job.composed(config, composed.swept) for config in composed.configurations]
-    _refuse_same_place(planned)
+    refuse_same_place(planned)
     shared_pairs = f"x{fingerprint({'command': overrides})[1]}" if _can_share_pairs(planned) else ""
     return Command(
         jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in planned),
@@ -189,17 +189,3 @@ def _can_share_pairs(planned: Sequence[Job]) -> bool:
     pairing = [job for job in planned if "poses" in job.method.plugin.needs and job.pairs_gb > 0]
     views = [(job.dataset.label, job.replicate, job.shard.index, job.shard.count) for job in pairing]
     return len(set(views)) < len(views)
-
-
-def _refuse_same_place(planned: Sequence[Job]) -> None:
-    """Raise InputError if two jobs would write to one place."""
-    seen: dict[tuple[str, str, int, int, int], Job] = {}
-    for job in planned:
-        part = (job.replicate, job.shard.index, job.shard.count)
-        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
-        if other is not job:
-            name = f"{job.dataset.label} / {job.method.label}"
-            if (other.method, other.dataset) != (job.method, job.dataset):
-                of = "method" if other.dataset == job.dataset else "dataset"
-                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
-            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")

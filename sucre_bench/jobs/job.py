@@ -12,8 +12,10 @@ from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, one_line, unknown_name
 from sucre_bench.imaging.display import check_display
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Shard, Tracking
+from sucre_bench.jobs.labels import plain_value, swept_label
+from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.seeds import seed_of
+from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study import Study
 from sucre_bench.plugins.options import check_options, create, options_of, typed
 from sucre_bench.plugins.plugin import Kind, Plugin
@@ -74,7 +76,7 @@ class Choice:
     def record(self) -> dict[str, Any]:
         """What a row keeps as options."""
         display = {"display": self.display} if self.display else {}
-        return {"name": self.plugin.name, **display, **{k: _plain(v) for k, v in self.options.items()}}
+        return {"name": self.plugin.name, **display, **{k: plain_value(v) for k, v in self.options.items()}}
 
 
 @dataclass(frozen=True)
@@ -198,28 +200,13 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
     options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
     check_options(plugin, options)
-    return Choice(plugin, label or _label(plugin, {**options, "display": display}, swept), options, display)
-
-
-def _label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:
-    """The plugin's name, and those of its values that a sweep goes over; a place by its last name."""
-    named = [name for name in values if f"{plugin.kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
-    told = [(name, values[name]) for name in named]
-    parts = [f"{name}={value.name if isinstance(value, Path) else _plain(value)}" for name, value in told]
-    return ",".join([plugin.name, *parts]).replace(" ", "")
-
-
-def _plain(value: Any) -> Any:
-    """As a row or a label keeps it."""
-    if isinstance(value, Path):
-        return str(value)
-    return list(value) if isinstance(value, tuple) else value
+    return Choice(plugin, label or swept_label(plugin, {**options, "display": display}, swept), options, display)
 
 
 def _plain_tree(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain_tree(inner) for key, inner in value.items()}
-    return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else _plain(value)
+    return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else plain_value(value)
 
 
 def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:

@@ -11,14 +11,15 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, one_line
+from sucre_bench.errors import one_line
 from sucre_bench.jobs.explain import GROUPS
+from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study import Study
 from sucre_bench.plugins.options import check_values, options_of
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["CONF", "CONF_FOLDER", "Overwrite", "RunConfig", "Save", "Shard", "Tracking", "register"]
+__all__ = ["CONF", "CONF_FOLDER", "Overwrite", "RunConfig", "Save", "Tracking", "register"]
 
 CONF = "sucre_bench.conf"
 CONF_FOLDER = Path(__file__).parent.parent / "conf"
@@ -111,26 +112,6 @@ class Tracking:
 
     uri: str = "sqlite:///${out}/mlflow.db"
     experiment: str = "sucre_bench"
-
-
-@dataclass
-class Shard:
-    """A part of the selected views: block `index` of `count` blocks of neighbours, as equal as may be."""
-
-    index: int = 0
-    count: int = 1
-
-    def __post_init__(self) -> None:
-        if not 0 <= self.index < self.count:
-            raise InputError(
-                f"shard: block {self.index} of {self.count}; shard.index goes from 0 to shard.count - 1: "
-                "shard.count=8 'shard.index=range(8)'"
-            )
-
-    def of(self, items: Sequence[T]) -> Sequence[T]:
-        """Return this block's items."""
-        n = len(items)
-        return items[n * self.index // self.count : n * (self.index + 1) // self.count]
 
 
 Overwrite = Literal["missing", "always", "never"]

@@ -81,7 +81,7 @@ def runs_page(uri: str, experiment: str, port: int) -> str:
 
 def open_ui(uri: str, port: int) -> int:
     """Serve mlflow's page on this machine alone until it is stopped, and return its exit status."""
-    from sucre_bench.machine.interrupts import terminated_as_interrupt
+    from sucre_bench.machine.sigterm import terminated_as_interrupt
 
     serving = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", _resolved(uri), "--host", "127.0.0.1"]
     quiet = {

@@ -1,0 +1,33 @@
+"""A part of the views, for a job of a cluster: `shard.index` of `shard.count`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import TypeVar
+
+from sucre_bench.errors import InputError
+
+__all__ = ["Shard"]
+
+T = TypeVar("T")
+
+
+@dataclass
+class Shard:
+    """A part of the selected views: block `index` of `count` blocks of neighbours, as equal as may be."""
+
+    index: int = 0
+    count: int = 1
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.index < self.count:
+            raise InputError(
+                f"shard: block {self.index} of {self.count}; shard.index goes from 0 to shard.count - 1: "
+                "shard.count=8 'shard.index=range(8)'"
+            )
+
+    def of(self, items: Sequence[T]) -> Sequence[T]:
+        """Return this block's items."""
+        n = len(items)
+        return items[n * self.index // self.count : n * (self.index + 1) // self.count]
