@@ -79,7 +79,7 @@ class DiveGrayWorld:
     """Standard deviation of each channel after the correction, in gamma-encoded intensity."""
 
     most_views: int | None = None
-    """Count at most so many views, spread evenly over the scene; none = all of them."""
+    """Count at most so many views, spread evenly over the scene; null = all of them."""
 
     def __post_init__(self) -> None:
         check_ranges(self, bin_m="[1e-3, 1000]", fewest="[1, inf)", brightness="(0, 1)", contrast="(0, 1]")

@@ -111,7 +111,7 @@ class Fusion2018:
     """Standard deviation of the unsharp mask's Gaussian, pixels."""
 
     levels: int | None = None
-    """Levels of the pyramid; none = as many as the image has room for."""
+    """Levels of the pyramid; null = as many as the image has room for."""
 
     def __post_init__(self) -> None:
         check_ranges(self, red="[0, 10]", blue="[0, 10]", gamma="(0, 10]", blur_px="(0, 200]", levels="[1, 32]")

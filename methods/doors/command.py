@@ -1,7 +1,7 @@
 """Any program or container that restores images: in another language, another environment, with its own licence.
 
-It is run without a shell: the command is split into words as a shell would, and the placeholders in them are then
-filled, so that no file name can become a command.
+No shell runs the command. It is split into words as a shell would do, and then the placeholders are filled, so no file
+name can become a command.
 """
 
 from __future__ import annotations
@@ -42,11 +42,11 @@ _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 @method(reads=("rests_on",))
 @dataclass(frozen=True)
 class Command:
-    """Any program that reads an image and writes one: run once a view, or once for all views of a scene.
+    """Run a program that reads an image and writes one, once for each view or once for all views of a scene.
 
-    It gets no shell, no input and this process's environment and working folder. Where it fails, the view fails with
-    the exit code and the last line that it wrote. Beside its image a.png it may leave the water in a.json: B, and beta
-    and gamma if known, three numbers each, and the encoding of the intensities that it explains, if not the image's.
+    The program gets no shell and no input, but this process's environment and working folder. If it fails, the view
+    fails with the exit code and the last line that it printed. Beside its image a.png it may write the water to a.json:
+    B, and beta and gamma if known, three numbers each, and `encoding` if it explains intensities encoded otherwise.
     """
 
     run: str
@@ -54,36 +54,36 @@ class Command:
     axis), {distance} (from the camera), and with per=view {name}, {width}, {height}; {{ and }} are braces."""
 
     per: Literal["view", "scene"] = "view"
-    """view: each image is a process's, placeholders are files; scene: one process for all images of the scene,
+    """view: one process for each image, placeholders are files; scene: one process for all images of the scene,
     placeholders are folders with files of the same names."""
 
     timeout: float | None = 600.0
-    """Seconds a process may take, then it is stopped; null sets no limit."""
+    """Seconds after which a process is stopped; null sets no limit."""
 
     bits: int = 8
     """Bits a channel of the input, a PNG: 8 or 16."""
 
     depth_format: DepthFormat = "png"
-    """Of depth and distance, 0 where unknown: png, 16-bit millimetres; npy and tif, 32-bit float metres."""
+    """Format of depth and distance, 0 where unknown: png, 16-bit millimetres; npy and tif, 32-bit float metres."""
 
     output_suffix: str = ".png"
-    """Suffix of {output} with per=view; whatever the program writes instead is found as well."""
+    """Suffix of {output} with per=view; another suffix that the program writes is found too."""
 
     pattern: str = "{stem}"
-    """What the output is called where it is not what {output} says, or with per=scene as the input: '{stem}_out'."""
+    """Name of the output if it is not {output}, or with per=scene not the input's name: '{stem}_out'."""
 
     encoding: FileEncoding = "view"
-    """What the program takes and gives: gamma (sRGB), linear, or as the view is."""
+    """Encoding of its input and output: gamma (sRGB), linear, or view: as the view's own image."""
 
     holes: Holes = "alpha"
-    """Which pixels have no colour: alpha, those wholly transparent; black, those that are exactly black, too; none,
-    neither. NaN and infinity are holes in any case."""
+    """Which pixels have no colour. alpha: wholly transparent ones; black: exactly black ones too; none: no pixel. NaN
+    and infinity are holes in any case."""
 
     resize: bool = False
-    """Bring an output of another size to the view's, by area or linearly; otherwise it is an error."""
+    """Resize an output of another size to the view's, by area or linearly; without it that is an error."""
 
     rests_on: Path | None = None
-    """File or folder that is the program, or its weights: when it changes, views are restored again."""
+    """File or folder of the program or its weights: when it changes, views are restored again."""
 
     def __post_init__(self) -> None:
         words = self._words
@@ -106,11 +106,11 @@ class Command:
             raise InputError(f"{self.rests_on}: no such file or folder; mend command.rests_on")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return what the program makes of the view, in the view's encoding.
+        """Return the program's result for the view, in the view's encoding.
 
         info: "seconds" and "peak_mb" of its process (per=scene: a view's share of the time), "said", the end of what it
-        printed. Raises NotApplicableError where the view lacks what the command asks for, InputError where the program
-        fails, or leaves no image that can be used.
+        printed. Raises NotApplicableError when the view lacks the depth or camera that the command uses, InputError
+        when the program fails or leaves no usable image.
         """
         if lack := self._lack(view):
             raise NotApplicableError(f"{view.name}: {lack}, which the command asks for")

@@ -1,4 +1,4 @@
-"""Images that another program has restored already: renderings of a radiance field, results of published code."""
+"""Images that another program has restored: renderings of a radiance field, results of published code."""
 
 from __future__ import annotations
 
@@ -17,29 +17,28 @@ __all__ = ["Precomputed"]
 @method(reads=("folder",))
 @dataclass(frozen=True)
 class Precomputed:
-    """Images restored elsewhere, one a view, found in a folder by the view's name.
+    """Read images that were restored elsewhere, one for each view, from a folder by the view's name.
 
-    A view that has none is skipped. What restoring took is not known. A file a.json beside a.png may hold the water:
-    B, and beta and gamma if known, three numbers each, and the encoding of the intensities that it explains, if not the
-    images' own.
+    A view without an image is skipped. Time and memory are unknown. A file a.json beside a.png may hold the water: B,
+    and beta and gamma if known, three numbers each, and `encoding` if it explains other intensities than the image's.
     """
 
     folder: Path
-    """Folder with the restored images: png, jpg, tif, bmp, webp, npy, npz; in sub-folders as the views are, or not."""
+    """Folder of the restored images: png, jpg, tif, bmp, webp, npy, npz; in sub-folders like the views, or not."""
 
     pattern: str = "{stem}"
-    """What the image of a view is called: {stem} is the view's file name without suffix, {name} with it, {parent} its
-    folder; 'restored_{stem}', '{stem}.npz', '{parent}/out/{stem}'."""
+    """Name of a view's image: {stem} is the view's file name without suffix, {name} with it, {parent} its folder.
+    Examples: 'restored_{stem}', '{stem}.npz', '{parent}/out/{stem}'."""
 
     encoding: FileEncoding = "view"
-    """Of the files: gamma (sRGB), linear, or as the view's own image is."""
+    """Encoding of the files: gamma (sRGB), linear, or view: as the view's own image."""
 
     holes: Holes = "alpha"
-    """Which pixels have no colour: alpha, those wholly transparent; black, those that are exactly black, too; none,
-    neither. NaN and infinity are holes in any case."""
+    """Which pixels have no colour. alpha: wholly transparent ones; black: exactly black ones too; none: no pixel. NaN
+    and infinity are holes in any case."""
 
     resize: bool = False
-    """Bring images of another size to the view's, by area or linearly; otherwise they are an error."""
+    """Resize images of another size to the view's, by area or linearly; without it they are an error."""
 
     def __post_init__(self) -> None:
         check_pattern(self.pattern, "precomputed.pattern")
@@ -49,8 +48,8 @@ class Precomputed:
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the image found for the view, in the view's encoding.
 
-        info: "file", and "resized_from" (width, height) where it was.
-        Raises NotApplicableError where there is none, InputError where it is not clear which one, or it cannot be read.
+        info: "file", and "resized_from" (width, height) if it was resized.
+        Raises NotApplicableError when there is none, InputError when several fit or it cannot be read.
         """
         path = self._images.find(view.name, [v.name for v in scene.views])
         image, done = Reading(self.encoding, self.holes, self.resize).image(path, view)

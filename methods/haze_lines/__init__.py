@@ -1,7 +1,7 @@
 """Underwater haze-lines (Berman, Levy, Avidan & Treibitz 2021, IEEE TPAMI 43(8)).
 
-Underwater single image color restoration using haze-lines and a new quantitative dataset. The water's type, one of
-Jerlov's, is what decides how fast each channel fades; each is tried, and the one with the most neutral result is taken.
+Underwater single image color restoration using haze-lines and a new quantitative dataset. The type of water, one of
+Jerlov's, decides how fast each channel fades. Each type is tried, and the one with the most neutral result is taken.
 """
 
 from __future__ import annotations
@@ -33,35 +33,35 @@ __all__ = ["HazeLines"]
 )
 @dataclass(frozen=True)
 class HazeLines:
-    """Find the water's type among Jerlov's, each pixel's transmission along its haze-line, and undo both.
+    """Find the type of water among Jerlov's and each pixel's transmission along its haze-line, and undo both.
 
-    The veiling light is taken from the largest area without texture, which should be open water; in an image that shows
-    none, it is a guess. At the end, the picture is white-balanced by gray world over what is not water.
+    The veiling light comes from the largest area without texture, which should be open water; without open water it is
+    a guess. At the end, gray world over what is not water balances the picture.
     """
 
     linear: bool = True
-    """Whether to decode intensities (sRGB) first: the model is one of linear light, in which the authors work."""
+    """Decode intensities (sRGB) first: the authors' model is of linear light. False uses them as they are."""
     lines: int = 500
-    """How many directions, spread over the sphere, pixels are clustered into."""
+    """Number of directions on the sphere into which pixels are clustered."""
     radius: int = 30
     """Radius of the guided filter's window, pixels."""
     eps: float = 1e-3
     """Variance of intensity below which the guided filter smooths."""
     least: float = 0.1
-    """Least transmission, of blue in the estimate and of any channel in the recovery: what bounds the noise."""
+    """Least transmission, of blue in the estimate and of each channel in the recovery; it bounds the noise."""
     contrast: float = 0.1
-    """By how much objects' mean transmission must exceed the water's for a type to be considered."""
+    """Least difference between the mean transmissions of objects and water for a type to count; 0 lets all count."""
     textureless: float = 0.2
     """Share of the pixels that counts as free of texture."""
     work_px: int = 1024
-    """The veiling light and the water's type are chosen on the image with its longer side reduced to these pixels."""
+    """Longer side, pixels, of the reduced image on which the veiling light and the type of water are chosen."""
 
     def __post_init__(self) -> None:
         check_ranges(self, lines="[1, 100000]", radius="[1, 1000]", eps="[1e-6, 1]", least="[1e-6, 1]")
         check_ranges(self, contrast="[0, 1]", textureless="(0, 1]", work_px="[1, 100000]")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored; it may leave [0, 1]."""
+        """Return the whole image; values may leave [0, 1]."""
         small = reduced(view.rgb, self.work_px)
         area = textureless_area(small, self.textureless)
         small = self._decoded(small)

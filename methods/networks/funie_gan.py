@@ -28,16 +28,16 @@ _TILE, _OVERLAP, _MULTIPLE = 1024, 384, 32
 )
 @dataclass(frozen=True)
 class FunieGan:
-    """A small U-Net trained against a discriminator for the eyes of robots (FUnIE-GAN).
+    """Restore by a small U-Net that was trained against a discriminator, for use on robots (FUnIE-GAN).
 
-    As published, it sees every image at 256 x 256 pixels, and what it returns is enlarged to the view's size.
+    As published, the network works at 256 x 256 pixels. Its answer is enlarged to the view's size.
     """
 
     weights: Path
     """File of the generator's state dict, as PyTorch saves it: the authors' funie_generator.pth."""
 
     size: int | None = 256
-    """Side of the square that views are resized to, pixels, a multiple of 32; None works at each view's own size."""
+    """Side of the square that views are resized to, pixels, a multiple of 32; null = each view's own size."""
 
     device: Device = "auto"
     """Where to compute: auto takes a GPU when there is one."""
@@ -52,7 +52,7 @@ class FunieGan:
         loaded("FunieGenerator", self.weights, self.device)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored. info: device, worked_at (height and width)."""
+        """Return the whole image. info: device, worked_at (height and width)."""
         network = loaded("FunieGenerator", self.weights, self.device)
         at = (self.size, self.size) if self.size else (view.rgb.shape[0], view.rgb.shape[1])
 

@@ -1,7 +1,6 @@
 """Any network exported as ONNX (Open Neural Network Exchange), run by onnxruntime.
 
-One input, a picture; what it expects of it is read from the model where the model says so, and told by options
-where it cannot.
+The network takes one picture and gives one picture. What the model file declares is read from it; options say the rest.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ __all__ = ["Onnx"]
 
 Range = Literal["unit", "symmetric", "bytes", "imagenet"]
 
-# Mean and standard deviation that networks begun on ImageNet are given pixels less and over, RGB in [0, 1].
+# ImageNet's mean and standard deviation of RGB in [0, 1]: networks pretrained on it expect (pixel - mean) / deviation.
 _MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
 _DEVIATION = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 
@@ -38,39 +37,40 @@ _DEVIATION = np.array([0.229, 0.224, 0.225], dtype=np.float32)
 )
 @dataclass(frozen=True)
 class Onnx:
-    """A network of your own, or anybody's, exported as ONNX: one picture in, one picture out."""
+    """Restore by any network exported as ONNX, with one picture in and one picture out."""
 
     model: Path
-    """The .onnx file, or the folder that holds it: give the folder where weights lie in files of their own beside it,
-    so that views are restored again when any of them changes."""
+    """The .onnx file, or the folder that holds it. If weights lie in separate files beside it, give the folder: then
+    views are restored again when any of them changes."""
 
     order: Literal["rgb", "bgr"] = "rgb"
     """Order of the channels, in and out."""
 
     layout: Layout = "auto"
-    """nchw: channels before height and width; nhwc: after them; auto reads it from the model."""
+    """nchw: channels before height and width; nhwc: after them; auto: read from the model."""
 
     range: Range = "unit"
-    """What the network is given: unit [0, 1], symmetric [-1, 1], bytes [0, 255], imagenet [0, 1] less ImageNet's mean
-    over its deviation, which are those of red, green and blue whatever the order."""
+    """Range of the input: unit [0, 1], symmetric [-1, 1], bytes [0, 255], imagenet (pixel - mean) / deviation with
+    ImageNet's values for red, green and blue, whatever the order."""
 
     output_range: Literal["same", "unit", "symmetric", "bytes", "imagenet"] = "same"
-    """What it returns: one of these, or the same as it is given."""
+    """Range of the output: one of these, or the same as the input's."""
 
     output: str = ""
     """Name of the output to take; needed where a model has several."""
 
     size: int | None = None
-    """Side of the square that views are resized to; None: the size the model declares, or else each view's own."""
+    """Side of the square that views are resized to, pixels; null = the model's declared size, else each view's."""
 
     multiple: int = 1
-    """Height and width must be multiples of this; views are mirrored up to it."""
+    """Height and width are mirrored up to a multiple of this."""
 
     tile: int | None = 1024
-    """Longest side of a tile, pixels; None never cuts a view, as networks need that look at the whole of it."""
+    """Longest side of a tile, pixels; null never cuts a view. Networks with attention, instance normalisation or
+    global pooling look at the whole image and need null."""
 
     overlap: int = 128
-    """By how much tiles overlap, pixels: four times as far as the network sees leaves no trace of them."""
+    """Overlap of tiles, pixels. Four times the distance that a pixel sees leaves no trace of tiles."""
 
     device: Device = "auto"
     """Where to compute: auto takes a GPU when onnxruntime can."""
@@ -86,7 +86,7 @@ class Onnx:
         self._network()
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored; it may leave [0, 1]. info: device, worked_at (height and width)."""
+        """Return the whole image; values may leave [0, 1]. info: device, worked_at (height and width)."""
         network = self._network()
         height, width = view.rgb.shape[:2]
         if network.fixed:

@@ -26,17 +26,17 @@ __all__ = ["Tacl"]
 )
 @dataclass(frozen=True)
 class Tacl:
-    """A residual network trained on unpaired images, there and back, with contrast to the input (TACL).
+    """Restore by a residual network trained on unpaired images in both directions, with a contrastive loss (TACL).
 
-    Its normalisation takes the mean and the spread of the whole image in every layer, so that no view is cut in tiles.
+    Each layer normalises by the mean and spread of the whole image, so views are not cut into tiles.
     """
 
     weights: Path
     """File of the forward generator's state dict, as PyTorch saves it: the authors' latest_net_G_A.pth."""
 
     longest_side: int | None = 1280
-    """Longest side that the network works at, pixels; larger views are scaled down and the result up again; None
-    scales nothing and takes 1 GB of memory a megapixel."""
+    """Longest side that the network works at, pixels. Larger views are scaled down and the result up again. null = no
+    scaling, which takes 1 GB of memory a megapixel."""
 
     device: Device = "auto"
     """Where to compute: auto takes a GPU when there is one."""
@@ -50,7 +50,7 @@ class Tacl:
         loaded("TaclGenerator", self.weights, self.device)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored. info: device, worked_at (height and width)."""
+        """Return the whole image. info: device, worked_at (height and width)."""
         network = loaded("TaclGenerator", self.weights, self.device)
 
         def run(rgb: Array) -> Array:

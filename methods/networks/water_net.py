@@ -33,21 +33,21 @@ _TILE, _OVERLAP = 512, 64
 )
 @dataclass(frozen=True)
 class WaterNet:
-    """A network that mixes the white-balanced, the equalised and the gamma-corrected image (Water-Net).
+    """Mix a white-balanced, an equalised and a gamma-corrected version of the image by a network (Water-Net).
 
-    Each is refined, and weighted in every pixel by a confidence map.
+    The network refines each version and weights it at each pixel by a confidence map.
     """
 
     weights: Path
     """File of the network's state dict, as PyTorch saves it."""
 
     clahe_clip: float = 3.56
-    """Limit of the equalised image's histogram, in multiples of its mean; 3.56 is what the authors' default of .01
-    comes to, 0.1 is what a common PyTorch port is trained with."""
+    """Contrast limit of the equalised image, in multiples of a histogram's mean bin. 3.56 equals the authors' default
+    of .01; a common PyTorch port is trained with 0.1."""
 
     longest_side: int | None = None
-    """Longest side that the network works at, pixels; larger views are scaled down and the result up again; None
-    scales nothing."""
+    """Longest side that the network works at, pixels. Larger views are scaled down and the result up again. null =
+    no scaling."""
 
     device: Device = "auto"
     """Where to compute: auto takes a GPU when there is one."""
@@ -61,7 +61,7 @@ class WaterNet:
         loaded("WaterNet", self.weights, self.device)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image, restored; it may exceed 1. info: device, worked_at (height and width)."""
+        """Return the whole image; values may exceed 1. info: device, worked_at (height and width)."""
         network = loaded("WaterNet", self.weights, self.device)
 
         def run(rgb: Array) -> Array:

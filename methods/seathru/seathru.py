@@ -1,8 +1,9 @@
 """Sea-thru (Akkaynak & Treibitz 2019), for 8-bit images: Sea-thru* of the SUCRe paper.
 
-D. Akkaynak and T. Treibitz, Sea-thru: A Method for Removing Water From Underwater Images, CVPR 2019. It is made for raw
-images; how SUCRe's authors adapted it to 8 bits (supplementary material, Sea-thru*) is not published, so the
-adaptations are our own, each told where it is made. Intensities are in [0, 1], distances Euclidean, in metres.
+D. Akkaynak and T. Treibitz, Sea-thru: A Method for Removing Water From Underwater Images, CVPR 2019. The method is made
+for raw images. SUCRe's authors adapted it to 8 bits (supplementary material, Sea-thru*) but did not publish how, so the
+adaptations here are our own; each is documented where it is made. Intensities are in [0, 1], distances Euclidean, in
+metres.
 """
 
 from __future__ import annotations
@@ -42,44 +43,44 @@ _GREY_LEVEL = 1 / 255
 )
 @dataclass(frozen=True)
 class Seathru:
-    """Remove the backscatter that the darkest pixels show, and the attenuation that the local illuminant shows.
+    """Estimate backscatter from the darkest pixels and attenuation from the local illuminant, and remove both.
 
-    From a single view with its distances (Sea-thru*). Pixels without depth have no colour. The water it reports has a
-    constant attenuation, also where the image is restored with one that changes with distance.
+    The method uses a single view and its distances (Sea-thru*). Pixels without depth have no colour. The reported water
+    has a constant attenuation, also if the image is restored with one that changes with distance.
     """
 
     raw: bool = False
-    """Work in linear light, as on raw images: gamma-encoded views are decoded (sRGB), the result is encoded again."""
+    """Work in linear light, as on raw images. Gamma-encoded views are decoded (sRGB), and the result encoded again."""
 
     attenuation: Kind = "two_term"
-    """Of light with distance: "two_term", beta(z) = a exp(-b z) + c exp(-d z), or "constant", as in SUCRe's model."""
+    """Attenuation over distance: "two_term", a exp(-b z) + c exp(-d z), or "constant", as in SUCRe's model."""
 
     white_balance: Literal["gray-world", "none"] = "gray-world"
-    """What is done last, over pixels with depth: "gray-world", which equals the channels' means, or "none"."""
+    """The last step, over pixels with depth: "gray-world" makes the channels' means equal; "none" switches it off."""
 
     f: float = 2.0
-    """Illuminant over local average colour: 2 where a scene's mean is a half; 5 suits linear light, where it is 0.2."""
+    """Illuminant divided by the local average colour: 2 for a scene whose mean is a half; 5 suits linear light."""
 
     p: float = 0.01
     """Share of a pixel's own colour in its local average; the average reaches over some 1 / sqrt(p) pixels."""
 
     eps: float = 0.1
-    """Neighbours are averaged that are no farther from each other than this share of the view's range of distances."""
+    """Neighbours are averaged if their distances differ by at most this share of the view's range of distances."""
 
     bins: int = 10
-    """Into how many bins of distance the darkest pixels are sorted."""
+    """Number of bins of distance in which dark pixels are looked for."""
 
     share: float = 0.01
     """Share of each bin's pixels that counts as dark."""
 
     most: int = 20
-    """The most dark pixels of a bin."""
+    """Greatest number of dark pixels of a bin."""
 
     amplification: float = 25.0
-    """The most any intensity is multiplied by to undo attenuation: at 25, one of 255 levels becomes a tenth."""
+    """Greatest factor by which attenuation is undone: at 25, one of 255 levels becomes a tenth of full scale."""
 
     size: int = 1024
-    """Longest side, in pixels, of the image that water and illuminant are estimated on: every n-th pixel is taken."""
+    """Longest side, pixels, of the grid on which water and illuminant are estimated: every n-th pixel counts."""
 
     def __post_init__(self) -> None:
         for name, least in (("bins", 1), ("most", 1), ("amplification", 1), ("size", 16)):
@@ -94,7 +95,7 @@ class Seathru:
                 raise InputError(f"seathru.{name}: {getattr(self, name)} is not a share; give more than 0, at most 1")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError without any depth."""
+        """Return J, NaN where the view has no depth; it may leave [0, 1]. NotApplicableError if no pixel has depth."""
         z, along = distances(view)
         light: Encoding = "linear" if self.raw else "gamma"
         taken = self._taken(z)

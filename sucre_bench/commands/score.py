@@ -5,11 +5,17 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import complete
 from sucre_bench.commands.common import load_plugins, plugin_option, say
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+    from sucre_bench.programs.match_published import PublishedTable
 
 __all__ = ["score"]
 
@@ -24,6 +30,12 @@ __all__ = ["score"]
     shell_complete=complete.complete_metrics,
     help="Names, name:variant or name:all; default all that apply.",
 )
+@click.option(
+    "--like",
+    type=click.Path(path_type=Path),
+    metavar="TABLE.csv",
+    help="Which public variant gives these published numbers? A row an image or folder, a column a metric.",
+)
 @click.option("--format", "how", type=click.Choice(["terminal", "csv", "json"]), default="terminal", show_default=True)
 @click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 @click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
@@ -32,6 +44,7 @@ def score(
     images: Path,
     reference: Path | None,
     metrics: str,
+    like: Path | None,
     how: str,
     as_json: bool,
     file: Path | None,
@@ -44,26 +57,69 @@ def score(
     sucre-bench score restored/ --reference truth/ --metrics psnr,ssim:all
     sucre-bench score restored/ --metrics uciqe:all,uiqm:all --csv scores.csv
     sucre-bench score a.png --json | jq '.[] | {metric, variant, value}'
+    sucre-bench score restored/ --like published.csv
+
+    --like computes every variant of the metrics that the table has columns of, also at 256x256, and
+    prints which of them gives its numbers.
 
     A folder knows no holes: what is black counts as picture. `sucre-bench run` scores only pixels that have a colour.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.machine.files import write_atomically
-    from sucre_bench.programs import score_folder
+    from sucre_bench.programs import match_published, score_folder
 
     load_plugins(plugin_files)
+    names = [name.strip() for name in metrics.split(",") if name.strip()]
+    published = None
+    if like:
+        files = score_folder.images_in(images)
+        published = match_published.read_table(like, images, files, reference is not None)
+        names = names or match_published.variants_to_try(published, files)
+        for warning in published.warnings:
+            say(warning, "yellow")
     with contextlib.redirect_stdout(sys.stderr), terminal.live():  # what a metric prints is no part of the table
-        rows = score_folder.score_folder(images, reference, [m.strip() for m in metrics.split(",") if m.strip()])
+        rows = score_folder.score_folder(images, reference, names)
     if file:
         write_atomically(file, rows.to_csv(index=False).encode())
-    if how == "csv" and not as_json:
+    form = "json" if as_json else how
+    if published:
+        _print_matches(published, rows, form)
+    elif form == "csv":
         click.echo(rows.to_csv(index=False), nl=False)
-    elif as_json or how == "json":
+    elif form == "json":
         click.echo(rows.to_json(orient="records", indent=1))
     else:
         terminal.out.print(score_folder.summary(rows))
     faults = rows[rows["status"] != "ok"]
-    asked = faults if metrics else faults[faults["status"] == "failed"]  # unasked, what does not apply is no fault
+    asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
     for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
         say(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
+
+
+def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> None:
+    """Print, for each column of a published table, how far the variants are from it."""
+    from dataclasses import asdict
+
+    import pandas as pd
+
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs import match_published
+
+    matches = [(column, match_published.compare(column, rows)) for column in published.columns]
+    if form != "terminal":
+        table = pd.DataFrame(
+            {"column": column.header, "metric": column.metric, **asdict(one)}
+            for column, found in matches
+            for one in found
+        )
+        click.echo(
+            table.to_json(orient="records", indent=1) if form == "json" else table.to_csv(index=False),
+            nl=form == "json",
+        )
+        return
+    for column, found in matches:
+        terminal.out.print(match_published.as_table(column, found))
+        terminal.out.print()
+    for column, found in matches:
+        terminal.out.print(match_published.verdict(column, found), soft_wrap=True, highlight=False)

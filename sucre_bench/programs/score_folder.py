@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-__all__ = ["score_folder", "summary"]
+__all__ = ["images_in", "score_folder", "summary"]
 
 
 @dataclass(frozen=True)
@@ -51,7 +51,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
 
     names = list(metrics) or _applicable(reference is not None)
     metric_choices(names)  # a typo is told before anything is read
-    files = _images(images)
+    files = images_in(images)
     if reference is not None and not reference.exists():
         raise InputError(f"{reference}: no such folder; give the references as a folder or one image")
     label, tables = images.resolve().name, []
@@ -69,7 +69,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
 
 
-def _images(folder: Path) -> dict[str, Path]:
+def images_in(folder: Path) -> dict[str, Path]:
+    """Return the images under a folder, or the one image, by their path below it. InputError if there is none."""
     if folder.is_file():
         return {folder.name: folder}
     if not folder.is_dir():
@@ -81,18 +82,16 @@ def _images(folder: Path) -> dict[str, Path]:
 
 
 def _partner(name: str, reference: Path | None) -> Path | None:
-    """The reference of an image: the same name, any suffix."""
+    """The reference of an image: the same name, any suffix, in the same folder or in that of the references itself."""
     if reference is None:
         return None
     if reference.is_file():
         return reference
-    wanted = reference / name
-    near = [p for p in sorted(wanted.parent.glob("*")) if p.stem == wanted.stem and p.suffix.lower() in SUFFIXES]
-    if wanted.is_file():
-        return wanted
-    if not near:
-        raise InputError(f"{wanted}: no such reference; it needs the same names as the images")
-    return near[0]
+    for wanted in (reference / name, reference / Path(name).name):
+        near = [p for p in sorted(wanted.parent.glob("*")) if p.stem == wanted.stem and p.suffix.lower() in SUFFIXES]
+        if wanted.is_file() or near:
+            return wanted if wanted.is_file() else near[0]
+    raise InputError(f"{reference / name}: no such reference; it needs the same names as the images")
 
 
 def _applicable(with_reference: bool) -> list[str]:

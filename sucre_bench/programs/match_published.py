@@ -1,0 +1,313 @@
+"""Which public variant of a metric gives the numbers of a published table: `sucre-bench score IMAGES --like TABLE.csv`.
+
+A table has a row an image, or a row a folder of images of which it gives means, and a column a metric. Every variant of
+these metrics is computed on the images, also of the images at 256x256, and compared with the table.
+"""
+
+from __future__ import annotations
+
+import csv
+import re
+from collections import Counter, defaultdict
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from sucre_bench import plugins
+from sucre_bench.errors import InputError, one_line
+from sucre_bench.imaging.image_files import image_size
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+__all__ = [
+    "Candidate",
+    "Column",
+    "PublishedTable",
+    "as_table",
+    "compare",
+    "read_table",
+    "variants_to_try",
+    "verdict",
+]
+
+# Words that a column is headed by whose cells name images, or folders of them.
+_NAMES = frozenset(
+    ["image", "img", "images", "name", "file", "filename", "picture", "view", "method", "folder", "model"]
+)
+_SIZES = ("@256", "@256-bilinear", "@256-nearest")  # at which papers score, see `imaging.resizing`
+
+# A variant gives the published numbers if 95 % of them agree to the printed digits or to 2 in 10,000, and all to 1 %:
+# rounding inside a program moves single pictures.
+_MOST, _CLOSE, _NEAR = 0.95, 2e-4, 1e-2
+
+
+@dataclass(frozen=True, slots=True)
+class Cell:
+    """A published number.
+
+    label: of its row; images: names of the images it is of, or the mean of; rounding: half a unit of its last digit.
+    """
+
+    label: str
+    images: tuple[str, ...]
+    value: float
+    rounding: float
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """The published numbers of one metric. header: as the table has it."""
+
+    metric: str
+    header: str
+    cells: tuple[Cell, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class PublishedTable:
+    """What a table says of images that are at hand. warnings: what of it could not be used, a line each."""
+
+    columns: tuple[Column, ...]
+    warnings: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """How far a variant is from a column.
+
+    mean, largest: absolute difference over the cells it has scores for; at: the row of the largest; compared: how many
+    cells; lacking: how many it has no score for; fits: whether it gives the published numbers.
+    """
+
+    variant: str
+    mean: float
+    largest: float
+    at: str
+    compared: int
+    lacking: int
+    fits: bool
+
+
+# -- the table ---------------------------------------------------------------------------------------------------
+
+
+def read_table(table: Path, root: Path, images: Mapping[str, Path], has_reference: bool) -> PublishedTable:
+    """Read a published table. images: those under `root`, by name; has_reference: whether references are given.
+
+    Raises InputError if it is no table, has no column of a metric, names no image, or names one image twice.
+    """
+    rows = _rows(table)
+    metrics, warnings = _metrics(table, list(rows[0]), has_reference)
+    named = _Named.of(rows, [header for header in rows[0] if header not in metrics], root, images)
+    of = [named.images(row) for row in rows]
+    if not any(of):
+        raise InputError(
+            f"{table}: names none of the {_count(images, 'image')} in {root}, as {next(iter(images))};"
+            " give a column 'image' with names of files, or of folders for means"
+        )
+    alone = Counter(found for found in of if len(found) == 1)
+    if len(images) > 1 and (twice := [found[0] for found, n in alone.items() if n > 1]):
+        raise InputError(
+            f"{table}: several rows name {_few(twice)}; keep the rows of these images, or add their folder"
+        )
+    warnings += _left_out(table, root, images, [named.label(row) for row in rows], of)
+    columns = []
+    for header, metric in metrics.items():
+        numbers = [
+            (named.label(row), found, _number(row[header])) for row, found in zip(rows, of, strict=True) if found
+        ]
+        if blank := [label for label, _, number in numbers if number is None]:
+            warnings.append(f"{table}: column '{header}' has no number in {_count(blank, 'row')}: {_few(blank)}")
+        cells = tuple(Cell(label, found, *number) for label, found, number in numbers if number is not None)
+        columns += [Column(metric, header, cells)] if cells else []
+    if not columns:
+        raise InputError(f"{table}: holds no number for the images in {root}; give the scores as plain numbers")
+    return PublishedTable(tuple(columns), tuple(warnings))
+
+
+def _rows(table: Path) -> list[dict[str, str]]:
+    try:
+        lines = [line for line in table.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        delimiter = max(",;\t", key=lines[0].count) if lines else ","
+        reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
+        rows = [{key.strip(): row[key].strip() for key in row if key.strip()} for row in reader]
+    except (OSError, UnicodeDecodeError, csv.Error) as fault:
+        raise InputError(
+            f"{table}: cannot be read as CSV, {one_line(fault)}; save the table as CSV in UTF-8"
+        ) from fault
+    if not rows:
+        raise InputError(f"{table}: has no rows; give a line of headers, then a line an image")
+    return rows
+
+
+def _metrics(table: Path, headers: Sequence[str], has_reference: bool) -> tuple[dict[str, str], list[str]]:
+    """Return the metric of each column that is one of images, by header, and warnings about the others."""
+    known = {p.name: p for p in plugins.discover("metric").values() if isinstance(p, plugins.Plugin)}
+    given = frozenset({"reference"} if has_reference else ())
+    metrics, warnings = {}, []
+    for header in headers:
+        for name in set(re.findall(r"[a-z0-9_]+", header.lower())) & set(known):
+            if lacking := known[name].needs - given:
+                remedy = "give --reference" if lacking == {"reference"} else "images alone do not have it"
+                warnings.append(f"{table}: column '{header}' needs {' and '.join(sorted(lacking))}; {remedy}")
+            else:
+                metrics[header] = name
+    if not metrics:
+        possible = ", ".join(sorted(name for name, plugin in known.items() if plugin.needs <= {"reference"}))
+        reason = (
+            warnings[0] if warnings else f"{table}: no column is a metric, of {', '.join(headers)}; name them as here"
+        )
+        raise InputError(f"{reason}: {possible}" if not warnings else reason)
+    return metrics, warnings
+
+
+def _left_out(
+    table: Path, root: Path, images: Mapping[str, Path], labels: Sequence[str], of: Sequence[tuple[str, ...]]
+) -> Iterator[str]:
+    """What rows and images have no partner."""
+    if unknown := [label for label, found in zip(labels, of, strict=True) if not found]:
+        yield f"{table}: {_count(unknown, 'row')} without an image in {root}: {_few(unknown)}"
+    used = {name for found in of for name in found}
+    if left := [name for name in images if name not in used]:
+        yield f"{table}: {_count(left, 'image')} without a row: {_few(left)}"
+
+
+def _number(text: str) -> tuple[float, float] | None:
+    """Return the number a cell begins with, and half a unit of its last digit; None if it begins with none."""
+    found = re.match(r"[+-]?\d+([.,]\d+)?([eE][+-]?\d+)?", text.replace("\N{MINUS SIGN}", "-"))
+    if not found:
+        return None
+    number = Decimal(found[0].replace(",", "."))
+    return float(number), 0.5 * 10.0 ** int(number.as_tuple().exponent)
+
+
+@dataclass(frozen=True)
+class _Named:
+    """Which images a row is of.
+
+    headers: the columns that name them; order: all images, none if several rows have no name; files, folders: images by
+    what a cell may call them.
+    """
+
+    headers: tuple[str, ...]
+    order: tuple[str, ...]
+    files: Mapping[str, frozenset[str]]
+    folders: Mapping[str, frozenset[str]]
+
+    @classmethod
+    def of(cls, rows: Sequence[Mapping[str, str]], headers: Sequence[str], root: Path, images: Iterable[str]) -> _Named:
+        files, folders = defaultdict[str, set[str]](set), defaultdict[str, set[str]](set)
+        for name in images:
+            path = Path(name)
+            for called in (name, path.with_suffix(""), path.name, path.stem, f"{root.resolve().name}/{name}"):
+                files[str(called).casefold()].add(name)
+            for folder in (*path.parent.parts, str(path.parent), root.resolve().name):
+                folders[folder.casefold()].add(name)
+        known = {*files, *folders}
+        likely = [h for h in headers if _NAMES & set(re.findall(r"[a-z]+", h.lower()))] or headers
+        naming = tuple(header for header in likely if any(row[header].casefold() in known for row in rows))
+        frozen = ({key: frozenset(names) for key, names in which.items()} for which in (files, folders))
+        return cls(naming, tuple(images) if naming or len(rows) == 1 else (), *frozen)
+
+    def label(self, row: Mapping[str, str]) -> str:
+        """Return how to call a row."""
+        return "/".join(row[header] for header in self.headers) or "the only row"
+
+    def images(self, row: Mapping[str, str]) -> tuple[str, ...]:
+        """Return the image a row is of, or all of the folder that it names; none if it names none, or several."""
+        cells = [row[header].casefold() for header in self.headers]
+        if not cells:
+            return self.order
+        nothing = frozenset[str]()
+        called = sorted((self.files.get(c, nothing) | self.folders.get(c, nothing) for c in cells), key=len)
+        fitting = called[0].intersection(*called[1:])
+        of_one = any(fitting & self.files.get(cell, nothing) for cell in cells)
+        return tuple(name for name in self.order if name in fitting) if len(fitting) == 1 or not of_one else ()
+
+
+def _count(things: Collection[object], what: str) -> str:
+    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
+
+
+def _few(names: Sequence[str]) -> str:
+    return ", ".join(names[:3]) + (", ..." if len(names) > 3 else "")
+
+
+# -- the comparison ----------------------------------------------------------------------------------------------
+
+
+def variants_to_try(table: PublishedTable, images: Mapping[str, Path]) -> list[str]:
+    """Return every variant of the table's metrics, as `score_folder` takes them.
+
+    Also at the sizes that papers use, if any image has another.
+    """
+    sizes = {image_size(path) for path in images.values()}
+    at = ("",) if sizes == {(256, 256)} else ("", *_SIZES)
+    return [f"{metric}:all{size}" for metric in dict.fromkeys(c.metric for c in table.columns) for size in at]
+
+
+def compare(column: Column, scores: pd.DataFrame) -> list[Candidate]:
+    """Return how far each variant is from a column, the nearest first. scores: rows of a score table.
+
+    Images that no variant has a score of, as those that cannot be read, are left out.
+    """
+    ok = scores[(scores["metric"] == column.metric) & (scores["status"] == "ok") & (scores["region"] == "image")]
+    scored = set(ok["view"])
+    column = replace(column, cells=tuple(cell for cell in column.cells if scored.issuperset(cell.images)))
+    found = [
+        _candidate(column, variant, dict(zip(own["view"], own["value"], strict=True)))
+        for variant, own in ok.groupby("variant", sort=False)
+    ]
+    return sorted(found, key=lambda c: (not c.fits, c.lacking, c.mean))
+
+
+def _candidate(column: Column, variant: str, scores: Mapping[str, float]) -> Candidate:
+    cells = [cell for cell in column.cells if all(name in scores for name in cell.images)]
+    computed = np.array([np.mean([scores[name] for name in cell.images]) for cell in cells])
+    published = np.array([cell.value for cell in cells])
+    off = np.abs(computed - published)
+    off[computed == published] = 0  # both infinite
+    lacking = len(column.cells) - len(cells)
+    if not cells:
+        return Candidate(variant, np.inf, np.inf, "", 0, lacking, False)
+    close = off <= np.maximum([1.01 * cell.rounding for cell in cells], _CLOSE * np.abs(published))
+    near = close | (off <= _NEAR * np.abs(published))
+    worst = int(off.argmax())
+    fits = bool(not lacking and close.mean() >= _MOST and near.all())
+    return Candidate(variant, float(off.mean()), float(off[worst]), cells[worst].label, len(cells), lacking, fits)
+
+
+# -- for the terminal --------------------------------------------------------------------------------------------
+
+
+def as_table(column: Column, candidates: Sequence[Candidate], most: int = 10) -> Table:
+    """Return the nearest variants of a column, a line each."""
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    for name in (column.metric, "mean difference", "largest", "at", "compared", ""):
+        table.add_column(name, justify="left" if name in (column.metric, "at", "") else "right", no_wrap=True)
+    for one in candidates[:most]:
+        note = f"no score of {one.lacking}" if one.lacking else ""
+        figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)
+        table.add_row(one.variant, *figures, style="green" if one.fits else None)
+    return table
+
+
+def verdict(column: Column, candidates: Sequence[Candidate]) -> str:
+    """Return which variants give a column's numbers, as a sentence."""
+    about = f"{column.metric}: column '{column.header}'"
+    if fitting := [one for one in candidates if one.fits]:
+        names = " or ".join(one.variant for one in fitting[:4]) + (" or others" if len(fitting) > 4 else "")
+        return f"{about} is {names}, within {fitting[0].largest:.2g}"
+    if not candidates:
+        return f"{about}: no variant has a score of these images"
+    nearest = candidates[0]
+    off = f"differs by {nearest.mean:.2g} on average and by up to {nearest.largest:.2g}"
+    return f"{about} is none of the public variants; the nearest, {nearest.variant}, {off}"

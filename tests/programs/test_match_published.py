@@ -1,0 +1,208 @@
+"""Which public variant gives a published table's numbers: `sucre-bench score IMAGES --like TABLE.csv`."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from subprocess import CompletedProcess
+
+import cv2
+import numpy as np
+import pytest
+from support.published import published
+
+import sucre_bench as sb
+from sucre_bench.scene import Arrays, Restoration, View
+
+Bench = Callable[..., CompletedProcess[str]]
+
+
+@pytest.fixture
+def folder(tmp_path: Path) -> Path:
+    """Two methods' pictures of three scenes, 71x90 pixels."""
+    rng = np.random.default_rng(0)
+    for k, method in enumerate(("ours", "theirs")):
+        (tmp_path / "images" / method).mkdir(parents=True)
+        for n in range(3):
+            smooth = cv2.GaussianBlur(rng.random((71, 90, 3)), (0, 0), 3 + k)
+            picture = ((smooth - smooth.min()) / np.ptp(smooth) * 255).astype(np.uint8)
+            cv2.imwrite(str(tmp_path / "images" / method / f"{n}.png"), picture)
+    return tmp_path / "images"
+
+
+def scores(folder: Path, metric: str) -> dict[str, float]:
+    """The value of "name:variant" for each picture."""
+    values = {}
+    for path in sorted(folder.rglob("*.png")):
+        image = cv2.imread(str(path))[..., ::-1].astype(np.float32) / 255
+        rows = sb.score(Restoration(image), View("a.png", Arrays(image)), [metric])
+        values[str(path.relative_to(folder))] = rows[rows["metric"] == metric.split(":")[0]]["value"].item()
+    return values
+
+
+def table(place: Path, headers: str, rows: Sequence[Sequence[object]]) -> str:
+    place.write_text("\n".join([headers, *(",".join(str(cell) for cell in row) for row in rows)]) + "\n")
+    return str(place)
+
+
+def matches(done: CompletedProcess[str]) -> dict[str, list[dict[str, object]]]:
+    """The variants by the column they were compared with, the nearest first."""
+    found: dict[str, list[dict[str, object]]] = {}
+    for record in json.loads(done.stdout):
+        found.setdefault(record["column"], []).append(record)
+    return found
+
+
+@pytest.mark.parametrize("variant", ["funie", "getuiqm1", "chen", "block8@256-bilinear"])
+def test_the_variant_behind_rounded_numbers_is_named(bench: Bench, folder: Path, tmp_path: Path, variant: str) -> None:
+    rows = [(name, f"{value:.3f}") for name, value in scores(folder, f"uiqm:{variant}").items()]
+    like = table(tmp_path / "t.csv", "Image,UIQM ↑", rows)
+    done = bench("score", str(folder), "--like", like, "--json")
+    assert done.returncode == 0, done.stderr
+    found = matches(done)["UIQM ↑"]
+    assert found[0]["variant"] == variant
+    assert [record["fits"] for record in found] == [True] + [False] * (len(found) - 1)
+    assert found[0]["largest"] <= 0.0005
+
+
+def test_a_row_a_method_is_the_mean_of_its_folder(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    values = scores(folder, "uciqe:hue")
+    means = {m: np.mean([v for name, v in values.items() if name.startswith(m)]) for m in ("ours", "theirs")}
+    like = table(
+        tmp_path / "t.csv", "Method,Venue,UCIQE", [("Ours", "TIP", means["ours"]), ("Theirs", "", means["theirs"])]
+    )
+    (found,) = matches(bench("score", str(folder), "--like", like, "--json")).values()
+    assert (found[0]["variant"], found[0]["compared"]) == ("hue", 2)
+    assert found[0]["largest"] < 1e-9
+
+
+def test_a_table_of_many_methods_serves_for_the_folder_of_one(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    rows = [(*name.split("/"), value) for name, value in scores(folder, "uciqe:hsv").items()]
+    like = table(tmp_path / "t.csv", "method,image,uciqe", rows)
+    done = bench("score", str(folder / "theirs"), "--like", like, "--json")
+    (found,) = matches(done).values()
+    assert (found[0]["variant"], found[0]["compared"]) == ("hsv", 3)
+    assert "3 rows without an image" in done.stderr
+
+
+def test_one_number_without_a_name_is_the_mean_of_all(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    mean = np.mean(list(scores(folder, "uciqe:centred").values()))
+    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "uciqe", [(f"{mean:.5f}",)]), "--json")
+    assert matches(done)["uciqe"][0]["variant"] == "centred"
+
+
+def test_numbers_that_no_variant_gives_are_said_to_be_none(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    rows = [(name, value * 1.02) for name, value in scores(folder, "uciqe:matlab").items()]
+    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows))
+    assert done.returncode == 0
+    assert "none of the public variants" in done.stdout
+    assert "matlab" in done.stdout
+
+
+def test_references_make_columns_of_psnr_and_ssim(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    truth = tmp_path / "truth"
+    truth.mkdir()
+    for n in range(3):
+        cv2.imwrite(str(truth / f"{n}.png"), cv2.imread(str(folder / "ours" / f"{n}.png")) // 2)
+    done = bench("score", str(folder), "--reference", str(truth), "--metrics", "psnr:gray", "--json")
+    rows = [(r["view"], r["value"], 0.5) for r in json.loads(done.stdout)]
+    like = table(tmp_path / "t.csv", "file,PSNR (dB),SSIM", rows)
+    done = bench("score", str(folder), "--reference", str(truth), "--like", like, "--json")
+    found = matches(done)
+    assert found["PSNR (dB)"][0]["variant"] == "gray"
+    assert not found["SSIM"][0]["fits"]
+    without = bench("score", str(folder), "--like", like)
+    assert without.returncode == 2
+    assert "column 'PSNR (dB)' needs reference; give --reference" in without.stderr
+
+
+def test_u45s_table_is_that_of_matlab_and_its_first_output(bench: Bench) -> None:
+    place = published("u45_published")
+    done = bench("score", str(place), "--like", str(place / "published.csv"), "--json")
+    best = {column: found[0] for column, found in matches(done).items()}
+    assert {column: one["variant"] for column, one in best.items()} == {
+        "uciqe": "matlab",
+        "uiqm": "matlab-first-output",
+        "uicm": "matlab-first-output",
+        "uiconm": "matlab",
+        "uism": "matlab",
+    }
+    assert all(one["fits"] for one in best.values())
+
+
+# -- bad input ---------------------------------------------------------------------------------------------------
+
+
+def test_fewer_rows_and_rows_of_other_images_are_warnings(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    values = scores(folder, "uciqe:ratio")
+    rows = [
+        ("ours/0.png", values["ours/0.png"]),
+        ("theirs/1.png", values["theirs/1.png"]),
+        ("ours/9.png", 1),
+        ("ours/2", "-"),
+    ]
+    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows), "--json")
+    assert done.returncode == 0
+    assert "1 row without an image" in done.stderr
+    assert "ours/9.png" in done.stderr
+    assert "3 images without a row: ours/1.png, theirs/0.png, theirs/2.png" in done.stderr
+    assert "column 'uciqe' has no number in 1 row: ours/2" in done.stderr
+    assert matches(done)["uciqe"][0]["variant"] == "ratio"
+
+
+@pytest.mark.parametrize(
+    ("headers", "rows", "fault"),
+    [
+        ("image,uciqe", [("a.png", 1), ("b.png", 2)], "names none of the 6 images"),
+        ("uciqe,uiqm", [(1, 2), (3, 4)], "names none of the 6 images"),
+        ("image,sharpness", [("ours/0.png", 1)], "no column is a metric, of image, sharpness"),
+        ("image,psi", [("ours/0.png", 1)], "column 'psi' needs charts"),
+        ("image,uciqe", [("ours/0.png", "high")], "holds no number"),
+        ("image,uciqe", [], "has no rows"),
+        ("image,uciqe", [("ours/0.png", 1), ("ours/0.png", 2)], "several rows name ours/0.png"),
+    ],
+)
+def test_a_table_that_cannot_be_compared_is_one_line(
+    bench: Bench, folder: Path, tmp_path: Path, headers: str, rows: list[tuple[object, ...]], fault: str
+) -> None:
+    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", headers, rows))
+    assert done.returncode == 2
+    (line,) = done.stderr.splitlines()
+    assert line.startswith(f"error: {tmp_path / 't.csv'}: ")
+    assert fault in line
+
+
+def test_a_missing_or_binary_table_is_one_line(bench: Bench, folder: Path, tmp_path: Path) -> None:
+    (tmp_path / "t.xlsx").write_bytes(b"PK\x03\x04\xff\xfe")
+    for name in ("t.xlsx", "none.csv"):
+        done = bench("score", str(folder), "--like", str(tmp_path / name))
+        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert "save the table as CSV" in done.stderr
+
+
+def test_an_image_that_cannot_be_read_fails_and_the_others_are_compared(
+    bench: Bench, folder: Path, tmp_path: Path
+) -> None:
+    rows = list(scores(folder, "uciqe:centred").items())
+    (folder / "ours" / "0.png").write_bytes(b"not a picture")
+    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows), "--json")
+    assert done.returncode == 1
+    assert "0.png: cannot be read" in done.stderr
+    nearest = matches(done)["uciqe"][0]
+    assert (nearest["variant"], nearest["compared"], nearest["fits"]) == ("centred", 5, True)
+
+
+def test_a_picture_of_another_size_than_its_reference_fails_and_is_named(
+    bench: Bench, folder: Path, tmp_path: Path
+) -> None:
+    truth = tmp_path / "truth"
+    truth.mkdir()
+    for n in range(3):
+        cv2.imwrite(str(truth / f"{n}.png"), np.full((71, 90 + (n == 1), 3), 99, np.uint8))
+    rows = [(f"ours/{n}.png", 20 + n) for n in range(3)]
+    like = table(tmp_path / "t.csv", "image,psnr", rows)
+    done = bench("score", str(folder), "--reference", str(truth), "--like", like, "--json")
+    assert done.returncode == 1
+    assert "1.png: 90x71, but its reference is 91x71" in done.stderr
+    assert matches(done)["psnr"][0]["compared"] == 2
