@@ -91,7 +91,8 @@ def test_it_is_searched_from_disk(browser: Browser, site: Path):
     browser.until("document.querySelector('.md-search-result__meta').textContent.trim() === 'Type to start searching'")
     browser.write("variable projectio")
     browser.press("n")  # the search listens to keys
-    browser.until("document.querySelector('.md-search-result__item a')?.href.includes('sucre.html')")
+    found = "[...document.querySelectorAll('.md-search-result__item a')].map(link => link.href)"
+    browser.until(f"{found}.some(address => address.includes('sucre.html'))")
     assert not browser.complaints
 
 
