@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.once import coloured_pixels
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
@@ -32,7 +33,7 @@ class Coverage:
         """Yield one score, NaN where there is no pixel to cover; its n_pixels and coverage are those looked at."""
         if variant == "depth" and not view.has_depth:
             return
-        given = restored.valid
+        given = coloured_pixels(restored.image)
         asked = view.depth > 0 if variant == "depth" else np.ones_like(given)
         value = float(given[asked].mean()) if asked.any() else np.nan
         yield Score(value, n_pixels=int(asked.sum()), coverage=float(asked.mean()))
@@ -56,7 +57,8 @@ class Negative:
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no pixel has a colour."""
-        valid, channels = restored.valid, range(3) if variant == "any" else [_CHANNELS[variant]]
+        valid = coloured_pixels(restored.image)
+        channels = range(3) if variant == "any" else [_CHANNELS[variant]]
         negative = np.zeros_like(valid)
         for channel in channels:
             negative |= restored.image[..., channel] < 0

@@ -15,9 +15,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask, coloured
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
+from sucre_bench.imaging.once import coloured_pixels
 from sucre_bench.imaging.resizing import Resizing, resized
 from sucre_bench.metrics.similarity.loops import RADIUS, mean_ssim, squared_error
 from sucre_bench.plugins.decorators import metric
@@ -56,7 +57,7 @@ class Psnr:
             return
         raw = variant == "raw"
         image, reference = _pair(restored.image if raw else shown, view, encode=not raw)
-        mask = _scored(image, reference, view) if variant in ("masked", "raw", "luma") else coloured(reference)
+        mask = _scored(image, reference, view) if variant in ("masked", "raw", "luma") else coloured_pixels(reference)
         if variant == "gray":
             image, reference = (resized(to_8bit(x), _GRAY) for x in (image, reference))
             mask = np.ones((_GRAY.side, _GRAY.side), np.bool_)
@@ -98,7 +99,7 @@ class Ssim:
             return
         window, _, unmasked = variant.partition("-")
         image, reference = _pair(shown, view, encode=True)
-        mask = coloured(reference) if unmasked else _scored(image, reference, view)
+        mask = coloured_pixels(reference) if unmasked else _scored(image, reference, view)
         if window == "gray":
             image, reference = (_luma(np.nan_to_num(x, nan=0.0)) for x in (image, reference))
         weights, norm = _WINDOWS["uniform7" if window == "uniform7" else "gaussian"]
@@ -147,7 +148,7 @@ def _pair(image: Array, view: View, encode: bool) -> tuple[Array, Array]:
 
 
 def _scored(image: Array, reference: Array, view: View) -> Mask:
-    return coloured(image) & coloured(reference) & view.valid
+    return coloured_pixels(image) & coloured_pixels(reference) & view.valid
 
 
 def _luma(image: Array) -> Array:

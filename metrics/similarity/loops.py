@@ -29,17 +29,15 @@ def squared_error(one: Image, other: Image, mask: Mask) -> float:
 
 
 def _squared_error(one: Image, other: Image, mask: Mask) -> float:
-    total = 0.0
-    for row in range(mask.shape[0]):
-        of_row = 0.0
-        for column in range(mask.shape[1]):
-            if mask[row, column]:
-                for channel in range(one.shape[2]):
-                    value = one[row, column, channel]
-                    error = (np.float64(value) if np.isfinite(value) else 0.0) - other[row, column, channel]
-                    of_row += error * error
-        total += of_row
-    return total
+    height, width, channels = one.shape
+    sums = np.zeros(width)  # a sum for each column, so that the loop over columns becomes vector code
+    for row in range(height):
+        for channel in range(channels):
+            for column in range(width):
+                value = np.float64(one[row, column, channel])
+                error = (value if value - value == 0 else 0.0) - np.float64(other[row, column, channel])
+                sums[column] += error * error if mask[row, column] else 0.0
+    return sums.sum()
 
 
 def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask) -> float:

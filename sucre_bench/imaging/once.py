@@ -9,7 +9,9 @@ from typing import Any, Concatenate, ParamSpec, TypeVar
 
 import numpy.typing as npt
 
-__all__ = ["locked", "once"]
+from sucre_bench.arrays import coloured
+
+__all__ = ["coloured_pixels", "locked", "once"]
 
 P = ParamSpec("P")
 T = TypeVar("T")
@@ -59,3 +61,7 @@ def locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:
     view = array.view()
     view.setflags(write=False)
     return view
+
+
+# `coloured` of an image, which most metrics ask for.
+coloured_pixels = once(coloured)

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
@@ -107,7 +108,7 @@ def _check_metric(text: str) -> None:
     except InputError as fault:
         raise InputError(f"study.metrics: {fault}") from fault
     if variant:
-        _known("study.metrics", variant, plugin.variants, f"variant of {name}")
+        _known("study.metrics", split_variant(variant)[0], plugin.variants, f"variant of {name}")
 
 
 def _check_along(along: str) -> None:

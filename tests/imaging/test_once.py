@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import gc
-
 import numpy as np
 
 from sucre_bench.imaging.once import locked, once
@@ -34,7 +32,6 @@ def test_a_writable_array_is_computed_anew_since_it_may_have_changed() -> None:
 def test_another_array_at_the_same_place_in_memory_gets_its_own_result() -> None:
     for value in range(50):
         assert total(locked(np.full(3, float(value)))) == 3 * value
-        gc.collect()
 
 
 def test_locking_keeps_a_read_only_array_as_it_is_and_the_original_writable() -> None:
