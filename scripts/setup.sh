@@ -58,30 +58,30 @@ if [ -n "${TORCH:-}" ]; then
 fi
 torch=${TORCH:-$(grep '^torch==' constraints.txt)}
 
-# The lines "+ package==version" are left out where they would fill a log; on a terminal uv shows how far it is.
-uv() {
-  local run=("$venv/bin/python" scripts/uv_like_pip.py -c "$pins" "$@")
-  if [ -t 2 ]; then "${run[@]}"; else "${run[@]}" 2>&1 | sed -u '/^ [-+~] /d' >&2; fi
+# On a terminal, uv and pip show how far they are. In a log, a line for every package that is there would hide the rest.
+shown() {
+  if [ -t 2 ]; then "$@" >&2; else "$@" 2>&1 | sed -u '/^ [-+~] /d; /^Requirement already satisfied/d' >&2; fi
 }
+uv=("$venv/bin/python" scripts/uv_like_pip.py -c "$pins")
 # PyTorch's own index has builds for CPUs alone and for each CUDA, and uv finds out which one this machine needs.
 # Asked once, without patience: many networks do not reach it, and then pip's settings decide.
-backend=()
-if [ -z "${TORCH:-}${UV_TORCH_BACKEND:-}" ]; then backend=(--torch-backend=auto); fi
 pytorch_index_answers() {
-  UV_HTTP_RETRIES=0 UV_HTTP_CONNECT_TIMEOUT=5 timeout 20 "$venv/bin/python" scripts/uv_like_pip.py \
-    --quiet --dry-run --no-deps "${backend[@]}" "$torch" >/dev/null 2>&1
+  [ -z "${TORCH:-}${UV_TORCH_BACKEND:-}" ] && UV_HTTP_RETRIES=0 UV_HTTP_CONNECT_TIMEOUT=5 timeout 20 \
+    "${uv[@]}" --quiet --dry-run --reinstall --no-deps --torch-backend=auto "$torch" >/dev/null 2>&1
 }
 with_uv() {
   "$venv/bin/python" -m pip --disable-pip-version-check install --quiet -c "$pins" uv 2>/dev/null || return 1
-  if [ ${#backend[@]} -gt 0 ] && ! pytorch_index_answers; then backend=(); fi
   # Python compiles a package when it is first imported. Where that is not kept (PYTHONDONTWRITEBYTECODE, as in many
   # Docker images) every start would take seconds longer, so all is compiled now.
-  uv ${PYTHONDONTWRITEBYTECODE:+--compile-bytecode} "${backend[@]}" "$torch" -e '.[dev]'
+  local install=("${uv[@]}" ${PYTHONDONTWRITEBYTECODE:+--compile-bytecode} "$torch" -e '.[dev]')
+  if pytorch_index_answers && shown "${install[@]}" --torch-backend=auto; then return 0; fi
+  shown "${install[@]}"
 }
 # torch before all else, so that no dependency brings another one.
 with_pip() {
-  local pip=("$venv/bin/python" -m pip --disable-pip-version-check install -c "$pins")
-  PIP_USE_PEP517=1 "${pip[@]}" "$torch" && PIP_USE_PEP517=1 "${pip[@]}" -e '.[dev]'
+  local install=("$venv/bin/python" -m pip --disable-pip-version-check install -c "$pins")
+  export PIP_USE_PEP517=1
+  shown "${install[@]}" "$torch" && shown "${install[@]}" -e '.[dev]'
 }
 say "installing into $venv, about 4 GB"
 with_uv || { say "uv cannot install this; pip tries, which takes minutes"; with_pip; } ||
