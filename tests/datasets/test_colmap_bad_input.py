@@ -149,7 +149,7 @@ def test_a_folder_that_was_asked_for_must_be_there(tmp_path: Path, option: str) 
 def test_an_image_scale_outside_of_0_to_1_is_refused(tmp_path: Path, scale: float) -> None:
     with pytest.raises(InputError) as fault:
         Colmap(root=tmp_path, image_scale=scale)
-    check(str(fault.value), "image_scale", "0.5")
+    check(str(fault.value), "image_scale", "(0, 1]")
 
 
 @pytest.mark.parametrize("name", ["cameras.bin", "images.bin"])

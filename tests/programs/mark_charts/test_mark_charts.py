@@ -348,7 +348,7 @@ def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -
     (tmp_path / "charts.json").write_text(json.dumps({"kind": "own.csv", **marked}))
     words = [str(tmp_path / "images" / "b.png"), "--accept", "--kind", str(tmp_path / "own.csv")]
     result = CliRunner().invoke(charts, words, catch_exceptions=False)
-    assert "1 proposal taken" in result.output
+    assert "1 proposal accepted" in result.output
     view = next(sb.load_scenes("colmap", root=tmp_path))["b.png"]
     (chart,) = view.charts
     assert chart.kind == str(tmp_path / "own.csv")
