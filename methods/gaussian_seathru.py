@@ -25,8 +25,6 @@ Kind = Literal["constant", "two_term"]
 # minimum than another one in some channel, by up to 1.5 in the likelihood.
 _STARTS = ((0.25, 0.1, 0.1), (0.25, 0.5, 0.5), (0.1, 0.2, 0.3))
 _LEAST, _GREATEST_LIGHT, _GREATEST_RATE = 1e-6, 1.0, 5.0
-# With two terms, a simplex took up to 5,500 evaluations on the made scenes.
-_MOST_EVALUATIONS = 10_000
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,11 +80,17 @@ class GaussianSeathru:
     seed: int = 0
     """Seed of the random pixels; equal seeds give equal results."""
 
+    most_evaluations: int = 10_000
+    """Most evaluations of the likelihood in a search, of which each channel has three. On made scenes a search took up
+    to 5,500. Channels whose best search was cut short are named in info["undetermined"]."""
+
     def __post_init__(self) -> None:
         if self.sample < 2:
             raise InputError(f"gaussian_seathru.sample: {self.sample} pixels have no spread; give 2 or more")
         if self.seed < 0:
             raise InputError(f"gaussian_seathru.seed: {self.seed} is negative; give 0 or more")
+        if self.most_evaluations < 1:
+            raise InputError(f"gaussian_seathru.most_evaluations: {self.most_evaluations}; give 1 or more")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth; it may leave [0, 1].
@@ -96,7 +100,7 @@ class GaussianSeathru:
         """
         z, along = distances(view)
         intensity, far = self._drawn(view.rgb, z)
-        fits = [_fitted(intensity[:, c], far, self.attenuation) for c in range(3)]
+        fits = [_fitted(intensity[:, c], far, self.attenuation, self.most_evaluations) for c in range(3)]
         water = [fit.water for fit in fits]
 
         def veil(through: Array, c: int) -> Array:
@@ -137,7 +141,7 @@ class _Fit:
     converged: bool
 
 
-def _fitted(intensity: Array, z: Array, kind: Kind) -> _Fit:
+def _fitted(intensity: Array, z: Array, kind: Kind, most_evaluations: int) -> _Fit:
     """Return the likeliest water of a channel: the best result of Nelder and Mead's simplex over all starts."""
     from scipy.optimize import minimize
 
@@ -156,7 +160,7 @@ def _fitted(intensity: Array, z: Array, kind: Kind) -> _Fit:
             start,
             method="Nelder-Mead",
             bounds=[(_LEAST, _GREATEST_LIGHT), *[(_LEAST, _GREATEST_RATE)] * (len(start) - 1)],
-            options={"maxfev": _MOST_EVALUATIONS, "xatol": 1e-4, "fatol": 1e-7},
+            options={"maxfev": most_evaluations, "xatol": 1e-4, "fatol": 1e-7},
         )
         found.append(_Fit(water(fit.x), float(fit.fun), bool(fit.success)))
     return min(found, key=lambda fit: fit.cost)

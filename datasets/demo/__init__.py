@@ -65,7 +65,7 @@ class Demo:
 
         for scene in Colmap(root=self.folder()).scenes():
             has = scene.has | {"truth"}
-            yield dataclasses.replace(scene, name=self.water, water=WATERS[self.water], has=has, data_id=self._id())
+            yield dataclasses.replace(scene, name=self.water, water=WATERS[self.water], has=has, data_id=self.data_id)
 
     def folder(self) -> Path:
         """Return the folder of the scene's files, which are made if they are not there."""
@@ -75,11 +75,13 @@ class Demo:
         from sucre_bench.datasets.demo.made import make
 
         root = user_cache_path("sucre_bench", appauthor=False) / "demo" if self.root is None else Path(self.root)
-        return make_once(root / f"{self.water}-{self._id()}", lambda: make(**self._options()))
+        return make_once(root / f"{self.water}-{self.data_id}", lambda: make(**self._options()))
 
     def _options(self) -> dict[str, Any]:
         return {f.name: getattr(self, f.name) for f in dataclasses.fields(self) if f.name != "root"}
 
-    def _id(self) -> str:
+    @property
+    def data_id(self) -> str:
+        """A hash of the options that decide the scene's files; it names their folder and identifies the scene."""
         content = json.dumps([VERSION, self._options(), repr(KINDS)], sort_keys=True)
         return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()

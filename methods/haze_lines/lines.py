@@ -16,7 +16,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.guided_filter import guided_filter
 from sucre_bench.methods.haze_lines.jerlov import WaterType
 
-__all__ = ["channel_transmission", "compensated", "directions", "least_transmission", "transmission"]
+__all__ = ["along_lines", "channel_transmission", "compensated", "directions", "least_transmission", "transmission"]
 
 _HAZE_FREE = 0.9  # transmission of a line's farthest pixel: it, too, has water before it
 _BAND = 256  # rows at once
@@ -45,7 +45,7 @@ def transmission(
     """
     length, line = np.empty(image.shape[:2], np.float32), np.empty(image.shape[:2], np.int32)
     for rows in _bands(len(image)):
-        length[rows], line[rows] = _along_lines(compensated(image[rows], A, water), lines)
+        length[rows], line[rows] = along_lines(compensated(image[rows], A, water), lines)
     longest = np.zeros(lines, np.float32)
     np.maximum.at(longest, line.ravel(), length.ravel())
     t = np.empty_like(length)
@@ -66,8 +66,11 @@ def compensated(image: Array, A: Array, water: WaterType) -> Array:
     return np.asarray(np.copysign(np.abs(difference) ** water.exponents, difference))
 
 
-def _along_lines(points: Array, lines: int) -> tuple[Array, Array]:
-    """The length of each vector (H, W), and the number of the line, of `lines`, that is nearest to its direction."""
+def along_lines(points: Array, lines: int) -> tuple[Array, Array]:
+    """Return the length of each vector of points (H, W, 3), and the number of the line nearest to its direction.
+
+    lines: how many there are; line k has direction k of `directions(lines)`.
+    """
     length = np.sqrt(np.einsum("...c,...c", points, points))
     unit = points / np.maximum(length, 1e-9)[..., None]
     return length, _nearest(unit, lines)

@@ -13,10 +13,11 @@ from sucre_bench.methods.networks.sizes import tiled
 from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
 
-__all__ = ["FunieGan"]
+__all__ = ["MULTIPLE", "OVERLAP", "TILE", "FunieGan"]
 
-# A pixel sees 90 others to each side at most, fewer than a quarter of the overlap: tiles leave no trace.
-_TILE, _OVERLAP, _MULTIPLE = 1024, 384, 32
+# Pixels: sides of tiles, what neighbours share, and what sides are multiples of. A pixel sees 90 others to each side at
+# most, fewer than a quarter of the overlap: tiles leave no trace.
+TILE, OVERLAP, MULTIPLE = 1024, 384, 32
 
 
 @method(
@@ -44,8 +45,8 @@ class FunieGan:
 
     def __post_init__(self) -> None:
         check_file(self.weights, "weights")
-        if self.size is not None and (self.size < _MULTIPLE or self.size % _MULTIPLE):
-            raise InputError(f"funie_gan.size: {self.size} must be a multiple of {_MULTIPLE}, or null")
+        if self.size is not None and (self.size < MULTIPLE or self.size % MULTIPLE):
+            raise InputError(f"funie_gan.size: {self.size} must be a multiple of {MULTIPLE}, or null")
 
     def warm_up(self) -> None:
         """Load the weights. Raises InputError when the file does not hold them."""
@@ -57,6 +58,6 @@ class FunieGan:
         at = (self.size, self.size) if self.size else (view.rgb.shape[0], view.rgb.shape[1])
 
         def run(rgb: Array) -> Array:
-            return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, _TILE, _OVERLAP, _MULTIPLE)
+            return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, TILE, OVERLAP, MULTIPLE)
 
         return restored_at(view, at, network.device, run)

@@ -18,10 +18,11 @@ from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["WaterNet"]
+__all__ = ["OVERLAP", "TILE", "WaterNet"]
 
-# A pixel sees 13 others to each side, fewer than a quarter of the overlap: tiles leave no trace.
-_TILE, _OVERLAP = 512, 64
+# Pixels: sides of tiles, and what neighbours share. A pixel sees 13 others to each side, fewer than a quarter of the
+# overlap: tiles leave no trace.
+TILE, OVERLAP = 512, 64
 
 
 @method(
@@ -67,7 +68,7 @@ class WaterNet:
         def run(rgb: Array) -> Array:
             rgb = rgb.clip(0, 1)
             inputs = (rgb, stretched_by_weakness(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
-            return tiled(inputs, network, _TILE, _OVERLAP)
+            return tiled(inputs, network, TILE, OVERLAP)
 
         height, width = view.rgb.shape[:2]
         return restored_at(view, limited(height, width, self.longest_side), network.device, run)

@@ -23,7 +23,7 @@ from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Indices, Observations
 
-__all__ = ["Lamp", "LampFit", "estimate", "lit"]
+__all__ = ["Lamp", "LampFit", "Sample", "estimate", "lit", "reduced_system", "residuals", "starting_point"]
 
 # Pixels that the starts are tried on, and that the best is refined on.
 _SCREEN, _SAMPLE = 400, 10_000
@@ -103,25 +103,26 @@ def estimate(observations: Observations, water_start: WaterParameters, *, seed: 
     if observations.ray is None or not observations.n_repeated:
         raise SolveError("a lamp needs pixels that several views show; give views of the same places, or lamp=false")
     rng = np.random.default_rng(seed)
-    screen, sample = (_Sample.of(observations, n, rng) for n in (_SCREEN, _SAMPLE))
+    screen, sample = (Sample.of(observations, n, rng) for n in (_SCREEN, _SAMPLE))
     bounds = _bounds(observations)
-    starts = [_start(position, lobe, water_start) for position in _POSITIONS for lobe in _LOBES]
+    starts = [starting_point(position, lobe, water_start) for position in _POSITIONS for lobe in _LOBES]
     tried = [_descend(screen, start, bounds, *_ROUGHLY) for start in track(starts, "lamp")]
     best = _descend(sample, min(tried, key=lambda end: float(end.system.cost[0])).at[0], bounds, *_FINELY).at[0]
-    noise, noise_without = _rms(_residuals(sample, best), sample), _rms(_plain(sample, water_start), sample)
+    noise, noise_without = _rms(residuals(sample, best), sample), _rms(_plain(sample, water_start), sample)
     return LampFit(_lamp(best), _water(best), noise, noise_without)
 
 
-def _descend(sample: _Sample, start: Array, bounds: Bounds, steps: int, tolerance: float) -> Minimum:
+def _descend(sample: Sample, start: Array, bounds: Bounds, steps: int, tolerance: float) -> Minimum:
     def evaluate(unknowns: Array) -> ReducedSystem:
-        return _system(sample, unknowns[0])
+        return reduced_system(sample, unknowns[0])
 
     return minimise(evaluate, start[None], bounds, tolerance=tolerance, max_steps=steps)
 
 
-def _start(position: tuple[float, ...], lobe: float, water: WaterParameters) -> Array:
+def starting_point(position: tuple[float, ...], lobe: float, water: WaterParameters) -> Array:
     """Return all 17 unknowns: yaw, pitch; position; the three of M; B, beta, gamma of each channel.
 
+    position: of the lamp, metres in the camera's frame; lobe: M is `lobe` times the identity; water: without a lamp.
     The rates are halved, as the light's way is twice as long.
     """
     return np.concatenate([(0, 0), position, (lobe, 0, lobe), (water.by_channel() * (1, 0.5, 0.5)).ravel()])
@@ -139,7 +140,7 @@ def _bounds(observations: Observations) -> Bounds:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _Sample:
+class Sample:
     """Observations pixel after pixel: X (3, N); z (N,) from the camera; I, s (3, N), s the root of the weight, 0 where
     a channel was cut off; firsts: (P,) where each pixel's begin; sizes: (P,)."""
 
@@ -151,7 +152,8 @@ class _Sample:
     sizes: Indices
 
     @staticmethod
-    def of(observations: Observations, n: int, rng: np.random.Generator) -> _Sample:
+    def of(observations: Observations, n: int, rng: np.random.Generator) -> Sample:
+        """Return all observations of at most n random pixels that several views show; they need rays."""
         places = rng.choice(observations.n_repeated, min(n, observations.n_repeated), replace=False)
         few = observations.take(np.sort(places))
         by_pixel = np.argsort(np.concatenate([np.arange(m) for m, _ in few.slots()]), kind="stable")
@@ -159,7 +161,7 @@ class _Sample:
         I = few.intensity(slice(None))[:, by_pixel].astype(np.float64)  # noqa: E741
         s = np.sqrt(np.ones(len(few)) if w is None else w[by_pixel].astype(np.float64)) * _within(I)
         sizes = few.counts.astype(np.int64)
-        return _Sample(X, z.astype(np.float64), I, s, np.cumsum(sizes) - sizes, sizes)
+        return Sample(X, z.astype(np.float64), I, s, np.cumsum(sizes) - sizes, sizes)
 
     def over_pixels(self, values: Array) -> Array:
         """Sum (..., N) over each pixel's observations, and give every observation its pixel's sum."""
@@ -194,7 +196,7 @@ def _lamp(unknowns: Array) -> Lamp:
 
 
 def _colours(
-    sample: _Sample,
+    sample: Sample,
     l: Array | float,  # noqa: E741
     z: Array,
     water: WaterParameters,
@@ -207,28 +209,31 @@ def _colours(
     return a, b, x, A, sample.over_pixels(x * sample.s * (sample.I - l * b)) / A
 
 
-def _misfit(sample: _Sample, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
+def _misfit(sample: Sample, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
     _, b, x, _, J = _colours(sample, l, z, water)
     return np.asarray(sample.s * (sample.I - l * b) - x * J)
 
 
-def _residuals(sample: _Sample, unknowns: Array) -> Array:
-    """(3, N), with the best colours."""
+def residuals(sample: Sample, unknowns: Array) -> Array:
+    """Return the residuals (3, N) in a lamp's light, with the best colours; unknowns: (17,), see `starting_point`."""
     l, way = _lamp(unknowns).light(sample.X)  # noqa: E741
     return _misfit(sample, l, sample.z + way, _water(unknowns))
 
 
-def _plain(sample: _Sample, water: WaterParameters) -> Array:
+def _plain(sample: Sample, water: WaterParameters) -> Array:
     """The residuals (3, N) in a water without lamp."""
     return _misfit(sample, 1.0, sample.z, water)
 
 
-def _rms(r: Array, sample: _Sample) -> float:
+def _rms(r: Array, sample: Sample) -> float:
     return float(np.sqrt((r * r).sum() / max((sample.s > 0).sum() - 3 * len(sample.sizes), 1)))
 
 
-def _system(sample: _Sample, unknowns: Array) -> ReducedSystem:
-    """H (1, 17, 17), g and cost around the unknowns, with the priors; colours eliminated as in normal_equations.py."""
+def reduced_system(sample: Sample, unknowns: Array) -> ReducedSystem:
+    """Return H (1, 17, 17), g and cost around the unknowns (17,), see `starting_point`, with the priors on the lamp.
+
+    Colours are eliminated as in normal_equations.py.
+    """
     R, R_yaw, R_pitch = _rotations(*unknowns[:2])
     m00, m01, m11 = unknowns[5:8]
     water = _water(unknowns)

@@ -86,7 +86,7 @@ def test_equal_seeds_give_equal_bytes_and_another_seed_gives_other_ones(tmp_path
 
 
 def test_options_have_folders_of_their_own(tmp_path: Path) -> None:
-    names = {Demo(water=water, noise=noise, root=tmp_path)._id() for water in WATERS for noise in (0.0, 0.004)}
+    names = {Demo(water=water, noise=noise, root=tmp_path).data_id for water in WATERS for noise in (0.0, 0.004)}
     assert len(names) == 8
 
 

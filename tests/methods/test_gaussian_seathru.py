@@ -13,7 +13,6 @@ from support.made_seabed import alone
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
 from sucre_bench.imaging.filters.water_column import TwoTerm, trusted
-from sucre_bench.methods import gaussian_seathru
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.plugins.registry import discover
@@ -63,11 +62,10 @@ def test_colours_without_any_spread_are_not_the_likeliest():
     assert negative_log_likelihood(Parameters(0.0, 1.0, TwoTerm(0.0)), np.full(9, 0.3), np.arange(9.0)) == np.inf
 
 
-def test_a_simplex_that_does_not_come_to_rest_is_named(monkeypatch: pytest.MonkeyPatch):
+def test_a_simplex_that_does_not_come_to_rest_is_named():
     view = drawn_view(1, 40, 30)
     assert "unfinished" not in sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
-    monkeypatch.setattr(gaussian_seathru, "_MOST_EVALUATIONS", 30)
-    told = sb.restore("gaussian_seathru", alone(view), view).info["undetermined"]
+    told = sb.restore("gaussian_seathru", alone(view), view, most_evaluations=30).info["undetermined"]
     assert "simplex, unfinished, of red, green, blue" in told
 
 

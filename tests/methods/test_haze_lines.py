@@ -13,7 +13,7 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.haze_lines import HazeLines
 from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
 from sucre_bench.methods.haze_lines.lines import (
-    _along_lines,
+    along_lines,
     channel_transmission,
     compensated,
     directions,
@@ -121,7 +121,7 @@ def test_the_exponents_are_of_red_green_and_blue_in_this_order() -> None:
 
 def test_each_pixel_is_on_the_line_of_the_nearest_direction() -> None:
     vectors = np.random.default_rng(0).normal(size=(6, 7, 3)).astype(np.float32)
-    length, line = _along_lines(vectors, 50)
+    length, line = along_lines(vectors, 50)
     cosine = vectors.reshape(-1, 3) @ directions(50).T
     np.testing.assert_array_equal(line.ravel(), cosine.argmax(axis=1))
     np.testing.assert_allclose(length, np.linalg.norm(vectors, axis=-1), rtol=1e-6)

@@ -228,13 +228,12 @@ def test_a_scene_without_an_id_is_not_kept_and_that_is_said_once(tmp_path: Path)
         def said(self, text: str) -> None:
             self.texts.append(text)
 
-    store._say_that_nothing_is_kept.cache_clear()
-    scene = counted_scene(data_id="")
+    scene = replace(counted_scene(data_id=""), name="nameless")  # said once a scene: no other test has this name
     listener = Listener()
     with watched_by(listener):
         for _ in range(2):
             assert len(paired(scene, scene["a.png"], tmp_path)) > 0
-    assert listener.texts == ["made: its observations are not kept, the scene has no data_id to know them by"]
+    assert listener.texts == ["nameless: its observations are not kept, the scene has no data_id to know them by"]
     assert not list(tmp_path.iterdir())
 
 

@@ -6,6 +6,7 @@ import json
 import re
 import subprocess
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
@@ -15,6 +16,12 @@ from sucre_bench.programs import doctor
 
 def states(found: doctor.Examined) -> dict[str, doctor.Feature]:
     return {feature.name: feature for feature in found.features}
+
+
+def other_pythons_end(monkeypatch: pytest.MonkeyPatch, code: int, stderr: str = "") -> None:
+    """Let each process that doctor starts end at once."""
+    ended = subprocess.CompletedProcess([], code, "", stderr)
+    monkeypatch.setattr(doctor, "subprocess", SimpleNamespace(run=lambda *words, **options: ended))
 
 
 def test_doctor_tells_programs_what_people_read(bench):
@@ -33,7 +40,7 @@ def test_doctor_counts_a_missing_dependency_but_nothing_optional(monkeypatch: py
     version_of = provenance.version_of
     monkeypatch.setattr(provenance, "version_of", lambda name: None if name == "pycolmap" else version_of(name))
     monkeypatch.setattr(doctor.shutil, "which", lambda program: None)
-    monkeypatch.setattr(doctor, "_open3d_fault", lambda: ("", ""))
+    other_pythons_end(monkeypatch, 0)
     found = doctor.examine(tmp_path / "not" / "there")
     assert found.faults == 1
     lacking = states(found)["prepare: photos to a scene"]
@@ -45,11 +52,9 @@ def test_doctor_counts_a_missing_dependency_but_nothing_optional(monkeypatch: py
 def test_doctor_sees_a_torch_that_cannot_use_the_gpu(monkeypatch: pytest.MonkeyPatch):
     version_of = provenance.version_of
     monkeypatch.setattr(provenance, "gpu", lambda: "NVIDIA H100")
-    monkeypatch.setattr(doctor, "_open3d_fault", lambda: ("", ""))
+    other_pythons_end(monkeypatch, 1, "Traceback\nRuntimeError: driver too old")
     for torch, said in (("2.6.0+cpu", "built for CPUs alone"), ("2.6.0+cu124", "does not see the NVIDIA H100")):
         monkeypatch.setattr(provenance, "version_of", lambda n, t=torch: t if n == "torch" else version_of(n))
-        failed = subprocess.CompletedProcess([], 1, "", "Traceback\nRuntimeError: driver too old")
-        monkeypatch.setattr(doctor, "_python", lambda code, failed=failed: failed)
         feature = states(doctor.examine())["SUCRe on the GPU"]
         assert feature.state == "broken"
         assert said in feature.said

@@ -31,7 +31,7 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["compiled"]
+__all__ = ["compiled", "power_minus_1"]
 
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
@@ -60,8 +60,8 @@ _C4, _C5, _C6 = np.float32(0.009618005715310574), np.float32(0.00134002824779599
 
 
 @_inline
-def _power_minus_1(x: Any) -> Any:
-    """2^x - 1 in float32, accurate for small x as well: 2^x = 2^k 2^f with x = k + f, |f| <= 1/2."""
+def power_minus_1(x: Any) -> Any:
+    """Return 2^x - 1 in float32, accurate for small x as well: 2^x = 2^k 2^f with x = k + f, |f| <= 1/2."""
     x = _LOWEST if x < _LOWEST else x
     x = _HIGHEST if x > _HIGHEST else x
     k = np.int32(x + _LIFT + _HALF) - np.int32(_LIFT)
@@ -82,8 +82,8 @@ def _first_sweep(z: Any, I: Any, s: Any, scale: Any, B: Any, rates: Any, kept: A
     A, S, C_B, Z, C_gamma = sums[0], sums[1], sums[2], sums[3], sums[4]
     beta, gamma = rates
     for i in range(len(z)):
-        x_i = s[i] * (_power_minus_1(beta * z[i]) + _ONE)
-        d_i = s[i] * -_power_minus_1(gamma * z[i])
+        x_i = s[i] * (power_minus_1(beta * z[i]) + _ONE)
+        d_i = s[i] * -power_minus_1(gamma * z[i])
         g_i = z[i] * (s[i] - d_i)
         y_i = s[i] * (scale * np.float32(I[i])) - B * d_i
         x[i], d[i], g[i], y[i] = x_i, d_i, g_i, y_i

@@ -51,12 +51,6 @@ class Teller:
         return sum(views for _, views in self._known.values())
 
 
-_LOOK_S = 1.0
-
-
-_MOST_BETWEEN_QUESTIONS_S = 30.0  # controllers of large sites do not like to be asked more often
-
-
 # What became of a job, by its last state; "" when the queue does not list it.
 WORDS = {
     "BOOT_FAIL": "its node did not start",
@@ -94,12 +88,17 @@ def wait(
     states: Callable[[], dict[str, str] | None],
     latency_s: float,
     tell: Callable[[Counts], None] = lambda counts: None,
+    *,
+    look_s: float = 1.0,
+    ask_s: float = 30.0,
 ) -> Iterator[tuple[Submitted, str]]:
     """Yield each job as it ends, with what went wrong: nothing where it left a result that says so.
 
     states: the queue's word on every job it knows, None while it gives no answer, which says nothing about any job;
     latency_s: how long a result may take to be seen once the queue says that its job has ended; tell: called with each
-    answer. A job that the queue starts anew (after its node failed, say) is waited for again.
+    answer; look_s: seconds between two looks for results; ask_s: longest time between two questions to the queue, as
+    controllers of large sites do not like to be asked more often. A job that the queue starts anew (after its node
+    failed, say) is waited for again.
     """
     left = {job.id: job for job in jobs}
     ended_at: dict[str, float] = {}
@@ -111,7 +110,7 @@ def wait(
             del left[job.id]
             yield job, _what_it_says(job)
         now = time.monotonic()
-        if left and now - asked > min((now - started) / 10, _MOST_BETWEEN_QUESTIONS_S):
+        if left and now - asked > min((now - started) / 10, ask_s):
             answer, asked = states(), now
             if answer is not None:
                 for id_ in left:
@@ -127,7 +126,7 @@ def wait(
             del left[job.id]
             yield job, _lost(job, last[job.id])
         if left:
-            time.sleep(_LOOK_S)
+            time.sleep(look_s)
 
 
 def _files(folders: set[Path]) -> set[Path]:

@@ -8,20 +8,18 @@ from sucre_bench.arrays import Array
 
 __all__ = ["box_mean", "guided_filter"]
 
-_BAND = 512  # rows filtered at once: some thirty planes are kept of what is filtered
 
-
-def guided_filter(guide: Array, plane: Array, radius: int, eps: float) -> Array:
+def guided_filter(guide: Array, plane: Array, radius: int, eps: float, *, rows: int = 512) -> Array:
     """Return a plane (H, W) float32 that is, in each window, the linear function of the guide nearest to `plane`.
 
     guide: (H, W) or (H, W, 3), [0, 1]; radius: of the square window, pixels; eps: variance of the guide below which it
-    counts as flat (eqs. 5 and 6, in colour 14 and 15). Windows are cut at the image's border. Large images are filtered
-    in bands of rows, which needs no more memory and gives the same.
+    counts as flat (eqs. 5 and 6, in colour 14 and 15). Windows are cut at the image's border. rows: filtered at
+    once, which bounds the memory: some thirty planes are kept of them. The result does not depend on it.
     """
     smooth = np.empty(plane.shape, dtype=np.float32)
     height = len(plane)
-    for top in range(0, height, _BAND):
-        bottom = min(top + _BAND, height)
+    for top in range(0, height, rows):
+        bottom = min(top + rows, height)
         low, high = max(0, top - 2 * radius), min(height, bottom + 2 * radius)  # a mean of means reaches this far
         band = _filtered(guide[low:high], plane[low:high], radius, eps)
         smooth[top:bottom] = band[top - low : bottom - low]

@@ -23,7 +23,7 @@ from sucre_bench.machine.progress import line, say, track
 from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
-__all__ = ["Mapped", "Rules", "map_photos", "read_mapped"]
+__all__ = ["PAIRS_A_STEP", "Mapped", "Rules", "map_photos", "read_mapped"]
 
 Matching = Literal["auto", "exhaustive", "sequential"]
 Cameras = Literal["single", "folder", "image"]
@@ -33,7 +33,7 @@ _NEIGHBOURS = 10
 _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
 _GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
 _RECORD = "model.json"
-_BATCH = 64  # pairs a step of the progress bar
+PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
 
 
 @dataclass(frozen=True, slots=True)
@@ -216,7 +216,7 @@ def _match(
     verification.ransac.random_seed = 0
     listed = pycolmap.ImportedPairingOptions()
     listed.match_list_path = folder / "pairs.txt"
-    batches = [pairs[start : start + _BATCH] for start in range(0, len(pairs), _BATCH)]
+    batches = [pairs[start : start + PAIRS_A_STEP] for start in range(0, len(pairs), PAIRS_A_STEP)]
     for batch in track(batches, "matching"):  # COLMAP skips the pairs that are in the database
         listed.match_list_path.write_text("".join(f"{one} {other}\n" for one, other in batch))
         pycolmap.match_image_pairs(database, matching, listed, verification, pycolmap.Device.cpu)

@@ -20,7 +20,7 @@ from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.photos import Photo, read_photo
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
-__all__ = ["undistort"]
+__all__ = ["undistort", "write_pinhole"]
 
 
 def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Path, pinhole: Path) -> None:
@@ -35,7 +35,7 @@ def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Pat
             pool.map(lambda p: _undistort(photos[p.name], p, images, masks), posed), "undistorting", len(posed)
         ):
             pass
-    _write_pinhole({p.name: p for p in posed}, model, pinhole)
+    write_pinhole({p.name: p for p in posed}, model, pinhole)
 
 
 def _undistort(photo: Photo, posed: Posed, images: Path, masks: Path) -> None:
@@ -55,7 +55,12 @@ def _straight(image: npt.NDArray[Any], lens: Lens | None) -> npt.NDArray[Any]:
     return image if lens is None else lens.resampled(image, lens.pinhole)
 
 
-def _write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> None:
+def write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> None:
+    """Write the COLMAP model of the undistorted images into the folder `pinhole`.
+
+    posed: the photos by output name, with lens and pinhole camera; model: folder of the photos' own model. Features
+    outside the pinhole images belong to no point any more.
+    """
     pycolmap = load_pycolmap()
     known = pycolmap.Reconstruction(model)
     cameras: dict[int, tuple[Lens | None, Camera]] = {}

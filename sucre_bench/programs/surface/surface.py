@@ -25,8 +25,6 @@ from sucre_bench.scene import View
 
 __all__ = ["Cells", "Model", "choose_cells", "fuse"]
 
-# Voxels of a surface unless their size is given: 1.2 to 1.6 million points, 50 to 70 MB as .glb.
-_MOST_CELLS = 1_000_000
 _BYTES_PER_CELL = 1000  # measured at the peak
 _TRUNCATION = 8.0  # voxels, Open3D's own
 _BLOCK = 16
@@ -60,12 +58,13 @@ class Cells:
     count: int
 
 
-def choose_cells(frames: Sequence[Frame], voxel: float | None = None) -> Cells:
+def choose_cells(frames: Sequence[Frame], voxel: float | None = None, *, most_cells: int = 1_000_000) -> Cells:
     """Return the voxels' size for these views and their number; reads every depth map once.
 
     voxel: metres. The default is the median footprint of the pixels, depth / focal length, or more if that would give
-    more than a million cells. Raises InputError if no view has depth, camera and pose, if voxels are finer than the
-    views' pixels, or if the memory cannot hold them.
+    more than `most_cells`. A million cells make 1.2 to 1.6 million points, 50 to 70 MB as .glb.
+    Raises InputError if no view has depth, camera and pose, if voxels are finer than the views' pixels, or if the
+    memory cannot hold them.
     """
     footprints = [_footprint(frames[k].view) for k in evenly(len(frames), _LOOKED_AT)]
     known = [one for one in footprints if one > 0]
@@ -78,7 +77,7 @@ def choose_cells(frames: Sequence[Frame], voxel: float | None = None) -> Cells:
     side = _COARSE * max(footprint, voxel or 0)
     area = _occupied(frames, side) * side**2
     if voxel is None:
-        voxel = max(footprint, float(np.sqrt(area / _MOST_CELLS)))
+        voxel = max(footprint, float(np.sqrt(area / most_cells)))
     cells = Cells(voxel, int(area / voxel**2))
     _check_memory(cells, area)
     return cells

@@ -23,7 +23,7 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
-from sucre_bench.reports.page.gallery import Gallery
+from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
 from sucre_bench.results import layout
@@ -40,11 +40,12 @@ _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
 _HUGE = 1e308  # what JSON has for infinity
 
 
-def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> Path:
+def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widths: Widths = WIDTHS) -> Path:
     """Write ``out/report/index.html`` and return its path.
 
     rows, comparisons: the score table of `out`, and a comparison of methods for each of its datasets. The page embeds
-    thumbnails, and reads full pictures from `out`.
+    thumbnails, and reads full pictures from `out`. widths: (most pictures, their width in pixels), widest first. The
+    page takes the first pair that holds all pictures; of more pictures than the last pair allows it links the rest.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
@@ -52,7 +53,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> P
     loader = PackageLoader("sucre_bench.reports.page", "")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     pages.filters["shell"] = shlex.join
-    gallery = Gallery(out, _most_pictures(rows))
+    gallery = Gallery(out, _most_pictures(rows), widths)
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
     contents = [_json(section.content()) for section in sections]

@@ -6,7 +6,7 @@ stays where it is, and the page reads it from there when someone looks closer.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
@@ -18,23 +18,27 @@ from sucre_bench.machine.cores import usable_cores
 from sucre_bench.reports.page.hole_maps import Block, maps, narrowed, webp
 from sucre_bench.results.restorations import read_full_arrays
 
-__all__ = ["Gallery"]
+__all__ = ["WIDTHS", "Gallery", "Widths"]
+
+# (most pictures of a page, their width in pixels), widest first.
+Widths = Sequence[tuple[int, int]]
 
 # How many pictures a page keeps, and how wide: 50 kB each at 960 pixels, 20 kB at 560, so that a page of 10 methods on
 # 40 full-HD views stays below 40 MB, and no page goes beyond it.
-_WIDTHS = ((600, 960), (1400, 560))
+WIDTHS: Widths = ((600, 960), (1400, 560))
 
 
 class Gallery:
     """Collects pictures while sections are made, and encodes them meanwhile.
 
-    out: the run's folder; planned: how many pictures there may be, from which their size follows.
+    out: the run's folder; planned: how many pictures there may be, from which their size follows by
+    `widths`.
     """
 
-    def __init__(self, out: Path, planned: int) -> None:
+    def __init__(self, out: Path, planned: int, widths: Widths = WIDTHS) -> None:
         self._out = out
-        self.width = next((width for most, width in _WIDTHS if planned <= most), _WIDTHS[-1][1])
-        self.share = min(1.0, _WIDTHS[-1][0] / max(planned, 1))  # of the views that keep their pictures in the page
+        self.width = next((width for most, width in widths if planned <= most), widths[-1][1])
+        self.share = min(1.0, widths[-1][0] / max(planned, 1))  # of the views that keep their pictures in the page
         self._pool = ThreadPoolExecutor(usable_cores())
         self._encoded: list[Future[list[Block]]] = []
 

@@ -22,7 +22,7 @@ from support.places import TOYS
 
 from sucre_bench import results
 from sucre_bench.engine import sweep
-from sucre_bench.engine.slurm import squeue, waiting
+from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.waiting import Submitted, wait
 
 BENCH = str(Path(sys.executable).with_name("sucre-bench"))
@@ -90,7 +90,7 @@ class Bench:
         self.notes.mkdir()
         self.plugin.write_text(EVENTFUL)
         self._commands = commands
-        self._environment = {**os.environ, **cluster, "COLUMNS": "300"}
+        self.environment = {**os.environ, **cluster, "COLUMNS": "300"}
 
     @property
     def fixed(self) -> list[str]:
@@ -104,7 +104,7 @@ class Bench:
             stdout=subprocess.PIPE,
             stderr=subprocess.STDOUT,
             text=True,
-            env=self._environment,
+            env=self.environment,
             cwd=self.notes,
         )
         self._commands.enter_context(command)
@@ -118,7 +118,7 @@ class Bench:
 
     def slurm(self, *command: str) -> str:
         """What a command of SLURM's answers. Its exit code may be an error though it did what it was to do."""
-        return subprocess.run(command, env=self._environment, check=False, capture_output=True, text=True).stdout
+        return subprocess.run(command, env=self.environment, check=False, capture_output=True, text=True).stdout
 
     def job_at(self, view: str, of: subprocess.Popen[str]) -> str:
         """The id of the job that waits at a view."""
@@ -238,7 +238,7 @@ def test_what_slurm_refuses_is_said_in_its_words(user: Bench):
 
 
 def test_without_slurm_the_launcher_says_where_to_go(user: Bench):
-    user._environment["PATH"] = ""
+    user.environment["PATH"] = ""
     code, said = user.run("dataset.views=2", "shard.count=2", "shard.index=0,1")
     assert code == 1
     assert "no sbatch here; give the command on a login node" in said
@@ -246,11 +246,11 @@ def test_without_slurm_the_launcher_says_where_to_go(user: Bench):
 
 # -- waiting, without a cluster ----------------------------------------------------------------------------
 
+OFTEN = {"look_s": 0.01, "ask_s": 0.0}
+
 
 @pytest.fixture
-def job(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Submitted:
-    monkeypatch.setattr(waiting, "_LOOK_S", 0.01)
-    monkeypatch.setattr(waiting, "_MOST_BETWEEN_QUESTIONS_S", 0.0)
+def job(tmp_path: Path) -> Submitted:
     (tmp_path / "log").write_text("one\nexecve(): python: No such file or directory\n\n")
     return Submitted("7_1", tmp_path / "result.pkl", tmp_path / "out", tmp_path / "log")
 
@@ -283,7 +283,7 @@ def leaves(job: Submitted, outcome: object) -> Callable[[], object]:
     ],
 )
 def test_a_job_that_ended_without_a_result_is_lost(job: Submitted, states: list[str], reason: str):
-    ((ended, fault),) = wait([job], answers(*states), latency_s=0.05)
+    ((ended, fault),) = wait([job], answers(*states), latency_s=0.05, **OFTEN)
     assert ended is job
     assert reason in fault
     assert fault.endswith(f"; log: {job.stderr}")
@@ -300,7 +300,7 @@ def test_a_job_is_not_given_up_too_early(job: Submitted, states: list[str | None
         if time.monotonic() - begun > (0.1 if states[-1] == "COMPLETED" else 0.5):
             leaves(job, ("success", ""))()
 
-    assert list(wait([job], answers(*states, then=late), latency_s=0.3)) == [(job, "")]
+    assert list(wait([job], answers(*states, then=late), latency_s=0.3, **OFTEN)) == [(job, "")]
 
 
 @pytest.mark.parametrize(
@@ -312,14 +312,14 @@ def test_a_job_is_not_given_up_too_early(job: Submitted, states: list[str | None
     ],
 )
 def test_a_result_says_how_a_job_ended(job: Submitted, outcome: object, reason: str):
-    ((_, fault),) = wait([job], answers("RUNNING", "RUNNING", then=leaves(job, outcome)), latency_s=9)
+    ((_, fault),) = wait([job], answers("RUNNING", "RUNNING", then=leaves(job, outcome)), latency_s=9, **OFTEN)
     assert fault.startswith(reason)
     assert bool(fault) is bool(reason)
 
 
 def test_a_damaged_result_is_a_fault(job: Submitted):
     job.result.write_bytes(b"\x80")
-    ((_, fault),) = wait([job], answers("RUNNING"), latency_s=9)
+    ((_, fault),) = wait([job], answers("RUNNING"), latency_s=9, **OFTEN)
     assert "cannot be read" in fault
 
 

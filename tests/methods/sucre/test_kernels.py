@@ -258,11 +258,11 @@ def silently(kernel: Kernel, water: WaterParameters) -> ReducedSystem:
 
 
 def test_the_compiled_exponential_is_right_to_the_last_digits_of_float32() -> None:
-    from sucre_bench.methods.sucre.kernels.compiled import _power_minus_1
+    from sucre_bench.methods.sucre.kernels.compiled import power_minus_1
 
     for x in np.r_[np.linspace(-30, 30, 3001), np.geomspace(1e-6, 1, 50), -np.geomspace(1e-6, 1, 50)].astype("f4"):
-        assert _power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
-    assert np.isnan(_power_minus_1(np.float32(np.nan)))
+        assert power_minus_1(x) == pytest.approx(np.expm1(np.float64(x) * np.log(2)), rel=3e-7)
+    assert np.isnan(power_minus_1(np.float32(np.nan)))
 
 
 # -- blocks ------------------------------------------------------------------------------------------------

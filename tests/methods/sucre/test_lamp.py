@@ -10,9 +10,8 @@ from support.made_observations import parameters, reduced_residuals
 from support.made_scene import WATER
 
 from sucre_bench import SolveError
-from sucre_bench.methods.sucre import lamp as module
 from sucre_bench.methods.sucre.kernels import opened
-from sucre_bench.methods.sucre.lamp import Lamp, estimate, lit
+from sucre_bench.methods.sucre.lamp import Lamp, Sample, estimate, lit, reduced_system, residuals, starting_point
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -83,14 +82,14 @@ def test_even_light_needs_no_lamp() -> None:
 
 
 def test_gradient_and_cost_are_those_of_finite_differences() -> None:
-    sample = module._Sample.of(made_lit(60, true_lamp(), noise=0.01)[0], 40, np.random.default_rng(0))
-    at = module._start((0.1, -0.2, 0.05), 1.5, WaterParameters.of_channels(WATER_ROWS * 1.2))
+    sample = Sample.of(made_lit(60, true_lamp(), noise=0.01)[0], 40, np.random.default_rng(0))
+    at = starting_point((0.1, -0.2, 0.05), 1.5, WaterParameters.of_channels(WATER_ROWS * 1.2))
     at[[0, 1, 6]] = 0.1, -0.05, 0.3
-    system, numeric = module._system(sample, at), np.empty(17)
+    system, numeric = reduced_system(sample, at), np.empty(17)
     for k in range(17):
         step = np.zeros(17)
         step[k] = 1e-6
-        costs = [module._system(sample, at + sign * step).cost[0] for sign in (1, -1)]
+        costs = [reduced_system(sample, at + sign * step).cost[0] for sign in (1, -1)]
         numeric[k] = (costs[0] - costs[1]) / 2e-6
     np.testing.assert_allclose(-2 * system.g[0], numeric, rtol=1e-4, atol=1e-7)
     assert (np.linalg.eigvalsh(system.H[0]) > 0).all()
@@ -101,15 +100,15 @@ def test_lit_observations_have_the_lamps_own_least_squares() -> None:
     observations, J = made_lit(400, true_lamp(), noise=0.004)
     even = lit(observations, true_lamp())
     kept = replace(observations, weight=(even.weight > 0).astype(np.float32))
-    sample = module._Sample.of(kept, 400, np.random.default_rng(0))
-    unknowns = np.concatenate([module._start((0.15, 0.25, 0), 1, HALVED)[:8], WATER_ROWS.ravel()])
+    sample = Sample.of(kept, 400, np.random.default_rng(0))
+    unknowns = np.concatenate([starting_point((0.15, 0.25, 0), 1, HALVED)[:8], WATER_ROWS.ravel()])
     unknowns[[0, 1]] = 0.04, 0.06
     M = np.linalg.cholesky(true_lamp().precision).T
     unknowns[5:8] = M[0, 0], M[0, 1], M[1, 1]
     with opened(even, "numpy", "cpu") as kernel:
         cost = kernel.system(HALVED).cost
         mine, _ = kernel.colours(HALVED, np.full(3, 0.01), np.zeros((3, 3, 3)))
-    np.testing.assert_allclose(cost, (module._residuals(sample, unknowns) ** 2).sum(axis=1), rtol=1e-4)
+    np.testing.assert_allclose(cost, (residuals(sample, unknowns) ** 2).sum(axis=1), rtol=1e-4)
     assert np.median(np.abs(mine - J)) < 0.01
 
 

@@ -25,7 +25,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
-from sucre_bench.programs.prepare import mapping, output, undistort
+from sucre_bench.programs.prepare import mapping, output
 from sucre_bench.programs.prepare.depthmaps import write_depth
 from sucre_bench.programs.prepare.fill_holes import without_small_holes
 from sucre_bench.programs.prepare.photos import find_photos
@@ -35,6 +35,7 @@ from sucre_bench.programs.prepare.record import Prepared, Settled, given, read_r
 from sucre_bench.programs.prepare.relief import relief_of
 from sucre_bench.programs.prepare.scale import Known, Length, Scale, find_scale
 from sucre_bench.programs.prepare.sparse_points import Shot, neighbours, read_shots
+from sucre_bench.programs.prepare.undistort import write_pinhole
 
 WIDTH, HEIGHT = 320, 240
 CAMERA = Camera(np.array([[290.0, 0, WIDTH / 2], [0, 290, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
@@ -463,7 +464,7 @@ def test_a_command_stopped_in_features_or_matches_goes_on_and_finds_the_same(
 ):
     import pycolmap
 
-    monkeypatch.setattr(mapping, "_BATCH", 2)
+    monkeypatch.setattr(mapping, "PAIRS_A_STEP", 2)
     monkeypatch.setattr(mapping, "usable_cores", lambda: 1)
     for i, pose in enumerate(POSES[:4]):
         write(tmp_path / "photos" / f"{i}.png", photograph(pose))
@@ -550,9 +551,9 @@ def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
     for lens in {id(p.lens): p.lens for p in posed.values()}.values():
         assert lens is not None
         assert lens.pinhole.width == WIDTH  # found before
-    undistort._write_pinhole(posed, model, tmp_path / "all")
+    write_pinhole(posed, model, tmp_path / "all")
     monkeypatch.setattr(Lens, "rays", folded)
-    undistort._write_pinhole(posed, model, tmp_path / "some")
+    write_pinhole(posed, model, tmp_path / "some")
     every, some = read_shots(tmp_path / "all"), read_shots(tmp_path / "some")
     for shot, whole in zip(some, every, strict=True):
         assert 0 < len(shot.points) < len(whole.points)

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
+from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import psutil
 import pytest
 from click.testing import CliRunner
 from support.made_frames import make_frame, plain, wall_view
@@ -19,7 +21,6 @@ from sucre_bench.commands.texture import texture
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen import Frame, revisit
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.programs.surface import surface
 from sucre_bench.programs.surface.render import rendered, vantage
 from sucre_bench.programs.surface.surface import Cells, Model, choose_cells, fuse
 from sucre_bench.programs.surface.write_ply_glb import mean_up, write_model
@@ -104,11 +105,11 @@ def test_a_large_surface_gets_larger_voxels_and_too_small_ones_are_refused(
 ):
     frames = [make_frame(tmp_path, wall_view("a.png", GRAY))]
     finest = choose_cells(frames)
-    monkeypatch.setattr(surface, "_MOST_CELLS", finest.count // 4)
-    assert choose_cells(frames).voxel == pytest.approx(2 * finest.voxel, rel=1e-3)
+    coarser = choose_cells(frames, most_cells=finest.count // 4)
+    assert coarser.voxel == pytest.approx(2 * finest.voxel, rel=1e-3)
     with pytest.raises(InputError, match=r"--voxel 0.001: finer than the views.* show 0.05 m; give 0.013 or more"):
         choose_cells(frames, 0.001)
-    monkeypatch.setattr(surface, "_BYTES_PER_CELL", 1 << 40)
+    monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=1 << 10))
     with pytest.raises(InputError, match=r"--voxel 0.02: .* million cells take .* GB, .* are free; give .* or more"):
         choose_cells(frames, 0.02)
 

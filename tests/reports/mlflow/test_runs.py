@@ -192,16 +192,16 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
     rows = results.read(out)
     picture = out / "restored/toy/gain/v1.png"
     picture.write_bytes(picture.read_bytes()[:-20])  # costs no more than itself
-    original, told = mlflow.runs._Store.succeed, []
+    set_tag, told = MlflowClient.set_tag, []
 
-    def breaks(*given: object) -> None:
-        told.append(given)
-        if len(told) == 3:
+    def breaks(client: MlflowClient, run: str, key: str, value: object, *more: object) -> None:
+        told.extend([run] if (key, value) == ("latest", "yes") else [])
+        if len(told) == 3:  # the parent and a child are marked as the latest
             raise ConnectionError("gone")
-        original(*given)
+        set_tag(client, run, key, value, *more)
 
     with monkeypatch.context() as patch:
-        patch.setattr(mlflow.runs._Store, "succeed", breaks)
+        patch.setattr(MlflowClient, "set_tag", breaks)
         with pytest.raises(ConnectionError):
             mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench")
     assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]

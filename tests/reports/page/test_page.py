@@ -24,14 +24,13 @@ from sucre_bench.engine import sweep
 from sucre_bench.jobs import command
 from sucre_bench.jobs.rerun import Command
 from sucre_bench.reports import page as report
-from sucre_bench.reports.page import gallery as pictures
 from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
 
 
-def write_page(out: Path, rows: pd.DataFrame) -> Path:
-    return report.write(out, rows, compare(rows))
+def write_page(out: Path, rows: pd.DataFrame, **how: Any) -> Path:
+    return report.write(out, rows, compare(rows), **how)
 
 
 class Page(HTMLParser):
@@ -226,10 +225,9 @@ def test_kept_numbers_tell_holes_and_confidence_exactly(tmp_path: Path):
     assert shown[32, 90].sum() > shown[32, 4].sum()  # bright where it is large
 
 
-def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    monkeypatch.setattr(pictures, "_WIDTHS", ((5, 960), (14, 40)))
+def test_many_views_keep_some_pictures_evenly_and_link_to_the_others(tmp_path: Path):
     datasets = ["reef", "wreck"]  # 2 x (3 views, 3 references, 8 restorations): half of them may be kept
-    page = made(tmp_path, datasets=datasets)
+    page = Page(write_page(tmp_path, made_results(tmp_path, datasets=datasets), widths=((5, 960), (14, 40))))
     kept = [[bool((v["original"] or {}).get("id")) for v in d["views"]] for d in page.datasets]
     assert [sum(k) for k in kept] == [1, 1]
     assert all(v["original"]["link"] for d in page.datasets for v in d["views"])
