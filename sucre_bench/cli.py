@@ -147,5 +147,5 @@ def cli() -> None:
     sucre-bench prepare photos/ dive/                  a scene of your own photos
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
 
-    Each command's --help begins with examples. `sucre-bench completion --help` tells how <TAB> completes them.
+    Each command's --help begins with examples. `sucre-bench completion --help` explains completion with <TAB>.
     """

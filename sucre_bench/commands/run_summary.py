@@ -14,7 +14,7 @@ from rich.text import Text
 
 from sucre_bench import compare, results
 from sucre_bench.compare import text as tables
-from sucre_bench.engine.sweep import Outcome
+from sucre_bench.engine.outcome import Outcome
 from sucre_bench.errors import one_line
 from sucre_bench.machine import progress, terminal
 from sucre_bench.reports import mlflow, paper
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from sucre_bench.compare import Comparison
-    from sucre_bench.engine.sweep import Fault
+    from sucre_bench.engine.outcome import Fault
 
 __all__ = ["as_object", "compared", "show", "track"]
 

@@ -9,24 +9,11 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
+from sucre_bench.compare.numbers import number, signed
 
-__all__ = ["ARROW", "NUMBERS", "Shown", "left_out", "legend", "number", "shown", "signed", "title", "verdict_text"]
-
-
-@dataclass(frozen=True)
-class NumberRule:
-    """How numbers are rounded.
-
-    decimals: (least size, decimals), largest first; figures: of smaller numbers; scientific_below: from what size on
-    these are written as 1.2e-05.
-    """
-
-    decimals: tuple[tuple[float, int], ...]
-    figures: int
-    scientific_below: float
+__all__ = ["ARROW", "Shown", "left_out", "legend", "shown", "title", "verdict_text"]
 
 
-NUMBERS = NumberRule(((100, 0), (10, 1), (1, 2), (0.1, 3)), 2, 1e-4)
 _MOST_NAMES = 4
 
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
@@ -35,22 +22,6 @@ ARROW = {"higher": "↑", "lower": "↓", "none": ""}
 def title(column: Column) -> str:
     """A metric's name with its direction and unit."""
     return " ".join(filter(None, [column.metric, ARROW[column.better], column.unit]))
-
-
-def number(value: float) -> str:
-    """Return three figures, two below 0.1 (see `NUMBERS`); "-" for NaN."""
-    if not math.isfinite(value):
-        return "-" if math.isnan(value) else "inf" if value > 0 else "-inf"
-    size = abs(value)
-    for least, decimals in NUMBERS.decimals:
-        if size >= least:
-            return f"{value:.{decimals}f}"
-    return f"{value:#.{NUMBERS.figures}g}" if size else "0"
-
-
-def signed(value: float) -> str:
-    """A number that says that it is a difference: "+0.31"."""
-    return f"+{number(value)}" if value > 0 else number(value)
 
 
 # -- cells -------------------------------------------------------------------------------------------------

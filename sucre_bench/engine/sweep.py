@@ -1,22 +1,20 @@
-"""A whole command: check everything before any work, run the jobs through Hydra, join their rows, say what came out."""
+"""Runs a whole command: checks everything first, launches the jobs, merges their rows, and returns the outcome."""
 
 from __future__ import annotations
 
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
 from sucre_bench.engine.launch import Ended, launch, rescue
+from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.quoting import value_of
-from sucre_bench.jobs.schema import Tracking
-from sucre_bench.jobs.study import Study
 from sucre_bench.machine import provenance, terminal
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.log import now
@@ -26,48 +24,7 @@ from sucre_bench.results.layout import pairs_path
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Fault", "Outcome", "run"]
-
-
-@dataclass(frozen=True)
-class Fault:
-    """Why a view has no result, or not all its scores. where: dataset and method, and the metric if it is at fault."""
-
-    where: str
-    view: str
-    reason: str
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """What a command came to. The counts are of restorations: one view by one method.
-
-    datasets, methods: the labels in the order they were asked for; asked: those of `rows` that are of them and of the
-    views that were asked for; crashed: a process ended that should not have.
-    """
-
-    rows: pd.DataFrame
-    asked: pd.DataFrame
-    out: Path
-    datasets: tuple[str, ...]
-    methods: tuple[str, ...]
-    wants_report: bool
-    study: Study | None
-    tracking: Tracking
-    ok: int
-    cached: int
-    failed: tuple[Fault, ...]
-    skipped: tuple[Fault, ...]
-    scores_failed: tuple[Fault, ...]
-    interrupted: bool
-    crashed: bool
-
-    @property
-    def exit_code(self) -> int:
-        """0 when something was done and nothing failed, 1 when not; 130 after Ctrl-C."""
-        if self.interrupted:
-            return 130
-        return 1 if self.failed or self.scores_failed or self.crashed or not self.ok else 0
+__all__ = ["run"]
 
 
 def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = ()) -> Outcome:

@@ -17,6 +17,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import project
 from sucre_bench.degrade import Degradation, degraded
 from sucre_bench.engine import preflight, sweep
+from sucre_bench.engine.outcome import Outcome
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.jobs import command
 from sucre_bench.scene import Encoding, Plane
@@ -396,7 +397,7 @@ def run(tmp_path: Path, own_plugins: None):
     plugins.load_file(tmp_path / "diary.py")
     base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]
 
-    def run(*overrides: str) -> tuple[sweep.Outcome, list[str]]:
+    def run(*overrides: str) -> tuple[Outcome, list[str]]:
         before = len((tmp_path / "log").read_text().split()) if (tmp_path / "log").exists() else 0
         outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
         return outcome, (tmp_path / "log").read_text().split()[before:]

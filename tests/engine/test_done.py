@@ -11,6 +11,7 @@ from support.command_line import Started
 
 from sucre_bench import results
 from sucre_bench.engine import sweep
+from sucre_bench.engine.outcome import Outcome
 
 # A plugin file that ends its own process, without a word, at the n-th change of the disk: before it, and from then on
 # after it. What a run changes on the disk it changes by renaming and unlinking.
@@ -93,7 +94,7 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
 # -- shards and replicates ---------------------------------------------------------------------------------
 
 
-def toy(out: Path, *overrides: str) -> sweep.Outcome:
+def toy(out: Path, *overrides: str) -> Outcome:
     base = ["dataset=toy", "dataset.views=7", "dataset.label=toy", "method=gain", "metrics=[psnr,redness]"]
     return sweep.run([*base, "tracking.uri=off", f"out={out}", *overrides], True)
 

@@ -15,7 +15,7 @@ from support.made_scene import make_scene
 from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.machine.progress import watched_by
 from sucre_bench.multiview import cache as store
-from sucre_bench.multiview import spool as mapped
+from sucre_bench.multiview import mapped_files as mapped
 from sucre_bench.multiview.cache import paired, sharing
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe

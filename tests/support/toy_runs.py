@@ -5,9 +5,10 @@ from __future__ import annotations
 from pathlib import Path
 
 from sucre_bench.engine import sweep
+from sucre_bench.engine.outcome import Outcome
 
 
-def run(out: Path, *overrides: str, multirun: bool = False) -> sweep.Outcome:
+def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
     base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", f"out={out}"]
     return sweep.run([*base, *overrides], multirun)
 

@@ -12,13 +12,14 @@ from support.command_line import Started
 from sucre_bench import compare, results
 from sucre_bench.commands.run_summary import compared, track
 from sucre_bench.engine import sweep
+from sucre_bench.engine.outcome import Outcome
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper.figures import style
 
 pytestmark = pytest.mark.usefixtures("toys")
 
 
-def run_and_track(*overrides: str, multirun: bool = False) -> sweep.Outcome:
+def run_and_track(*overrides: str, multirun: bool = False) -> Outcome:
     """Run and log, as the command line does."""
     outcome = sweep.run(overrides, multirun)
     track(outcome, compared(outcome))

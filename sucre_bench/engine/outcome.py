@@ -1,0 +1,56 @@
+"""The outcome of a run: counts, faults, and the exit code."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sucre_bench.jobs.schema import Tracking
+from sucre_bench.jobs.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Fault", "Outcome"]
+
+
+@dataclass(frozen=True)
+class Fault:
+    """Why a view has no result, or not all its scores. where: dataset and method, and the metric if it is at fault."""
+
+    where: str
+    view: str
+    reason: str
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """The outcome of a run. The counts are of restorations: one view by one method.
+
+    datasets, methods: labels, in the order of the command; asked: rows of the requested datasets, methods and views;
+    crashed: whether a process ended unexpectedly.
+    """
+
+    rows: pd.DataFrame
+    asked: pd.DataFrame
+    out: Path
+    datasets: tuple[str, ...]
+    methods: tuple[str, ...]
+    wants_report: bool
+    study: Study | None
+    tracking: Tracking
+    ok: int
+    cached: int
+    failed: tuple[Fault, ...]
+    skipped: tuple[Fault, ...]
+    scores_failed: tuple[Fault, ...]
+    interrupted: bool
+    crashed: bool
+
+    @property
+    def exit_code(self) -> int:
+        """0: everything finished; 1: a view or score failed, or nothing was done; 130: stopped by Ctrl-C."""
+        if self.interrupted:
+            return 130
+        return 1 if self.failed or self.scores_failed or self.crashed or not self.ok else 0
