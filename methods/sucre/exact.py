@@ -6,8 +6,8 @@ and it has a seed. The number of threads changes nothing.
 
 physical: many real images are fitted best by a veil that is brighter than their darkest pixels, which makes colours
 negative. With this option every pixel whose colour would lie below zero by more than its noise adds that shortfall as
-a residual (kernels/formulas.py). The noise is that of the free fit, from the median of its residuals. Pixels seen once
-take part: no veil is brighter than what is seen through it.
+a residual (kernels/formulas.py). The noise comes from the residuals of the free fit (`_margin`). Pixels seen once take
+part: no veil is brighter than what is seen through it.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
-from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.starting_points import bounds_for, promising
 from sucre_bench.methods.sucre.weak_priors import has_veil, undetermined, with_priors
 from sucre_bench.multiview.observations import Observations
@@ -66,7 +66,7 @@ def fit(
     observations: Observations | Sequence[Observations],
     *,
     physical: bool = False,
-    sharp: Sequence[Observations] = (),
+    sharp: Sequence[Observations | None] = (),
     backend: Backend = "auto",
     device: Device = "auto",
     seed: int = 0,
@@ -74,12 +74,13 @@ def fit(
 ) -> WaterFit:
     """Find the one water that explains the observations of one image, or of several, best.
 
-    physical: hold colours above zero, up to the noise of the free fit. sharp: where the observations of the fit are
-    blurred, those whose colours are held, each pixel by its first observation. sample: pixels that minima are chosen
-    on.
+    physical: hold colours above zero, up to the noise of the free fit. sharp: for each image whose observations are
+    blurred, those whose colours are held, each pixel by its first observation; None for other images. sample: pixels
+    that minima are chosen on.
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
     images = [observations] if isinstance(observations, Observations) else observations
+    sharp = [own for own, one in zip(sharp or [None] * len(images), images, strict=True) if one.n_repeated]
     images = [one for one in images if one.n_repeated]
     if not images:
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
@@ -99,10 +100,8 @@ def fit(
         evaluate = _summed(kernels, None)
         ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in _distinct(ends)]
         if physical:
-            free = WaterParameters.of_channels(_distinct(ends)[0])
-            margin = np.mean([robust_noise(one, free) for one in sharp or few], axis=0)
-            margin = margin * (_MARGIN if sharp else 1)
-    dark = [_first_slot(one) for one in sharp] if physical else []
+            margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
+    dark = [_first_slot(one) for one in sharp if one is not None] if physical else []
     if margin is not None:
         with _all_opened([*few, *dark], backend, device) as kernels:
             evaluate, starts = _summed(kernels, margin), [*_distinct(ends), *starts]
@@ -127,9 +126,9 @@ def fit(
     return WaterFit(water, system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
-# With matched footprints colours may fall below zero by so many standard deviations of the noise: where no light is
-# left half of all colours are below zero by noise alone, and with one standard deviation they made red gamma 10 % too
-# low. Without matched footprints it is one: the free fit is biased the other way.
+# With matched footprints colours may fall below zero by so many standard deviations of a pixel's noise: where no light
+# is left half of all colours are below zero by noise alone, and with one standard deviation they made red gamma 10 %
+# too low.
 _MARGIN = 3.0
 
 # Distances that differ by less are the same: float32 and depth maps in millimetres resolve no more.
@@ -179,6 +178,21 @@ def _with_weak_channels(
     free = np.where(weak[:, None], prior.free, end.free)
     converged = np.where(weak, prior.converged, end.converged)
     return Minimum(at, evaluate(at), free, end.steps + prior.steps + 2, converged)
+
+
+def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], free: WaterParameters) -> Array:
+    """Return how far (3,) below zero colours may fall, from the residuals in the water of the free fit.
+
+    Residuals hold more than noise: light that changes between views, and what the model leaves out. Both scale colours,
+    so they vanish at zero; and both stay when the images are blurred. So the noise of a pixel is the variance that
+    blurring takes away: that of the sharp observations, less that of the same image's blurred ones in `few`. Where
+    nothing is blurred it is one standard deviation of the residuals: the free fit is biased the other way.
+    """
+    pairs = [(own, blurred) for own, blurred in zip(sharp, few, strict=True) if own is not None]
+    if not pairs:
+        return np.asarray(np.mean([robust_noise(one, free) for one in few], axis=0))
+    lost = [robust_noise(own, free) ** 2 - robust_noise(blurred, free) ** 2 for own, blurred in pairs]
+    return np.asarray(_MARGIN * np.sqrt(np.maximum(lost, LEAST_NOISE**2)).mean(axis=0))
 
 
 def _first_slot(observations: Observations) -> Observations:

@@ -29,7 +29,7 @@ from sucre_bench.multiview.observations import Observations
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
 
-__all__ = ["fit_robustly", "reweighted", "robust_noise"]
+__all__ = ["LEAST_NOISE", "fit_robustly", "reweighted", "robust_noise"]
 
 # c^2, in the misfit's units: a good observation has s^2 about 3, one for each channel. On clean data with normal noise
 # colours lose .1 dB to the weights; a third of it would lose .6 dB.
@@ -41,7 +41,7 @@ _ROUNDS = 4
 _ELEMENTS = 1 << 14  # places in a block: temporaries stay in the cache
 
 # Pixels that the noise is estimated on, and the least noise: rounding to 8 bits has a standard deviation of 1e-3.
-_SAMPLE, _LEAST_NOISE = 10_000, 1e-3
+_SAMPLE, LEAST_NOISE = 10_000, 1e-3
 
 # The median of |x| is this part of the standard deviation of a normal x.
 _MEDIAN_OF_NORMAL = 0.6745
@@ -83,14 +83,14 @@ def robust_noise(observations: Observations, water: WaterParameters) -> Array:
     explain.
     """
     if not observations.n_repeated:
-        return np.full(3, _LEAST_NOISE)
+        return np.full(3, LEAST_NOISE)
     step = -(-observations.n_repeated // _SAMPLE)
     sample = observations.take(np.arange(0, observations.n_repeated, step))
     noise = np.full(3, 0.02)
     for _ in range(3):  # the weights of the residuals depend on it
         parts = [_settled(sample, block, water, noise) for block in blocks(sample, _ELEMENTS)]
         t = np.concatenate([t[:, v > 0] for v, t in parts], axis=1)  # (3, N)
-        noise = np.maximum(noise * np.median(np.abs(t), axis=1) / _MEDIAN_OF_NORMAL, _LEAST_NOISE)
+        noise = np.maximum(noise * np.median(np.abs(t), axis=1) / _MEDIAN_OF_NORMAL, LEAST_NOISE)
     return noise
 
 

@@ -249,7 +249,7 @@ def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
             seed=sucre.seed,
         )
         to_fit = [sharp if matched is None else matched for sharp, matched in targets]
-        held = [sharp for sharp, matched in targets if matched is not None]
+        held = [None if matched is None else sharp for sharp, matched in targets]
         return fit(to_fit, physical=sucre.physical, sharp=held, **sucre._compute)
     except SolveError as fault:
         return fault

@@ -12,7 +12,7 @@ import pytest
 from support.made_ground import WATERS, make_ground
 from support.made_scene import make_scene
 
-from sucre_bench import Restoration, Scene, Water
+from sucre_bench import Arrays, Restoration, Scene, View, Water
 from sucre_bench.methods.sucre import Sucre, SucrePaper
 
 GROUND = {"width": 200, "height": 150, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)}
@@ -73,6 +73,24 @@ def test_a_physical_fit_is_not_pulled_by_colours_that_noise_makes_negative() -> 
     free, held = (Sucre(physical=on).restore(scene, scene["5.png"]) for on in (False, True))
     moved = relative_error(held, dark) - relative_error(free, dark)
     assert np.abs(moved[:, 0]).max() < 0.02
+
+
+def test_uneven_light_is_no_excuse_for_negative_colours(grounds: dict[str, Scene]) -> None:
+    """Ripples of light raise the residuals of blurred and sharp images alike; the noise of a pixel stays .004."""
+    rng = np.random.default_rng(0)
+    views = [rippled(view, rng.uniform(0, 2 * np.pi, 2)) for view in grounds["milky"].views]
+    scene = replace(grounds["milky"], views=views)
+    free, held = (Sucre(physical=on).restore(scene, scene["3.png"]).image for on in (False, True))
+    assert (free < 0).any(axis=-1).mean() > 0.15
+    assert (held < 0).any(axis=-1).mean() < 0.09
+
+
+def rippled(view: View, phase: np.ndarray) -> View:
+    """A view in light that varies by 25 %, in ripples of some 94 pixels."""
+    y, x = np.mgrid[: view.rgb.shape[0], : view.rgb.shape[1]]
+    light = 1 + 0.25 * np.sin(x / 15 + phase[0]) * np.sin(y / 15 + phase[1])
+    stored = np.rint((view.rgb * light[..., None]).clip(0, 1) * 255) / 255
+    return View(view.name, Arrays(stored, view.depth, view.reference), view.camera, view.cam_from_world)
 
 
 def test_too_few_pixels_fall_back_to_single_ones() -> None:
