@@ -15,6 +15,7 @@ import sucre_bench
 from sucre_bench.commands import completion
 from sucre_bench.commands.common import say
 from sucre_bench.errors import SucreBenchError
+from sucre_bench.machine.children import isolated_children
 
 __all__ = ["SECTIONS", "cli", "main"]
 
@@ -49,7 +50,8 @@ def _drop_output() -> None:
 def _status() -> int:
     """Run the command line and return its exit code."""
     try:
-        cli(prog_name="sucre-bench", standalone_mode=False)
+        with isolated_children():
+            cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
     except click.exceptions.NoArgsIsHelpError as fault:

@@ -20,6 +20,7 @@ from typing import IO
 import numpy as np
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.children import environment_of_programs
 
 __all__ = ["Ended", "run_program"]
 
@@ -74,6 +75,7 @@ def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
             stdout=subprocess.PIPE,
             stderr=subprocess.PIPE,
             bufsize=0,
+            env=environment_of_programs(),
             start_new_session=True,
         )
     except FileNotFoundError as fault:  # or what its first line names

@@ -19,6 +19,7 @@ from typing import Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.machine import provenance, terminal
+from sucre_bench.machine.children import python
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.plugins.plugin import Broken
 
@@ -254,7 +255,7 @@ def _open3d_fault() -> tuple[str, str]:
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:
-    return subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=False)
+    return subprocess.run(python("-c", code), capture_output=True, text=True, check=False)
 
 
 def _last(text: str) -> str:

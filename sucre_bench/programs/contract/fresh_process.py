@@ -24,6 +24,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import ANY_FAULT, PluginError, one_line
+from sucre_bench.machine.children import python
 from sucre_bench.programs.contract.contract import Subject
 from sucre_bench.programs.contract.made_scenes import TARGET, submerged
 from sucre_bench.programs.contract.process_state import changed, snapshot
@@ -79,7 +80,7 @@ def _place(subject: Subject) -> str:
 
 def _told(task: Mapping[str, Any]) -> Any:
     done = subprocess.run(
-        [sys.executable, "-m", __name__],
+        python("-m", __name__),
         input=json.dumps(task),
         capture_output=True,
         text=True,
