@@ -1,15 +1,40 @@
-"""Writes files atomically: a reader sees the old content or the new, never a part."""
+"""Writes files atomically: a reader sees the old content or the new, never a part. Refuses to read what is no file."""
 
 from __future__ import annotations
 
 import errno
 import os
+import stat
 import tempfile
 from pathlib import Path
 
-from sucre_bench.errors import OutputError
+from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["write_atomically"]
+__all__ = ["regular", "write_atomically"]
+
+_KINDS = {
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a named pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
+}
+
+
+def regular(path: Path) -> Path:
+    """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
+
+    Raises FileNotFoundError if nothing is there, InputError for anything but a file. Nothing is opened.
+    """
+    try:
+        mode = path.stat().st_mode
+    except FileNotFoundError:
+        raise
+    except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
+        raise InputError(f"{path}: cannot be read, {getattr(fault, 'strerror', fault)}; give another file") from fault
+    if not stat.S_ISREG(mode):
+        raise InputError(f"{path}: is {_KINDS.get(stat.S_IFMT(mode), 'no file')}; give a file")
+    return path
 
 
 def write_atomically(path: Path, content: bytes) -> None:

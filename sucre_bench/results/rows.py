@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMNS",
     "COSTS",
+    "NUMBERS",
     "RESTORATION",
     "By",
     "Row",
@@ -88,7 +89,8 @@ def unreplicated(scene: str) -> tuple[str, int]:
 
 COLUMNS = tuple(f.name for f in fields(Row))
 _RESTORATION = ["dataset", "scene", "view", "method"]
-_NUMBERS = {
+# Columns that are not text, by their type.
+NUMBERS = {
     "value": "float64",
     "n_pixels": "int64",
     "coverage": "float64",
@@ -110,15 +112,15 @@ def frame(rows: Iterable[Row]) -> pd.DataFrame:
 
     rows = list(rows)
     table = pd.DataFrame({name: [getattr(row, name) for row in rows] for name in COLUMNS}, columns=list(COLUMNS))
-    text = {name: "str" for name in COLUMNS if name not in _NUMBERS}
-    return table.astype({**_NUMBERS, **text})
+    text = {name: "str" for name in COLUMNS if name not in NUMBERS}
+    return table.astype({**NUMBERS, **text})
 
 
 def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
     """Return rows as a table for parquet files, with the columns and types of `frame`."""
     import pyarrow
 
-    types = {name: pyarrow.type_for_alias(_NUMBERS.get(name, "string")) for name in COLUMNS}
+    types = {name: pyarrow.type_for_alias(NUMBERS.get(name, "string")) for name in COLUMNS}
     values = zip(*map(attrgetter(*COLUMNS), rows), strict=True)
     columns = [pyarrow.array(column, type=types[name]) for name, column in zip(COLUMNS, values, strict=True)]
     return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))

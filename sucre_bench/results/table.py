@@ -18,9 +18,10 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.errors import DamagedTableError, InputError, OutputError, one_line
-from sucre_bench.machine.files import _not_writable, write_atomically
+from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.machine.files import _not_writable, regular, write_atomically
 from sucre_bench.machine.log import not_before
+from sucre_bench.results.check_table import check_columns, check_values, damaged
 from sucre_bench.results.rows import _RESTORATION, COLUMNS, Row, as_arrow, frame
 
 if TYPE_CHECKING:
@@ -73,21 +74,21 @@ def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
 
 def _table(path: Path, labels: Mapping[str, str]) -> pd.DataFrame | None:
     import pandas as pd
-    import pyarrow
+    import pyarrow.parquet
 
     try:
-        content = io.BytesIO(path.read_bytes())  # whole: the file may be replaced while it is read
+        content = io.BytesIO(regular(path).read_bytes())  # whole: the file may be replaced while it is read
+        check_columns(path, pyarrow.parquet.ParquetFile(content))
+        content.seek(0)
         rows = pd.read_parquet(content, filters=[(name, "==", label) for name, label in labels.items()] or None)
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
-    except (pyarrow.ArrowInvalid, OSError) as fault:
-        raise DamagedTableError(
-            f"{path}: not a table of scores ({one_line(fault)}); delete it and run again"
-        ) from fault
-    if absent := [name for name in COLUMNS if name not in rows]:
-        reason = f"not a table of scores, it lacks {', '.join(absent)}"
-        raise DamagedTableError(f"{path}: {reason}; delete it and run again")
-    return rows[list(COLUMNS)]
+    except SucreBenchError:
+        raise
+    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
+        raise damaged(path, one_line(fault)) from fault
+    check_values(path, rows)
+    return rows[list(COLUMNS)].astype(frame([]).dtypes.to_dict())
 
 
 def _newest(rows: pd.DataFrame) -> pd.DataFrame:

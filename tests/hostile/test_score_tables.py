@@ -1,0 +1,126 @@
+"""A scores.parquet that something else wrote, or changed: run, compare and report name the file and the column."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pandas as pd
+import pyarrow
+import pyarrow.parquet
+import pytest
+from support.command_line import run_here
+from support.places import TOYS
+
+from sucre_bench import results
+from sucre_bench.results.rows import Row
+
+ROWS = results.frame(
+    replace(Row("toy", "toy", f"v{n}.png", "gain", metric=metric, value=1.0 + n), variant=variant)
+    for n in range(3)
+    for metric, variant in (("seconds", "wall"), ("psnr", "masked"))
+)
+
+
+def column(name: str, values: Any) -> Callable[[Path], None]:
+    """Write the table with other values in one column, `values` in all rows or one a row."""
+
+    def write(path: Path) -> None:
+        rows = ROWS.drop(columns=name).assign(**{name: values})
+        rows.to_parquet(path, index=False)
+
+    return write
+
+
+def without(name: str) -> Callable[[Path], None]:
+    return lambda path: ROWS.drop(columns=name).to_parquet(path, index=False)
+
+
+def twice(path: Path) -> None:
+    table = pyarrow.Table.from_pandas(ROWS, preserve_index=False)
+    pyarrow.parquet.write_table(table.append_column("value", table["value"]), path)
+
+
+def cut(path: Path) -> None:
+    ROWS.to_parquet(path, index=False)
+    path.write_bytes(path.read_bytes()[:-200])
+
+
+def scrambled(path: Path) -> None:
+    ROWS.to_parquet(path, index=False)
+    content = bytearray(path.read_bytes())
+    content[40:400] = np.random.default_rng(0).bytes(360)
+    path.write_bytes(content)
+
+
+def endless(path: Path) -> None:
+    one = pyarrow.table({name: pyarrow.nulls(1) for name in ROWS})
+    pyarrow.parquet.write_table(one, path)
+
+
+FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
+    "text for numbers": (column("value", "high"), "column 'value'"),
+    "numbers for text": (column("method", 7), "column 'method'"),
+    "numbers for options": (column("options", 1.5), "column 'options'"),
+    "a label that is a number": (column("dataset", 3), "column 'dataset'"),
+    "times as timestamps": (column("time", pd.Timestamp("2026-01-01")), "column 'time'"),
+    "no time": (column("time", "yesterday"), "column 'time'"),
+    "fractions of pixels": (column("n_pixels", 0.5), "column 'n_pixels'"),
+    "negative pixels": (column("n_pixels", -1), "column 'n_pixels'"),
+    "lists": (column("region", [["a"]] * len(ROWS)), "column 'region'"),
+    "null views": (column("view", [None, *ROWS["view"][1:]]), "column 'view'"),
+    "null seeds": (column("seed", pd.array([None, *[0] * (len(ROWS) - 1)], dtype="Int64")), "column 'seed'"),
+    "all null": (column("status", None), "column 'status'"),
+    "an unknown status": (column("status", "fine"), "column 'status'"),
+    "an unknown direction": (column("better", "sideways"), "column 'better'"),
+    "options that are no JSON": (column("options", "{"), "column 'options'"),
+    "options that are a list": (column("options", "[]"), "column 'options'"),
+    "deep options": (column("options", "[" * 100_000), "column 'options'"),
+    "a column is missing": (without("region"), "it lacks region"),
+    "a column is there twice": (twice, "two columns 'value'"),
+    "cut short": (cut, "not a table of scores"),
+    "overwritten inside": (scrambled, "not a table of scores"),
+    "only nulls": (endless, "column 'dataset'"),
+    "a folder": (lambda path: path.mkdir(), ""),
+}
+COMMANDS = {
+    "compare": ("compare", "results"),
+    "report": ("report", "results"),
+    "run": ("run", "--plugin", str(TOYS), "dataset=toy", "method=gain", "metrics=[redness]", "out=results"),
+}
+
+
+@pytest.mark.parametrize(("write", "said"), FAULTS.values(), ids=FAULTS)
+def test_a_table_that_cannot_be_used_is_one_line_with_file_and_column(
+    tmp_path: Path, write: Callable[[Path], None], said: str
+):
+    out = tmp_path / "results"
+    out.mkdir()
+    path = out / "scores.parquet"
+    write(path)
+    before = path.read_bytes() if path.is_file() else None
+    for command in COMMANDS.values() if said else [COMMANDS["compare"]]:
+        done = run_here(tmp_path, *command)
+        assert done.returncode == 2, command
+        assert "scores.parquet" in done.stderr
+        assert said in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+        assert "Traceback" not in done.stderr
+        assert (path.read_bytes() if path.is_file() else None) == before
+
+
+def test_tables_of_other_writers_with_the_same_values_are_read(tmp_path: Path):
+    """Text as a dictionary or as large strings, numbers in fewer bits, other columns beside ours."""
+    out = tmp_path / "results"
+    out.mkdir()
+    other = ROWS.assign(
+        method=ROWS["method"].astype("category"),
+        n_pixels=ROWS["n_pixels"].astype("int32"),
+        value=ROWS["value"].astype("float32"),
+        note="mine",
+    )
+    other.to_parquet(out / "scores.parquet", index=False)
+    pd.testing.assert_frame_equal(results.read(out), ROWS, check_like=True)
