@@ -20,14 +20,14 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import ChartKind, Patch, chart_kind
 from sucre_bench.imaging.once import locked, once
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Chart
 
-__all__ = ["PatchReading", "check_corners", "image_from_chart", "measure", "scaled_chart"]
+__all__ = ["PatchReading", "chart_mask", "check_corners", "image_from_chart", "measure", "scaled_chart"]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -63,6 +63,24 @@ def image_from_chart(corners: Array) -> Array:
 
     unit = np.array([[0, 0], [1, 0], [1, 1], [0, 1]], dtype=np.float32)
     return np.asarray(cv2.getPerspectiveTransform(unit, np.asarray(corners, dtype=np.float32)), dtype=np.float64)
+
+
+def chart_mask(chart: Chart, size: tuple[int, int]) -> Mask:
+    """Return (H, W) bool: the pixels whose centre lies within a chart's corners; size: (width, height).
+
+    Raises InputError for corners that are not a convex quadrilateral in reading order.
+    """
+    corners = np.asarray(chart.corners, dtype=np.float64)
+    check_corners(chart.name, corners)
+    mask = np.zeros(size[::-1], dtype=bool)
+    left, top = np.clip(np.floor(corners.min(axis=0)), 0, size).astype(int)
+    right, bottom = np.clip(np.ceil(corners.max(axis=0)), 0, size).astype(int)
+    v, u = np.mgrid[top:bottom, left:right] + 0.5
+    inside = np.ones(u.shape, dtype=bool)
+    for (x, y), (dx, dy) in zip(corners, np.roll(corners, -1, axis=0) - corners, strict=True):
+        inside &= dx * (v - y) - dy * (u - x) >= 0  # on the right of each edge: corners go clockwise, y down
+    mask[top:bottom, left:right] = inside
+    return mask
 
 
 def check_corners(name: str, corners: Array) -> None:

@@ -1,0 +1,60 @@
+"""saturated_red: against the HSV of scikit-image, and pictures whose share of red is known by counting."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from skimage.color import rgb2hsv
+
+from sucre_bench.arrays import Array
+from sucre_bench.metrics.saturated_red import SaturatedRed
+from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
+
+
+def score(shown: Array, *charts: Chart) -> Score:
+    view = View("a.png", Arrays(shown), charts=charts)
+    (found,) = SaturatedRed().score(Restoration(shown), shown, view, "hsv")
+    return found
+
+
+def test_random_colours_are_red_where_scikit_images_hsv_says_so() -> None:
+    shown = np.random.default_rng(0).random((200, 300, 3)).astype(np.float32)
+    hue, saturation, value = np.moveaxis(rgb2hsv(shown.astype(np.float64)), -1, 0)
+    red = (np.minimum(hue, 1 - hue) * 360 <= 25) & (saturation > 0.5) & (value > 0.1)
+    assert red.mean() > 0.05
+    assert score(shown).value == pytest.approx(red.mean(), abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("rgb", "share"),
+    [
+        ((0.8, 0.1, 0.1), 1),
+        ((0.8, 0.5, 0.5), 0),  # pale
+        ((0.09, 0, 0), 0),  # almost black
+        ((0.8, 0.5, 0.1), 0),  # orange, hue 34 degrees
+        ((0.8, 0.35, 0.1), 1),  # hue 21
+        ((0.8, 0.1, 0.5), 0),  # magenta, hue -34
+        ((0.5, 0.5, 0.5), 0),
+        ((0, 0, 0), 0),
+    ],
+)
+def test_pale_dark_orange_and_magenta_are_not_saturated_red(rgb: Array, share: float) -> None:
+    shown = np.empty((48, 64, 3), np.float32)
+    shown[:] = rgb
+    assert score(shown).value == share
+
+
+def test_charts_and_holes_do_not_count() -> None:
+    shown = np.full((50, 100, 3), 0.5, np.float32)
+    shown[10:30, 20:60] = (1, 0, 0)  # the chart
+    shown[40:, :] = np.nan
+    shown[0, :50] = (1, 0, 0)
+    chart = Chart("c", "dgk", np.array([[20.0, 10], [60, 10], [60, 30], [20, 30]]))
+    found = score(shown, chart)
+    assert found.n_pixels == 40 * 100 - 20 * 40
+    assert found.value == pytest.approx(50 / found.n_pixels)
+    assert found.coverage == pytest.approx(found.n_pixels / 5000)
+
+
+def test_a_picture_without_colours_has_no_score() -> None:
+    assert np.isnan(score(np.full((48, 64, 3), np.nan, np.float32)).value)
