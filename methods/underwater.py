@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from sucre_bench import Restoration, Scene, View, method
 
 
-@method()
+@method(is_photograph=True)
 @dataclass(frozen=True)
 class Underwater:
     """The photograph as it was taken, without restoration."""

@@ -40,6 +40,7 @@ class Coverage:
 
 
 @metric(
+    role="diagnosis",
     needs={"restoration"},
     unit="share",
     better="lower",

@@ -60,6 +60,7 @@ _VARIANTS = {
 
 
 @metric(
+    role="no-reference",
     requires=["cv2", "numba", "skimage"],
     unit="",
     better="higher",

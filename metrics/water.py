@@ -17,6 +17,7 @@ __all__ = ["Water"]
 
 
 @metric(
+    role="diagnosis",
     needs={"truth"},
     unit="relative",
     better="lower",

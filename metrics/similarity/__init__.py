@@ -30,6 +30,7 @@ _GRAY = Resizing(256)
 
 
 @metric(
+    role="similarity",
     needs={"reference"},
     requires=["numba", "PIL"],
     unit="dB",
@@ -70,6 +71,7 @@ class Psnr:
 
 
 @metric(
+    role="similarity",
     needs={"reference"},
     requires=["cv2", "numba"],
     unit="",

@@ -145,6 +145,7 @@ def _distinct(part: Callable[[_Form], object]) -> dict[str, str]:
 
 
 @metric(
+    role="no-reference",
     requires=["cv2", "numba"],
     unit="",
     better="higher",
@@ -170,6 +171,7 @@ class Uiqm:
 
 
 @metric(
+    role="diagnosis",
     requires=["cv2", "numba"],
     unit="",
     better="higher",
@@ -188,6 +190,7 @@ class Uicm:
 
 
 @metric(
+    role="diagnosis",
     requires=["cv2", "numba"],
     unit="",
     better="higher",
@@ -206,6 +209,7 @@ class Uism:
 
 
 @metric(
+    role="diagnosis",
     requires=["cv2", "numba"],
     unit="",
     better="higher",

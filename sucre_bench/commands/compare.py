@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+import shlex
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,8 @@ __all__ = ["compare"]
 )
 @click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this one.")
 @click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
+@click.option("--intervals", is_flag=True, help="Show 95 % intervals, and a sentence for each lead.")
+@click.option("--all-metrics", is_flag=True, help="Show all columns, not only those that decide.")
 @click.option("--spread", is_flag=True, help="Show standard deviations too.")
 @click.option(
     "--format",
@@ -42,11 +45,13 @@ def compare(
     metrics: Sequence[str],
     baseline: str,
     common: bool,
+    intervals: bool,
+    all_metrics: bool,
     spread: bool,
     how: Any,
     as_json: bool,
 ) -> None:
-    """One table over one or more output folders, with 95 % intervals.
+    """One table over one or more output folders: the scores that decide, and who leads.
 
     \b
     sucre-bench compare results
@@ -54,7 +59,8 @@ def compare(
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
     sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
-    Methods are compared on the same images only. Runs that are not comparable are refused, with the reason.
+    Methods are compared on the same images only. Runs that are not comparable are refused, with the reason. Every
+    format but that of the terminal has all columns, with 95 % intervals.
     """
     from sucre_bench import compare
     from sucre_bench.compare import text as tables
@@ -68,7 +74,27 @@ def compare(
     if as_json or how != "terminal":
         click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
         return
+    width = terminal.out.width
+    if not (intervals or all_metrics or spread):
+        for block in tables.as_blocks(compared, width, bool(metrics)):
+            terminal.out.print(block)
+            click.echo()
+        given = [*map(str, folders), *_given(click.get_current_context())]
+        click.echo(f"more: {shlex.join(['sucre-bench', 'compare', *given, '--intervals', '--all-metrics'])}")
+        return
     for table in compared:
-        terminal.out.print(tables.as_table(table, terminal.out.width, spread))
-        for verdict in compare.verdicts(table):
-            click.echo(tables.verdict_text(table, verdict))
+        own = table if all_metrics or metrics else tables.decisive(table)
+        terminal.out.print(tables.as_table(own, width, spread, intervals))
+        for verdict in compare.verdicts(own) if intervals else ():
+            click.echo(tables.verdict_text(own, verdict))
+
+
+def _given(context: click.Context) -> Iterator[str]:
+    """The options of a command that were given, as words; none of these is an argument."""
+    for parameter in context.command.params:
+        source = context.get_parameter_source(parameter.name or "")
+        if not isinstance(parameter, click.Option) or source != click.core.ParameterSource.COMMANDLINE:
+            continue
+        value = context.params[parameter.name or ""]
+        for one in value if parameter.multiple else [value]:
+            yield from [parameter.opts[0]] if parameter.is_flag else [parameter.opts[0], str(one)]

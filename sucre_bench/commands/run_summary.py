@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import itertools
 import os
+import shlex
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 from pathlib import Path
@@ -20,7 +21,7 @@ from sucre_bench.machine import progress, terminal
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
-from sucre_bench.results import Reason, brief
+from sucre_bench.results import Reason, brief, with_remedy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,6 +30,8 @@ if TYPE_CHECKING:
     from sucre_bench.engine.outcome import Fault
 
 __all__ = ["as_object", "compared", "show", "track"]
+
+_EVERYTHING = ("--intervals", "--all-metrics")
 
 
 def compared(outcome: Outcome) -> list[Comparison]:
@@ -66,10 +69,10 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     """Write the study's files and the page; print tables, what failed and why, the counts, and where everything is."""
     study, page = _written(outcome, comparisons)
     if (outcome.rows["status"] == "ok").any():
-        for table in comparisons:
-            terminal.out.print(tables.as_table(table, terminal.out.width))
-            for verdict in compare.verdicts(table):
-                click.echo(tables.verdict_text(table, verdict))
+        for block in tables.as_blocks(comparisons, terminal.out.width):
+            terminal.out.print(block)
+            click.echo()
+        click.echo(f"more: {shlex.join(['sucre-bench', 'compare', str(outcome.out), *_EVERYTHING])}")
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),
@@ -120,7 +123,7 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
         by_reason.setdefault((fault.where, fault.reason), []).append(fault.view)
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
-        yield f"{where} / {which}: {reason}"
+        yield f"{where} / {which}: {with_remedy(reason)}"
 
 
 def _not_scored(rows: pd.DataFrame) -> Iterator[str]:

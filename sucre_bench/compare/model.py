@@ -11,11 +11,25 @@ from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units
 from sucre_bench.results.rows import COSTS
 
-__all__ = ["NO_DIFFERENCE", "Cell", "Column", "Comparison", "Difference", "Measured", "Note", "NoteKind", "Verdict"]
+__all__ = [
+    "FEWEST_VIEWS",
+    "NO_DIFFERENCE",
+    "Cell",
+    "Column",
+    "Comparison",
+    "Difference",
+    "Measured",
+    "Note",
+    "NoteKind",
+    "Verdict",
+]
 
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
 NO_DIFFERENCE: Difference = (math.nan, math.nan, math.nan)
+
+# With fewer views, intervals are so wide that they decide nothing: tables for people leave them out.
+FEWEST_VIEWS = 5
 
 
 @dataclass(frozen=True)
@@ -56,7 +70,7 @@ class Cell:
 
     NaN stands for what there is not: an interval over one view or of infinite values, the best's effect against itself.
     Where scores are equal or have no interval, the mean alone decides the rank. A number that only describes has place
-    and rank 0, and NaN instead of better and worse.
+    and rank 0, and NaN instead of better and worse; so has the photograph beside restorers.
     """
 
     mean: float
@@ -156,7 +170,8 @@ class Comparison:
 
     title: the dataset, and the view or region if the table is of one; stale: methods left out because their rows come
     from older data; baseline: the method that others are compared with, or ""; notes: what is not counted, and why;
-    measured: the numbers behind the cells, from which `against` makes differences to a baseline.
+    measured: the numbers behind the cells, from which `against` makes differences to a baseline; photographs: methods
+    that return the photograph itself, which take no part in places, ranks and ties unless there are no others.
     """
 
     title: str
@@ -167,3 +182,9 @@ class Comparison:
     baseline: str = ""
     notes: tuple[Note, ...] = ()
     measured: Mapping[Column, Measured] = field(default_factory=dict, repr=False, compare=False)
+    photographs: tuple[str, ...] = ()
+
+    @property
+    def restorers(self) -> tuple[str, ...]:
+        """The methods that compete: all but the photograph."""
+        return tuple(name for name in self.methods if name not in self.photographs)

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -18,10 +18,12 @@ __all__ = ["against", "cells"]
 _EQUAL = 1e-12  # scores that differ by rounding only
 
 
-def cells(column: Column, measured: Measured) -> list[Cell]:
-    """Return the cell of each method of `measured`, compared with the best."""
-    views, sign = measured.views, _sign(column)
-    mean = _means(views)
+def cells(column: Column, measured: Measured, apart: Collection[str] = ()) -> list[Cell]:
+    """Return the cell of each method of `measured`, compared with the best.
+
+    apart: methods that are not compared, unless all are: their cells have no place.
+    """
+    mean = _means(measured.views)
     low, high = _interval(column, measured)
     made = [
         Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))
@@ -29,6 +31,16 @@ def cells(column: Column, measured: Measured) -> list[Cell]:
     ]
     if column.better == "none":
         return made
+    rivals = [m for m, name in enumerate(measured.methods) if name not in apart] or [*range(len(made))]
+    ranked = _ranked(column, measured.of(rivals), [made[m] for m in rivals])
+    for m, cell in zip(rivals, ranked, strict=True):
+        made[m] = cell
+    return made
+
+
+def _ranked(column: Column, measured: Measured, made: Sequence[Cell]) -> list[Cell]:
+    views, sign = measured.views, _sign(column)
+    mean = _means(views)
     pairs = _Pairs.of(mean * sign, measured.independent)
     places, ranks, wins = pairs.places(), pairs.ranks(), _best_in(views * sign)
     best = int(np.argmin(places))

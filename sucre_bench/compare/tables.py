@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
@@ -160,13 +161,22 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
         found.append(Note("no baseline", (baseline,)))
         baseline = ""
     measured = {column: _measured(column, values) for column, values in scores.items() if column.n_units}
+    photographs = _photographs(rows, methods)
     made = {
         (name, column): cell
         for column, own in measured.items()
-        for name, cell in zip(own.methods, ranks.cells(column, own), strict=True)
+        for name, cell in zip(own.methods, ranks.cells(column, own, photographs), strict=True)
     }
-    table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured)
+    table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured, photographs)
     return against(table, baseline) if baseline else table
+
+
+def _photographs(rows: pd.DataFrame, methods: Sequence[str]) -> tuple[str, ...]:
+    """The methods that return the photograph itself."""
+    known = plugins.discover("method")
+    options = dict(zip(rows["method"], rows["options"], strict=True))
+    of_labels = {label: known.get(json.loads(options[label]).get("name", "")) for label in methods}
+    return tuple(name for name, plugin in of_labels.items() if isinstance(plugin, Plugin) and plugin.is_photograph)
 
 
 def _repetitions(scores: pd.DataFrame) -> pd.DataFrame:

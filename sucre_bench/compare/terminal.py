@@ -1,89 +1,191 @@
-"""A comparison as a table for the terminal, in blocks of as many columns as fit, with numbers aligned."""
+"""A comparison for the terminal: one block with the columns that decide, or a table of every column."""
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+import itertools
+import re
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import replace
+from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.words import Shown, blocks, left_out, legend, shown, title
+from sucre_bench.compare.answer import answer, too_few
+from sucre_bench.compare.deciding import Deciding, deciding
+from sucre_bench.compare.laid_out import LaidOut, aligned
+from sucre_bench.compare.words import ARROW, left_out, legend, shown, title
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
-
-__all__ = ["as_table"]
-
-_STYLE = {"best": "bold green", "second": "underline", "better": "green", "worse": "red"}
-
-
-def as_table(comparison: Comparison, width: int, spread: bool = False) -> RenderableType:
-    """Return a rich renderable: blocks of as many columns as `width` characters have room for.
-
-    spread: with standard deviations.
-    """
-    from rich.console import Group
-    from rich.table import Table
     from rich.text import Text
 
-    first = max(len(name) for name in ("method", *comparison.methods))
-    laid_out = [_LaidOut.of(comparison, column, spread) for column in comparison.columns]
+__all__ = ["as_blocks", "as_table"]
+
+_MOST_NOTES = 3
+_MOST_BLOCKS = 3  # datasets with a block of their own
+
+
+def as_table(comparison: Comparison, width: int, spread: bool = False, intervals: bool = True) -> RenderableType:
+    """Return a rich renderable: all columns, in blocks of as many as `width` characters have room for.
+
+    spread: with standard deviations; intervals: with 95 % intervals.
+    """
+    from rich.console import Group
+    from rich.text import Text
+
+    laid_out = [
+        LaidOut.of(comparison, column, spread, intervals, (title(column), column.variant))
+        for column in comparison.columns
+    ]
     parts: list[Any] = [Text(comparison.title, style="bold")]
-    for places in blocks([own.width for own in laid_out], width - first - 2):
-        block = laid_out[places]
-        lines = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-        lines.add_column("method", no_wrap=True)
-        for own in block:
-            head = Text(f"{title(own.column):>{own.width}}\n").append(f"{own.column.variant:>{own.width}}", style="dim")
-            lines.add_column(head, no_wrap=True)
-        for n, name in enumerate(comparison.methods):
-            lines.add_row(Text(name), *(own.painted(n) for own in block))
-        parts += [lines, Text("")]
-    parts += [Text(line, style="dim") for line in (legend(comparison, spread, colours=True), *left_out(comparison))]
-    return Group(*parts)
+    parts += [part for lines in aligned(comparison.methods, laid_out, width) for part in (lines, Text(""))]
+    said = (legend(comparison, spread, colours=True, intervals=intervals), *left_out(comparison))
+    return Group(*parts, *(Text(line, style="dim") for line in said))
 
 
-@dataclass(frozen=True)
-class _LaidOut:
-    """A column's cells, and how wide each of their parts is."""
+def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
+    """Return a rich renderable: the columns that decide, the best method first, and the answer in two sentences.
 
-    column: Column
-    cells: tuple[Shown, ...]
-    value: int
-    interval: int
-    holes: int
+    The photograph stands below the methods. Lines are broken between words, to `width` characters.
+    """
+    from rich.console import Group
 
-    @classmethod
-    def of(cls, comparison: Comparison, column: Column, spread: bool) -> _LaidOut:
-        cells = tuple(shown(comparison, name, column, spread) for name in comparison.methods)
-        return cls(
-            column,
-            cells,
-            max(len(_marked(cell)) for cell in cells),
-            max(len(cell.interval) for cell in cells),
-            max(len(cell.holes) for cell in cells),
+    chosen, few = deciding(comparison, every), too_few(comparison)
+    methods = _best_first(comparison, chosen)
+    own = replace(comparison, methods=methods, columns=chosen.columns)
+    laid_out = [_decider(own, column, chosen, bool(few)) for column in own.columns]
+    head = f"{own.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
+    parts: list[Any] = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, comparison.photographs)]
+    said = [_signs(own, laid_out, few), _blind(chosen), *_notes(own)]
+    parts += [_wrapped(line, width, "dim") for line in said if line]
+    return Group(*parts, *(_wrapped(line, width) for line in answer(own, chosen)))
+
+
+def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[RenderableType]:
+    """Return a renderable for each comparison; one for all those of many datasets with the same main score.
+
+    every: with all columns, each comparison by itself.
+    """
+    by_main: dict[tuple[str, str], list[Comparison]] = {}
+    for comparison in comparisons:
+        main = deciding(comparison).main
+        by_main.setdefault((main.metric, main.variant) if main else ("", ""), []).append(comparison)
+    made: list[RenderableType] = []
+    for (metric, _), group in by_main.items():
+        is_overview = metric and len(group) > _MOST_BLOCKS and not every
+        made += [_overview(group, width)] if is_overview else [_block(one, width, every) for one in group]
+    return made
+
+
+def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
+    """The main score of every dataset: a line a method, a column a dataset."""
+    from rich.console import Group
+
+    mains = [column for one in comparisons if (column := deciding(one).main)]
+    ranked = [_best_first(one, deciding(one)) for one in comparisons]
+    places = {name: [own.index(name) for own in ranked if name in own] for own in ranked for name in own}
+    apart = {name for one in comparisons if one.restorers for name in one.photographs}
+    methods = sorted(places, key=lambda name: (name in apart, fmean(places[name])))
+    titles = [one.title for one in comparisons]
+    prefix = _shared_start(titles)
+    laid_out = []
+    for one, column in zip(comparisons, mains, strict=True):
+        cells = [shown(one, name, column) for name in methods]
+        heading = (one.title.removeprefix(prefix), "")
+        laid_out.append(
+            LaidOut(
+                heading, tuple(replace(cell, interval="", mark="" if too_few(one) else cell.mark) for cell in cells)
+            )
         )
-
-    @property
-    def width(self) -> int:
-        return max(len(title(self.column)), len(self.column.variant), self._of_cells)
-
-    @property
-    def _of_cells(self) -> int:
-        return self.value + sum(1 + own for own in (self.interval, self.holes) if own)
-
-    def painted(self, n: int) -> Any:
-        """The cell of the n-th method, flush right as a whole: its parts stand below those of the cells above."""
-        from rich.text import Text
-
-        cell = self.cells[n]
-        value = _marked(cell)
-        text = Text(" " * (self.width - self._of_cells + self.value - len(value)))
-        text.append(value, style=_STYLE.get(cell.look, "dim" if cell.mark else ""))
-        for part, width in ((cell.interval, self.interval), (cell.holes, self.holes)):
-            if width:
-                text.append(f" {part:<{width}}", style="dim")
-        return text
+    head = f"{title(mains[0])} of {len(titles)} datasets{': ' + prefix if prefix else ''}"
+    few = {too_few(one) for one in comparisons}
+    signs = _signs(comparisons[0], laid_out, few.pop() if len(few) == 1 else "")
+    best = Counter(own[0] for own in ranked)
+    line = f"best {mains[0].metric}: {', '.join(f'{name} in {n}' for name, n in best.most_common())} of {len(titles)}"
+    parts = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, apart)]
+    return Group(*parts, _wrapped(signs, width, "dim"), _wrapped(line, width))
 
 
-def _marked(cell: Shown) -> str:
-    return f"{cell.mark} {cell.value}".lstrip()
+def _shared_start(titles: Sequence[str]) -> str:
+    """What all titles begin with, up to the last sign that ends a word of a label."""
+    pairs = itertools.takewhile(lambda letters: len({*letters}) == 1, zip(*titles, strict=False))
+    return re.sub(r"[^,=·/ ]*$", "", "".join(letters[0] for letters in pairs))
+
+
+def _wrapped(line: str, width: int, style: str = "") -> Text:
+    from rich.text import Text
+
+    text = textwrap.fill(line, width, subsequent_indent="  ", break_long_words=False, break_on_hyphens=False)
+    return Text(text, style=style)
+
+
+def _best_first(comparison: Comparison, chosen: Deciding) -> tuple[str, ...]:
+    """The methods by their mean of the main score, those without it behind them, the photograph last."""
+    names = comparison.restorers or comparison.methods
+    if chosen.main is not None:
+        cells = {name: comparison.cells.get((name, chosen.main)) for name in names}
+        sign = -1 if chosen.main.better == "higher" else 1
+        names = tuple(
+            sorted(names, key=lambda name: (cells[name] is None, sign * cell.mean if (cell := cells[name]) else 0))
+        )
+    return (*names, *(name for name in comparison.photographs if name not in names))
+
+
+def _decider(comparison: Comparison, column: Column, chosen: Deciding, few: bool) -> LaidOut:
+    if column == chosen.filled:
+        head = ("filled", "" if comparison.baseline else "%")
+    elif column == chosen.seconds:
+        head = ("s/view", "")
+    else:
+        head = (f"{column.metric} {ARROW[column.better]}".rstrip(), column.unit)
+    laid_out = LaidOut.of(comparison, column, False, False, head)
+    cells = laid_out.cells
+    if column == chosen.filled and not comparison.baseline:
+        cells = tuple(
+            replace(cell, value=_percent(comparison, name, column))
+            for name, cell in zip(comparison.methods, cells, strict=True)
+        )
+    if few:
+        cells = tuple(replace(cell, mark="") for cell in cells)
+    return replace(laid_out, cells=cells)
+
+
+def _percent(comparison: Comparison, name: str, column: Column) -> str:
+    """A share in per cent, never rounded up to all."""
+    cell = comparison.cells.get((name, column))
+    return "-" if cell is None else f"{100 * cell.mean:.0f}" if not 0.995 <= cell.mean < 1 else "99"
+
+
+def _signs(comparison: Comparison, laid_out: Sequence[LaidOut], few: str) -> str:
+    """What the signs of a block mean."""
+    cells = [cell for column in laid_out for cell in column.cells]
+    looks = {cell.look for cell in cells}
+    baseline = comparison.baseline
+    views = max((column.n_views for column in comparison.columns), default=0)
+    parts = [f"differences to {baseline}"] if baseline else [few or f"means over {views} views"]
+    parts += [few] if baseline and few else []
+    parts += ["bold: best"] * ("best" in looks)
+    parts += ["green: better, red: worse"] * bool(looks & {"better", "worse"})
+    parts += [f"≈: no different from {baseline or 'the best'} by more than chance"] * any(c.mark for c in cells)
+    parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
+    photographs = comparison.photographs if comparison.restorers else ()
+    parts += [f"{name}: the photograph itself" for name in photographs]
+    return "; ".join(parts)
+
+
+def _blind(chosen: Deciding) -> str:
+    """Say it where no score knows the true colours."""
+    if chosen.knows_colours or not chosen.scores:
+        return ""
+    return f"{', '.join(column.metric for column in chosen.scores)}: scores of the picture alone, without true colours"
+
+
+def _notes(comparison: Comparison) -> list[str]:
+    """What is not counted, of the columns of the block."""
+    columns = {*comparison.columns}
+    notes = [note for note in comparison.notes if not note.columns or columns & {*note.columns}]
+    lines = left_out(replace(comparison, notes=tuple(notes)))
+    more = len(lines) - _MOST_NOTES
+    return lines if more <= 0 else [*lines[:_MOST_NOTES], f"and {more} more of this kind, with --all-metrics"]

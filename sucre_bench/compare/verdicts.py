@@ -20,7 +20,11 @@ def verdicts(comparison: Comparison) -> list[Verdict]:
 
 
 def _leader(comparison: Comparison, column: Column) -> Iterator[Verdict]:
-    ranked = [(cell, name) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
+    ranked = [
+        (cell, name)
+        for name in comparison.methods
+        if (cell := comparison.cells.get((name, column))) and cell.place  # the photograph has none
+    ]
     ranked.sort(key=lambda pair: pair[0].place)
     if len(ranked) < 2:
         return

@@ -11,7 +11,7 @@ from typing import Literal
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 from sucre_bench.compare.numbers import number, signed
 
-__all__ = ["ARROW", "Shown", "left_out", "legend", "shown", "title", "verdict_text"]
+__all__ = ["ARROW", "Shown", "blocks", "left_out", "legend", "listed", "shown", "title", "verdict_text"]
 
 
 _MOST_NAMES = 4
@@ -99,15 +99,16 @@ def blocks(widths: Sequence[int], room: int) -> Iterator[slice]:
 # -- below a table -----------------------------------------------------------------------------------------
 
 
-def legend(comparison: Comparison, spread: bool = False, colours: bool = False) -> str:
+def legend(comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True) -> str:
     """Say what the numbers of a table are, over what, what its marks mean, and how intervals are made.
 
-    colours: whether the table tells better and worse by green and red, rather than better by bold.
+    colours: whether the table tells better and worse by green and red, rather than better by bold; intervals: whether
+    it shows them.
     """
     if not comparison.columns:
         return "no scores"
     cells = [shown(comparison, name, column) for name in comparison.methods for column in comparison.columns]
-    has_interval = any(cell.interval for cell in cells)
+    has_interval = intervals and any(cell.interval for cell in cells)
     looks = {cell.look for cell in cells}
     of = "mean" + (" ± standard deviation" if spread else "") + (" [95 % interval]" if has_interval else "")
     if comparison.baseline:
@@ -121,7 +122,9 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False) 
     if any(cell.mark for cell in cells):
         parts.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
     parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
-    return "; ".join([*parts, _how(comparison, has_interval)])
+    if comparison.restorers and comparison.photographs:
+        parts.append(f"{listed(comparison.photographs)}: the photograph itself, which has no rank")
+    return "; ".join([*parts, _how(comparison, has_interval)] if intervals else parts)
 
 
 def _over(comparison: Comparison) -> Iterator[str]:
@@ -146,7 +149,7 @@ def _how(comparison: Comparison, has_interval: bool) -> str:
         return "no intervals: one view says nothing of chance"
     units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
     means = f"intervals: bootstrap over {units}"
-    n = len(comparison.methods)
+    n = len(comparison.methods if comparison.baseline else comparison.restorers or comparison.methods)
     pairs = n - 1 if comparison.baseline else n * (n - 1) // 2
     if pairs < 1:
         return means
@@ -161,7 +164,7 @@ def left_out(comparison: Comparison) -> list[str]:
 
 
 def _note_text(note: Note) -> str:
-    name, metrics = _listed(note.methods), _listed(dict.fromkeys(column.metric for column in note.columns))
+    name, metrics = listed(note.methods), listed(dict.fromkeys(column.metric for column in note.columns))
     match note.kind:
         case "no result":
             return f"{name} has no result ({note.reasons})"
@@ -187,7 +190,8 @@ def _note_text(note: Note) -> str:
             return f"{name} is left out: it has no option {note.option}"
 
 
-def _listed(names: Iterable[str]) -> str:
+def listed(names: Iterable[str]) -> str:
+    """Return names as text, at most four and how many more there are."""
     names = list(names)
     more = len(names) - _MOST_NAMES
     return ", ".join(names) if more <= 1 else f"{', '.join(names[:_MOST_NAMES])} and {more} more"

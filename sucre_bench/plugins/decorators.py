@@ -42,6 +42,7 @@ def method(
     display: str = "none",
     encoding: Literal["any", "gamma"] = "any",
     reads: Iterable[str] = (),
+    is_photograph: bool = False,
 ) -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``restore(scene, view)`` a restorer.
 
@@ -50,7 +51,8 @@ def method(
     display: the normalisation its result is shown and scored with, see `sucre_bench.imaging.display.display`;
     encoding: "gamma" when it assumes gamma-encoded intensities: it then gets a linear view encoded (sRGB), and what it
     returns is decoded again; reads: options that name a file, a folder or another method that its results rest on, e.g.
-    weights: when that changes, views are restored again.
+    weights: when that changes, views are restored again; is_photograph: it returns the photograph itself, which tables
+    show beside the methods, and which is neither best nor second.
 
     >>> from dataclasses import dataclass
     >>> import numpy as np
@@ -71,6 +73,7 @@ def method(
     if encoding == "gamma" and "poses" in needs:
         raise PluginError("method: encoding=gamma is for methods of one view; other views are given as they are")
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
+    about["is_photograph"] = is_photograph
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

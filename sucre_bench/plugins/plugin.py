@@ -22,11 +22,14 @@ Role = Literal[
     "chart-error",  # of a chart's patches against the expected colours, and their mean
     "colour-difference",  # the same, as a difference between colours that swatches show
     "coverage",  # share of pixels with a colour
+    "diagnosis",  # how a method works, not how good its picture is
     "distance-variance",  # of a view's distances, m^2
+    "no-reference",  # a picture alone: it decides only where there is neither reference nor chart
     "observations",  # how many a restoration used
     "patch-colour",  # measured and expected colour of a patch: variants "red" and "red-expected", and so on
     "patch-hue",  # measured and expected hue of a patch, degrees: variants NAME and "NAME-expected"
     "seams",  # steps in the picture that the photograph does not have
+    "similarity",  # to the true colours
     "water-parameters",  # estimated water: variants "attenuation-red", and so on
 ]
 
@@ -68,8 +71,8 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen, encoding, reads: see `method`; source, has, charts_file: see `dataset`; unit, better, range,
-    variants, default, role, symbol: see `metric`.
+    to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file: see `dataset`; unit, better,
+    range, variants, default, role, symbol: see `metric`.
     """
 
     kind: Kind
@@ -82,6 +85,7 @@ class Plugin:
     display: str = "none"
     encoding: Literal["any", "gamma"] = "any"
     reads: tuple[str, ...] = ()
+    is_photograph: bool = False
     source: str = ""
     has: frozenset[str] = frozenset()
     unit: str = ""

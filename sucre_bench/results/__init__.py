@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from sucre_bench.results.reasons import Reason, brief
+from sucre_bench.results.reasons import Reason, brief, with_remedy
 from sucre_bench.results.rows import (
     COLUMNS,
     Row,
@@ -33,4 +33,5 @@ __all__ = [
     "restoration_rows",
     "score_rows",
     "unreplicated",
+    "with_remedy",
 ]

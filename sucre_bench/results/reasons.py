@@ -6,7 +6,7 @@ from enum import Enum
 
 from sucre_bench.errors import Lack
 
-__all__ = ["Reason", "brief"]
+__all__ = ["Reason", "brief", "with_remedy"]
 
 
 class Reason(Enum):
@@ -29,3 +29,10 @@ def brief(text: str) -> str:
     """Return a row's reason without what differs between scenes: what is needed, not what there is."""
     lack = Lack.read(text)
     return lack.brief if lack else text
+
+
+def with_remedy(text: str) -> str:
+    """Return a row's reason, followed by the command that makes what is lacking, if there is one."""
+    lack = Lack.read(text)
+    makes = {"depth", "poses"} & ({*lack.needs} - {*lack.has} if lack else set())
+    return f"{text}; `sucre-bench prepare` makes {' and '.join(sorted(makes))}" if makes else text

@@ -4,7 +4,7 @@ import pytest
 
 from sucre_bench import plugins
 from sucre_bench.errors import Lack
-from sucre_bench.results import Reason, brief
+from sucre_bench.results import Reason, brief, with_remedy
 
 
 @pytest.mark.parametrize("has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})])
@@ -25,3 +25,10 @@ def test_a_reason_of_a_methods_own_words_is_kept_whole():
     text = "too dark, nothing to score in this view"
     assert Reason.of(text) is Reason.OTHER
     assert brief(text) == text
+
+
+def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
+    method = plugins.find("method", "sucre")
+    assert "sucre-bench prepare" in with_remedy(plugins.missing_needs(method, frozenset({"poses"})))
+    charts = plugins.missing_needs(plugins.find("metric", "psi"), frozenset())
+    assert with_remedy(charts) == charts

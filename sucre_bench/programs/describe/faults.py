@@ -15,7 +15,7 @@ from sucre_bench.programs.describe.overlaps import Overlap, suspect
 __all__ = ["Fault", "find_faults"]
 
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing
-_SATURATED, _COVERED = 0.05, 0.2  # shares of pixels
+_SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
 _NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equations of the water are as good as singular
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
@@ -108,7 +108,9 @@ def _images(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
 
 def _depth(facts: Sequence[ViewFacts], unit: str) -> Iterator[Fault]:
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
-    yield from _where(holes, "depth on less than 20 % of the image", "restored images are mostly holes")
+    least = min((v.coverage for v in holes), default=0)
+    what = f"depth on less than half of the image (least: {least:.0%}), so restorations are mostly holes"
+    yield from _where(holes, what, "make denser depth maps with `sucre-bench prepare`, or leave the views out")
     ranges = np.array([v.distances for v in facts if v.distances])
     if len(ranges):
         nearest, farthest = ranges[:, 0].min(), ranges[:, 2].max()

@@ -26,7 +26,7 @@ from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
-from sucre_bench.results import layout
+from sucre_bench.results import layout, with_remedy
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -111,7 +111,9 @@ def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
     for (dataset, method, metric, reason), same in own.groupby(["dataset", "method", "metric", "reason"], sort=False):
         views = sorted(set(same["view"]) - {""})
         score = "" if metric == "seconds" else metric
-        faults.append({"dataset": dataset, "method": method, "score": score, "reason": reason, "views": views})
+        faults.append(
+            {"dataset": dataset, "method": method, "score": score, "reason": with_remedy(reason), "views": views}
+        )
     return faults
 
 

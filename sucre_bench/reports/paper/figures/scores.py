@@ -73,7 +73,7 @@ def _figure(comparison: Comparison, columns: list[Column]) -> Figure:
 
 def _panel(panel: Any, comparison: Comparison, column: Column, looks: dict[str, style.Look]) -> None:
     scored = [(cell.place, name, cell) for name in comparison.methods if (cell := comparison.cells.get((name, column)))]
-    scored.sort(key=lambda one: one[0])
+    scored.sort(key=lambda one: one[0] or math.inf)  # the photograph has no place
     for y, (_, method, cell) in enumerate(scored):
         look = looks[method]
         if math.isfinite(cell.low):

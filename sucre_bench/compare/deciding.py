@@ -1,0 +1,92 @@
+"""The columns by which a reader decides between methods: a few scores, the share of pixels with a colour, the time.
+
+Metrics declare by their role what they are good for (`Role`). The first of the scores is the main one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass, replace
+
+from sucre_bench import plugins
+from sucre_bench.compare.model import Column, Comparison
+from sucre_bench.plugins.plugin import Plugin, Role
+from sucre_bench.results.rows import RESTORATION
+
+__all__ = ["Deciding", "deciding", "decisive"]
+
+_MOST = 4
+# Roles of scores that know the true colours, and how many metrics of each are taken.
+_TRUE_COLOURS: tuple[tuple[Role, int], ...] = (("similarity", 2), ("chart-error", 1), ("colour-difference", 1))
+_WITHOUT: tuple[tuple[Role, int], ...] = (("no-reference", 2),)
+
+
+@dataclass(frozen=True)
+class Deciding:
+    """scores: the main one first; filled: share of pixels with a colour; seconds: a restoration's; None where it was
+    not measured; knows_colours: whether a score compares with true colours, or is of a kind that is not known.
+    """
+
+    scores: tuple[Column, ...]
+    filled: Column | None
+    seconds: Column | None
+    knows_colours: bool = True
+
+    @property
+    def main(self) -> Column | None:
+        """The score that sorts the methods."""
+        return next((column for column in self.scores if column.ranked), None)
+
+    @property
+    def columns(self) -> tuple[Column, ...]:
+        """All of them, in the order of a table."""
+        return (*self.scores, *(column for column in (self.filled, self.seconds) if column))
+
+
+def deciding(comparison: Comparison, every: bool = False) -> Deciding:
+    """Return the columns of a comparison that decide; every: all of them, which someone has asked for.
+
+    Scores that know the true colours come first. Without any, scores of the picture alone take their place. If there
+    is room, scores without a role follow: those of a plugin under test, for example.
+    """
+    if every:
+        return Deciding(comparison.columns, None, None)
+    ranked = [column for column in _one_a_metric(comparison.columns) if column.ranked]
+    roles = {column: _role(column) for column in ranked}
+    known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*_of_roles(ranked, roles, _WITHOUT)]
+    chosen = (known + [column for column in ranked if not roles[column]])[:_MOST] or ranked[:_MOST]
+    filled = next((column for column in ranked if roles[column] == "coverage"), None)
+    seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
+    scores = tuple(column for column in chosen if column != filled)
+    return Deciding(scores, filled, seconds, any(roles[column] != "no-reference" for column in scores))
+
+
+def decisive(comparison: Comparison) -> Comparison:
+    """Return the comparison with only the columns that decide."""
+    return replace(comparison, columns=deciding(comparison).columns)
+
+
+def _of_roles(
+    ranked: Sequence[Column], roles: dict[Column, Role], wanted: Sequence[tuple[Role, int]]
+) -> Iterator[Column]:
+    for role, most in wanted:
+        yield from [column for column in ranked if roles[column] == role][:most]
+
+
+def _role(column: Column) -> Role:
+    plugin = plugins.discover("metric").get(column.metric)
+    return plugin.role if isinstance(plugin, Plugin) else ""
+
+
+def _one_a_metric(columns: Sequence[Column]) -> list[Column]:
+    """The default variant of each metric, or the first that was scored."""
+    chosen: dict[str, Column] = {}
+    for column in columns:
+        if column.metric not in chosen or _is_default(column):
+            chosen[column.metric] = column
+    return list(chosen.values())
+
+
+def _is_default(column: Column) -> bool:
+    plugin = plugins.discover("metric").get(column.metric)
+    return isinstance(plugin, Plugin) and column.variant == plugin.default[0]

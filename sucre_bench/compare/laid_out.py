@@ -1,0 +1,104 @@
+"""Columns with numbers below each other, in blocks of as many as fit into a terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+from sucre_bench.compare.model import Column, Comparison
+from sucre_bench.compare.words import Shown, blocks, shown
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+__all__ = ["LaidOut", "aligned"]
+
+_STYLE = {"best": "bold green", "second": "underline", "better": "green", "worse": "red"}
+_SHORTEST_NAMES = 20  # characters that the names of methods have at least
+
+
+def aligned(methods: Sequence[str], laid_out: Sequence[LaidOut], width: int, dim: Collection[str] = ()) -> list[Text]:
+    """Tables of as many columns as fit beside each other, a name too long for its column on a line of its own.
+
+    dim: methods whose names are set so.
+    """
+    from rich.text import Text
+
+    widths = [own.width for own in laid_out]
+    longest, left = max(len(name) for name in ("method", *methods)), width - sum(2 + own for own in widths)
+    first = min(longest, max(left, _SHORTEST_NAMES))
+    made = []
+    for places in blocks(widths, width - first):
+        block = laid_out[places]
+        lines = [_line("method", first, [Text(f"{own.head[0]:>{own.width}}") for own in block])]
+        lines[0].stylize("bold")
+        if any(own.head[1] for own in block):
+            lines.append(_line("", first, [Text(f"{own.head[1]:>{own.width}}", style="dim") for own in block]))
+        for n, name in enumerate(methods):
+            lines.append(_line(name, first, [own.painted(n) for own in block], "dim" if name in dim else ""))
+        made.append(Text("\n").join(lines))
+    return made
+
+
+def _line(name: str, width: int, cells: Sequence[Text], style: str = "") -> Text:
+    from rich.text import Text
+
+    is_long = len(name) > width
+    line = Text(name, style=style) + Text(f"\n{'':{width}}" if is_long else " " * (width - len(name)))
+    for cell in cells:
+        line.append("  ").append_text(cell)
+    line.rstrip()
+    return line
+
+
+@dataclass(frozen=True)
+class LaidOut:
+    """A column's heading in two lines, its cells, and how wide each of their parts is."""
+
+    head: tuple[str, str]
+    cells: tuple[Shown, ...]
+
+    @classmethod
+    def of(
+        cls, comparison: Comparison, column: Column, spread: bool, intervals: bool, head: tuple[str, str]
+    ) -> LaidOut:
+        cells = (shown(comparison, name, column, spread) for name in comparison.methods)
+        return cls(head, tuple(cell if intervals else replace(cell, interval="") for cell in cells))
+
+    @property
+    def value(self) -> int:
+        return max(len(_marked(cell)) for cell in self.cells)
+
+    @property
+    def interval(self) -> int:
+        return max(len(cell.interval) for cell in self.cells)
+
+    @property
+    def holes(self) -> int:
+        return max(len(cell.holes) for cell in self.cells)
+
+    @property
+    def width(self) -> int:
+        return max(*map(len, self.head), self._of_cells)
+
+    @property
+    def _of_cells(self) -> int:
+        return self.value + sum(1 + own for own in (self.interval, self.holes) if own)
+
+    def painted(self, n: int) -> Text:
+        """The cell of the n-th method, flush right as a whole: its parts stand below those of the cells above."""
+        from rich.text import Text
+
+        cell = self.cells[n]
+        value = _marked(cell)
+        text = Text(" " * (self.width - self._of_cells + self.value - len(value)))
+        text.append(value, style=_STYLE.get(cell.look, "dim" if cell.mark else ""))
+        for part, width in ((cell.interval, self.interval), (cell.holes, self.holes)):
+            if width:
+                text.append(f" {part:<{width}}", style="dim")
+        return text
+
+
+def _marked(cell: Shown) -> str:
+    return f"{cell.mark} {cell.value}".lstrip()

@@ -1,0 +1,164 @@
+"""The block that a terminal of 80 columns shows: which columns, in which order, and what it says."""
+
+from __future__ import annotations
+
+import io
+import itertools
+import json
+import re
+from dataclasses import dataclass, replace
+
+import pytest
+from rich.console import Console
+
+from sucre_bench import compare
+from sucre_bench.compare import text as tables
+from sucre_bench.results.rows import Row, frame
+
+PSNR = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
+UCIQE = replace(PSNR, metric="uciqe", variant="cielab", unit="")
+SECONDS = replace(PSNR, metric="seconds", variant="wall", unit="s", better="lower", value=0.5)
+COVERAGE = replace(PSNR, metric="coverage", variant="image", unit="share")
+PHOTOGRAPH = json.dumps({"name": "underwater"})
+
+KINDS = {
+    "psnr": PSNR,
+    "ssim": replace(PSNR, metric="ssim", variant="gaussian", unit=""),
+    "psi": replace(PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"),
+    "de00": replace(PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"),
+    "uciqe": UCIQE,
+    "water": replace(PSNR, metric="water", variant="attenuation", unit="relative", better="lower"),
+    "coverage": COVERAGE,
+    "mine": replace(PSNR, metric="mine", variant="own", unit=""),
+}
+
+
+def compared(
+    scores: dict[str, dict[str, list[float]]], photograph: str = "", datasets: tuple[str, ...] = ("sea",), **how: str
+) -> list[compare.Comparison]:
+    """Comparisons of scores by metric, method and view; one method may be the photograph itself."""
+    rows = []
+    for dataset, (metric, by_method) in itertools.product(datasets, scores.items()):
+        for method, values in by_method.items():
+            options = PHOTOGRAPH if method == photograph else json.dumps({"name": "gray_world"})
+            for view, value in enumerate(values):
+                place = {"dataset": dataset, "method": method, "view": f"v{view}", "options": options}
+                rows += [replace(KINDS[metric], value=value, **place), replace(SECONDS, **place)]
+    return compare.compare(frame(rows), order=list(next(iter(scores.values()))), **how)
+
+
+@dataclass(frozen=True)
+class Block:
+    """What is printed, as lines; heads: the columns' names."""
+
+    lines: list[str]
+
+    @property
+    def heads(self) -> list[str]:
+        return re.split(r"\s{2,}", next(line for line in self.lines if line.startswith("method")))[1:]
+
+    @property
+    def names(self) -> list[str]:
+        return [line.split()[0] for line in self.lines if re.search(r"\d\s*$", line) and line[0] != " "]
+
+    @property
+    def text(self) -> str:
+        return " ".join(line.strip() for line in self.lines)
+
+
+def printed(
+    comparisons: list[compare.Comparison], width: int = 80, colours: bool = False, every: bool = False
+) -> Block:
+    console = Console(
+        file=io.StringIO(), width=width, force_terminal=colours, color_system="standard" if colours else None
+    )
+    for block in tables.as_blocks(comparisons, width, every):
+        console.print(block)
+    return Block(console.file.getvalue().splitlines())
+
+
+MANY = {
+    metric: {"plain": [1.0 * n, 2, 3, 4, 5, 6], "clever": [2.0 * n, 4, 6, 8, 10, 12]}
+    for n, metric in enumerate(("uciqe", "water", "psnr", "ssim", "psi", "de00", "coverage"), start=1)
+}
+
+
+def test_the_columns_that_decide_are_those_that_know_the_true_colours():
+    assert printed(compared(MANY)).heads == ["psnr ↑", "ssim ↑", "psi ↓", "de00 ↓", "filled", "s/view"]
+
+
+def test_without_a_reference_or_charts_the_picture_alone_decides():
+    block = printed(compared({name: MANY[name] for name in ("uciqe", "water", "coverage")}))
+    assert block.heads == ["uciqe ↑", "filled", "s/view"]
+    assert "true colours" in block.text
+
+
+def test_a_metric_of_ones_own_is_shown_and_all_that_are_asked_for():
+    own = dict.fromkeys(("psnr", "mine", "water"), MANY["psnr"])
+    assert printed(compared(own)).heads == ["psnr ↑", "mine ↑", "s/view"]
+    (comparison,) = compared(own)
+    assert printed([comparison], every=True).heads == ["psnr ↑", "mine ↑", "water ↓", "seconds ↓"]
+
+
+def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
+    scores = {"psnr": {"low": [1.0] * 5, "photo": [9.0] * 5, "high": [5.0] * 5, "middle": [3.0] * 5}}
+    block = printed(compared(scores, photograph="photo"))
+    assert block.names == ["high", "middle", "low", "photo"]
+    assert "no method beats photo" in block.text
+    painted = printed(compared(scores, photograph="photo"), colours=True).text
+    assert re.search(r"\x1b\[1;32m5\.00", painted)
+    assert not re.search(r"\x1b\[1;32m9\.00", painted)
+
+
+def test_a_method_beside_the_photograph_is_compared_with_it():
+    block = printed(compared({"psnr": {"photo": [1.0, 2, 3, 4, 5], "mine": [3.0, 4, 5, 6, 7.1]}}, photograph="photo"))
+    assert "mine is better than photo by 2.02 dB" in block.text
+    alone = printed(compared({"psnr": {"photo": [1.0, 2, 3, 4, 5]}}, photograph="photo"))
+    assert alone.names == ["photo"]
+
+
+@pytest.mark.parametrize("views", [4, 5])
+def test_ties_are_marked_only_where_views_suffice(views: int):
+    scores = {"psnr": {"a": [20.0, 25, 30, 27, 26][:views], "b": [21.0, 24, 31, 26, 27][:views]}}
+    block = printed(compared(scores))
+    assert ("≈" in block.text) == (views == 5)
+    assert ("4 views: too few for intervals" in block.text) == (views == 4)
+    assert "[" not in block.text
+
+
+def test_a_share_of_nearly_all_pixels_is_not_called_all():
+    scores = {"psnr": {"a": [1.0, 2]}, "coverage": {"a": [0.999, 0.998]}}
+    assert " 99 " in printed(compared(scores)).text
+
+
+def test_many_datasets_are_one_block_with_the_main_score_of_each():
+    titles = tuple(f"sea,noise={n}" for n in (0, 0.01, 0.02, 0.05))
+    block = printed(
+        compared({"psnr": {"a": [1.0, 2], "b": [3.0, 4]}, "ssim": {"a": [0.5], "b": [0.6]}}, datasets=titles)
+    )
+    assert block.heads == ["0", "0.01", "0.02", "0.05"]
+    assert "b in 4 of 4" in block.text
+    assert len(block.lines) < 8
+
+
+def test_against_a_baseline_each_side_is_named():
+    base = [20.0, 25, 30, 27, 22]
+    scores = {"psnr": {"base": base, "more": [x + 1 for x in base], "less": [x - 1 for x in base]}}
+    block = printed(compared(scores, baseline="base"))
+    assert "better: more; worse: less" in block.text
+    assert "+1.00" in block.text
+
+
+LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbours=40"
+
+
+@pytest.mark.parametrize("width", [60, 80, 120])
+@pytest.mark.parametrize("label", ["short", LONG[:40], LONG[:50]])
+def test_no_line_is_wider_than_the_terminal_and_no_word_is_cut(width: int, label: str):
+    renamed = {metric: {label if m == "plain" else m: v for m, v in own.items()} for metric, own in MANY.items()}
+    (comparison,) = compared(renamed)
+    block = printed([comparison], width)
+    assert max(map(len, block.lines)) <= width
+    assert label in block.text
+    words = {*re.split(r"\s+", printed([comparison], 2000).text)}
+    assert {*re.split(r"\s+", block.text)} <= words
