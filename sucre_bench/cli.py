@@ -104,6 +104,10 @@ SECTIONS: dict[str, dict[str, _Command]] = {
         "video": _in("video", "Write a video of the views before and after."),
         "track": _in("track", "Log a results folder in mlflow; open mlflow's page."),
     },
+    "Share results": {
+        "bundle": _in("bundle", "Write a results folder as one file, with hashes."),
+        "verify": _in("verify", "Check a bundle: hashes, data, scores computed again."),
+    },
     "Extend": {
         "list": _in("list", "List plugins, their options, and whether they run here.", "list_"),
         "new": _in("new", "Write a plugin to start from, and its test."),

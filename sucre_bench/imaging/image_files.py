@@ -5,6 +5,7 @@ The pixels are taken as they lie in the file, as COLMAP does: an orientation not
 
 from __future__ import annotations
 
+import io
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,17 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["SUFFIXES", "decode", "encode_png", "image_size", "read_rgb", "same_shape", "write_image", "write_png"]
+__all__ = [
+    "SUFFIXES",
+    "decode",
+    "decode_bytes",
+    "encode_png",
+    "image_size",
+    "read_rgb",
+    "same_shape",
+    "write_image",
+    "write_png",
+]
 
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
 
@@ -65,24 +76,32 @@ def decode(path: Path, flags: int) -> np.ndarray:
     """Return what OpenCV makes of a file by its flags, channels in BGR order; a JPEG always has 8 bits, and three
     channels unless gray is asked for. InputError when it is unreadable or incomplete.
     """
+    try:
+        data = path.read_bytes()
+    except OSError as fault:
+        raise InputError(f"{path}: cannot be read, {fault.strerror or fault}; copy the file again") from fault
+    return decode_bytes(data, flags, str(path))
+
+
+def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
+    """Return what `decode` does, of a file's content. place: the file's name, for errors."""
     import cv2
     from PIL import Image
 
-    try:
-        data = path.read_bytes()
-        if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
-            with Image.open(path) as image:
+    if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
+        try:
+            with Image.open(io.BytesIO(data)) as image:
                 if not flags & cv2.IMREAD_COLOR:  # a bit that is set in IMREAD_UNCHANGED, too
                     return np.asarray(image.convert("L"))
                 return np.asarray(image.convert("RGB"))[..., ::-1]
-    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:
-        reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
-        raise InputError(f"{path}: cannot be read, {reason}; copy the file again") from fault
+        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:
+            reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
+            raise InputError(f"{place}: cannot be read, {reason}; copy the file again") from fault
     complete = not data.startswith(b"\x89PNG") or b"IEND" in data[-4096:]
     decoded = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data and complete else None
     if decoded is None:
         raise InputError(
-            f"{path}: cannot be read, {'damaged or not an image' if complete else 'cut short'}; copy it again"
+            f"{place}: cannot be read, {'damaged or not an image' if complete else 'cut short'}; copy it again"
         )
     return np.asarray(decoded)
 

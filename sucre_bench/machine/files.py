@@ -2,15 +2,18 @@
 
 from __future__ import annotations
 
+import contextlib
 import errno
 import os
 import stat
 import tempfile
+from collections.abc import Iterator
 from pathlib import Path
+from typing import IO
 
 from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["regular", "write_atomically"]
+__all__ = ["open_atomically", "regular", "write_atomically"]
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -42,11 +45,21 @@ def write_atomically(path: Path, content: bytes) -> None:
 
     Raises OutputError if the disk is full or the place cannot be written to.
     """
+    with open_atomically(path) as file:
+        file.write(content)
+
+
+@contextlib.contextmanager
+def open_atomically(path: Path) -> Iterator[IO[bytes]]:
+    """Yield a file that replaces `path` when this block ends well, and is removed when it does not.
+
+    Raises OutputError if the disk is full or the place cannot be written to.
+    """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".writing-", delete=False) as file:
             try:
-                file.write(content)
+                yield file
                 file.flush()
                 os.fsync(file.fileno())
                 os.fchmod(file.fileno(), 0o644)

@@ -22,7 +22,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.results.rows import unreplicated
 from sucre_bench.scene import Scene
 
-__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places", "stems_of"]
+__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places", "possible_places", "stems_of"]
 
 
 def file_name(text: str) -> str:
@@ -91,11 +91,16 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
 
 def find(dataset: str, scene: str, view: str, out: Path) -> Place | None:
     """Return the place of a view, or of its restorations, from a row's names; None if no file exists."""
-    scene, replicate = unreplicated(scene)
-    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
-    candidates = [Place(file_name(dataset), first / stem) for stem in stems_of(scene, view)]
+    candidates = possible_places(dataset, scene, view)
     found = (place for place in candidates if place.original(out).is_file())
     return next(found, None) or _restored(candidates, out / "restored" / file_name(dataset))
+
+
+def possible_places(dataset: str, scene: str, view: str) -> list[Place]:
+    """Return where a view's files may lie, from a row's names: see `stems_of`."""
+    scene, replicate = unreplicated(scene)
+    first = PurePosixPath(f"replicate={replicate}") if replicate else PurePosixPath()
+    return [Place(file_name(dataset), first / stem) for stem in stems_of(scene, view)]
 
 
 def stems_of(scene: str, view: str) -> tuple[PurePosixPath, ...]:

@@ -26,6 +26,8 @@ MISTAKES = {
     "texture": ["nowhere", "out.ply", "--method", "sucre"],
     "video": ["nowhere", "dive.avi", "--methods", "sucre"],
     "track": ["nowhere"],
+    "bundle": ["nowhere", "paper.zip"],
+    "verify": ["nowhere.zip"],
     "list": ["plugins"],
     "new": ["method", "my-method"],
     "check": ["gray_wrld"],

@@ -1,0 +1,46 @@
+"""`sucre-bench bundle`: write a results folder as one file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import click
+
+from sucre_bench.commands.common import say
+
+__all__ = ["bundle"]
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE.zip")
+@click.option(
+    "--pictures",
+    type=click.Choice(["none", "restored", "all"]),
+    default="none",
+    show_default=True,
+    help="Which pictures go in: restored ones; all: also views and references, if they are yours to publish.",
+)
+@click.option("--by", default="", metavar="TEXT", help='Who publishes it, for example "Reef Lab".')
+def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
+    """Write the scores, configuration and hashes of a results folder as one file.
+
+    \b
+    sucre-bench bundle results paper.zip
+    sucre-bench bundle results paper.zip --pictures restored --by "Reef Lab"
+
+    The same results give the same bytes. Print the id where readers find it: it stands for every hash in the bundle.
+    """
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.bundle.write import bundle_results
+
+    with terminal.live():
+        made = bundle_results(folder, file, pictures, by)
+    size = file.stat().st_size / 1e6
+    click.echo(f"bundle   {file}, {size:.1f} MB")
+    click.echo(f"id       {made.id}")
+    click.echo(f"scores   {made.n_scores}")
+    click.echo(f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash")
+    if made.local_paths:
+        say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")

@@ -1,0 +1,119 @@
+"""`sucre-bench verify`: check a bundle."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from sucre_bench.commands.common import json_option, load_plugins, plugin_option, say
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.verify.check import Verified
+    from sucre_bench.results.bundle_format import Bundle
+
+__all__ = ["data_folders", "verify"]
+
+_MOST = 20  # scores that are listed
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE.zip")
+@click.option("--data", "data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated.")
+@click.option("--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle.")
+@click.option(
+    "--tolerance",
+    default=0.02,
+    show_default=True,
+    type=click.FloatRange(0, 1),
+    help="Allowed difference of a score, as a share of it: pictures have 8 bits.",
+)
+@json_option
+@plugin_option
+def verify(
+    file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool, plugin_files: tuple[str, ...]
+) -> None:
+    """Check a bundle: its hashes, its data, and its scores, computed again.
+
+    \b
+    sucre-bench verify paper.zip
+    sucre-bench verify paper.zip --data dive/ --id 0123456789abcdef
+
+    Scores are computed from the bundle's pictures (bundle --pictures restored). Scores that need depth, charts or a
+    reference need the data too. Nothing in a bundle is executed or unpacked onto the disk.
+
+    The exit code is 0 when nothing differs, 1 when something does, 2 when the file is no bundle.
+    """
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.verify import check
+    from sucre_bench.results.bundle_format import open_bundle
+
+    load_plugins(plugin_files)
+    with contextlib.redirect_stdout(sys.stderr), terminal.live(), open_bundle(file) as bundle:
+        found = check.verify(bundle, data_folders(bundle, data), tolerance)
+    is_other = bool(wanted) and wanted.strip().lower() != found.id
+    if as_json:
+        click.echo(json.dumps(_as_object(found, is_other), indent=1))
+    else:
+        if is_other:
+            say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
+        _print(found, tolerance)
+        click.echo(_verdict(found, is_other))
+    sys.exit(0 if found.holds and not is_other else 1)
+
+
+def data_folders(bundle: Bundle, given: Sequence[str]) -> dict[str, Path]:
+    """Return the folder of the data by dataset label. given: "DIR" for all datasets, "DATASET=DIR" for one."""
+    labels = list(dict.fromkeys(bundle.rows["dataset"]))
+    folders: dict[str, Path] = {}
+    for text in given:
+        label, _, folder = text.rpartition("=")
+        folders |= {label: Path(folder)} if label in labels else dict.fromkeys(labels, Path(text))
+    return folders
+
+
+def _print(found: Verified, tolerance: float) -> None:
+    by = f" by {found.by}" if found.by else ""
+    click.echo(f"bundle   {found.id}{by}")
+    click.echo(f"files    {found.n_files} hashes checked")
+    n_not = sum(found.unchecked.values())
+    click.echo(
+        f"scores   {found.n_agree} computed again agree within {100 * tolerance:g} %, {len(found.differing)} differ, "
+        f"{n_not} not computed again"
+    )
+    for reason, count in found.unchecked.items():
+        click.echo(f"         {count}: {reason}")
+    if found.other_versions:
+        click.echo(f"note     other code of the metric here: {', '.join(found.other_versions)}")
+    for fault in found.faults[:_MOST]:
+        say(f"differs  {fault}", "red")
+    for one in found.differing[:_MOST]:
+        where = f"{one.dataset} / {one.method} / {one.view} / {one.metric} ({one.variant})"
+        region = "" if one.region == "image" else f" {one.region}"
+        say(f"differs  {where}{region}: {one.stored:.6g}, computed again {one.computed:.6g}", "red")
+    more = len(found.faults[_MOST:]) + len(found.differing[_MOST:])
+    if more:
+        say(f"         and {more} more; --json lists all", "red")
+
+
+def _verdict(found: Verified, is_other: bool) -> str:
+    if is_other or not found.holds:
+        return "NOT verified: something differs"
+    if found.n_agree:
+        return "verified: every hash holds, every score that can be computed again agrees"
+    return "hashes hold; no score could be computed again"
+
+
+def _as_object(found: Verified, is_other: bool) -> dict[str, object]:
+    from dataclasses import asdict
+
+    differing = [
+        {k: (str(v) if isinstance(v, float) and v - v else v) for k, v in asdict(one).items()}
+        for one in found.differing
+    ]
+    return {**asdict(found), "differing": differing, "holds": found.holds and not is_other}

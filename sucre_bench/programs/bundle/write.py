@@ -1,0 +1,92 @@
+"""Collects what a bundle holds of a results folder, and writes it."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Literal, get_args
+
+from sucre_bench import results
+from sucre_bench.errors import InputError
+from sucre_bench.machine import progress
+from sucre_bench.machine.provenance import version_of
+from sucre_bench.results import layout
+from sucre_bench.results.bundle_format import hash_of, write_bundle
+from sucre_bench.results.restorations import restorations
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["PICTURES", "Bundled", "Pictures", "bundle_results"]
+
+# "restored": the restored images; "all": also the views and references, which may not be yours to publish.
+Pictures = Literal["none", "restored", "all"]
+PICTURES: tuple[Pictures, ...] = get_args(Pictures)
+
+_TEXTS = ("config.yaml", "environment.json")
+
+
+@dataclass(frozen=True)
+class Bundled:
+    """A bundle that was written.
+
+    id: see `Bundle`; n_scores: rows with a value; n_inside, n_outside: pictures in it, and pictures of which it has the
+    hash alone; local_paths: folders of this machine that options of methods or datasets name.
+    """
+
+    path: Path
+    id: str
+    n_scores: int
+    n_inside: int
+    n_outside: int
+    local_paths: tuple[str, ...]
+
+
+def bundle_results(
+    folder: Path, path: Path, pictures: Pictures = "none", by: str = "", texts: Mapping[str, str] | None = None
+) -> Bundled:
+    """Write a bundle of a results folder. by: who publishes it; texts: more text files, by their names.
+
+    Raises InputError if the folder holds no results or a picture is gone, OutputError if the bundle cannot be written.
+    """
+    if path.suffix.lower() != ".zip":
+        raise InputError(f"{path}: has no suffix of a bundle; end it in .zip")
+    rows = results.read(folder)
+    files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if (folder / n).is_file()}
+    files |= {name: text.encode() for name, text in (texts or {}).items()}
+    found = {file.relative_to(folder).as_posix(): file for file in _files(folder, rows)}
+    is_inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
+    files |= {n: file for n, file in found.items() if n.endswith(".json") or n.startswith(is_inside)}
+    left = {name: file for name, file in found.items() if name not in files}
+    outside = {name: hash_of(file) for name, file in progress.track(left.items(), "hashing pictures")}
+    made = write_bundle(path, rows, files, outside, by, version_of("sucre-bench") or "")
+    n_scores = int((rows["status"] == "ok").sum())
+    return Bundled(path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows))
+
+
+def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:
+    """The pictures and records of every restoration that ended well. InputError for a picture that is gone."""
+    for row in restorations(rows).itertuples():
+        place = layout.find(row.dataset, row.scene, row.view, folder)
+        picture = place.restored(folder, row.method) if place else None
+        if place is None or picture is None or not picture.is_file():
+            where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
+            raise InputError(f"{where}: the restored image is gone; give the run's command again, which makes it")
+        more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
+        yield from (picture, *(file for file in more if file.is_file()))
+
+
+def _local_paths(rows: pd.DataFrame) -> tuple[str, ...]:
+    """Absolute paths among the options of methods and datasets."""
+    texts = {text for options in rows["options"].unique() for text in _strings(json.loads(options))}
+    return tuple(sorted(text for text in texts if text.startswith(("/", "~"))))
+
+
+def _strings(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, (dict, list)):
+        for inner in value.values() if isinstance(value, dict) else value:
+            yield from _strings(inner)

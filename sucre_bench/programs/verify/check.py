@@ -1,0 +1,290 @@
+"""Verifies a bundle: hashes first, then every score that can be computed again."""
+
+from __future__ import annotations
+
+import math
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sucre_bench import plugins
+from sucre_bench.engine.score import Scorer, score_rows, scorers
+from sucre_bench.errors import InputError, Lack, SucreBenchError
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.jobs.job import metric_choices
+from sucre_bench.machine import progress
+from sucre_bench.plugins.calling import with_truth
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.programs.verify.data import Opened, open_data
+from sucre_bench.programs.verify.pictures import Held, held, picture, restoration_of
+from sucre_bench.results.bundle_format import Bundle
+from sucre_bench.results.restorations import Measured, restorations
+from sucre_bench.results.rows import COSTS, Row
+from sucre_bench.scene import Arrays, Restoration, Scene, View
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["TOLERANCE", "Differing", "Verified", "verify"]
+
+# Pictures have 8 bits, scores were computed before that rounding: it changes psi by up to 1.6 %, others by less.
+TOLERANCE = 0.02
+
+_Key = tuple[str, str, str]  # metric, variant, region
+
+
+@dataclass(frozen=True)
+class Differing:
+    """A score that another value comes out for."""
+
+    dataset: str
+    method: str
+    scene: str
+    view: str
+    metric: str
+    variant: str
+    region: str
+    stored: float
+    computed: float
+
+
+@dataclass(frozen=True)
+class Verified:
+    """What became of a bundle's check.
+
+    id, by: see `Bundle`; n_files: how many hashes were checked; faults: what does not hold, a line each: files, data,
+    pictures, units; differing: scores that differ; n_agree: how many were computed again and agree; unchecked: scores
+    that were not computed again, by reason; other_versions: metrics whose code here is not what made the scores.
+    """
+
+    id: str
+    by: str
+    n_files: int
+    faults: tuple[str, ...]
+    differing: tuple[Differing, ...]
+    n_agree: int
+    unchecked: Mapping[str, int]
+    other_versions: tuple[str, ...]
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing differs."""
+        return not self.faults and not self.differing
+
+
+def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Verified:
+    """Check a bundle. data: folders of the data, by dataset label; tolerance: allowed difference as share of a score.
+
+    Raises InputError if the bundle has no score table.
+    """
+    rows = bundle.rows
+    names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
+    file_faults = [f"{name}: {fault}" for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))]
+    opened = open_data(rows, data or {})
+    check = _Check(bundle, opened, tolerance, _sizes(rows))
+    for own in progress.track(list(_by_restoration(rows)), "scoring again"):
+        check.restoration(own)
+    return Verified(
+        bundle.id,
+        bundle.by,
+        len(names),
+        (*file_faults, *opened.faults, *_wrong_meaning(rows), *check.faults),
+        tuple(check.differing),
+        check.n_agree,
+        dict(check.unchecked.most_common()),
+        tuple(sorted(check.other_versions)),
+    )
+
+
+def _by_restoration(rows: pd.DataFrame) -> Iterator[pd.DataFrame]:
+    """The rows of each restoration that ended well: first the one that stands for it, then its scores."""
+    whole = restorations(rows).index
+    is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
+    keys = ["dataset", "scene", "view", "method"]
+    for _, own in rows[is_score | rows.index.isin(whole)].groupby(keys, sort=False):
+        yield own
+
+
+def _sizes(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
+    """The median size of each column's finite scores: what a difference near zero is compared with."""
+    scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
+    sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median()
+    return {(str(m), str(v)): float(size) for (m, v), size in sizes.items()}
+
+
+def _wrong_meaning(rows: pd.DataFrame) -> Iterator[str]:
+    """Metrics of which the bundle says another unit or direction than they have."""
+    known = plugins.discover("metric")
+    once = rows[~rows["metric"].isin(COSTS)].drop_duplicates(["metric", "unit", "better"])
+    for row in once.itertuples():
+        plugin = known.get(row.metric)
+        if isinstance(plugin, Plugin) and (row.unit, row.better) != (plugin.unit, plugin.better):
+            said, meant = f"'{row.unit}', {row.better} is better", f"'{plugin.unit}', {plugin.better}"
+            yield f"scores.csv: {row.metric} in {said}; it is {meant}"
+
+
+class _Check:
+    """Scores restorations one after the other, and collects what comes out."""
+
+    def __init__(
+        self, bundle: Bundle, opened: Opened, tolerance: float, sizes: Mapping[tuple[str, str], float]
+    ) -> None:
+        self.faults: list[str] = []
+        self.differing: list[Differing] = []
+        self.unchecked: Counter[str] = Counter()
+        self.other_versions: set[str] = set()
+        self.n_agree = 0
+        self._bundle, self._opened, self._tolerance, self._sizes = bundle, opened, tolerance, sizes
+        self._metrics = _Metrics()
+
+    def restoration(self, rows: pd.DataFrame) -> None:
+        """Score a restoration again. rows: see `_by_restoration`."""
+        whole, scores = restorations(rows), rows[~rows["metric"].isin(COSTS)]
+        if whole.empty:
+            self.faults.append(f"{_where(rows.iloc[0])}: has scores, but no row of the restoration")
+            return
+        row = next(whole.itertuples())
+        names = held(self._bundle, row)
+        if names is None:
+            self.unchecked["the bundle has no pictures"] += len(scores)
+            return
+        try:
+            self._score(row, scores, names)
+        except SucreBenchError as fault:
+            self.faults.append(str(fault).removeprefix(f"{self._bundle.path}: "))
+            self.unchecked["the picture cannot be used"] += len(scores)
+
+    def _score(self, row: Any, scores: pd.DataFrame, names: Held) -> None:
+        kept = restoration_of(self._bundle, names, int(row.n_pixels))
+        scene = self._opened.scenes.get((row.dataset, row.scene))
+        view = self._view(row, names, scene, kept.restoration)
+        restoration = with_truth(kept.restoration, scene, view) if scene else kept.restoration
+        chosen = {key: self._metrics.of(*key) for key in zip(scores["metric"], scores["variant"], strict=True)}
+        found = _computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
+        for score in scores.itertuples():
+            self._judge(score, chosen[score.metric, score.variant], found, restoration, view, kept.is_sure)
+
+    def _view(self, row: Any, names: Held, scene: Scene | None, restoration: Restoration) -> View:
+        """The view from the data, or else from the bundle's pictures, as far as they go."""
+        if scene is not None:
+            view = scene[row.view]
+            if view.rgb.shape != restoration.image.shape:
+                raise InputError(f"{names.restored}: is not of the size of its view; ask who made the bundle")
+            return view
+        pixels = picture(self._bundle, names.view) if names.view else np.zeros_like(restoration.image)
+        reference = picture(self._bundle, names.reference) if names.reference else None
+        return View(row.view, Arrays(pixels, reference=reference))
+
+    def _judge(
+        self,
+        score: Any,
+        scorer: Scorer | str,
+        found: Mapping[_Key, Row],
+        restoration: Restoration,
+        view: View,
+        sure: bool,
+    ) -> None:
+        """Count a score as agreeing, differing or not checked."""
+        again = found.get((score.metric, score.variant, score.region))
+        if isinstance(scorer, str):
+            self.unchecked[scorer] += 1
+        elif again is None or again.status != "ok":
+            self._not_again(score, again, found)
+        elif self._metrics.rests_on_unrounded(scorer, again, restoration, view):
+            self.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
+        elif self._agrees(score, again.value):
+            self._count_version(score, scorer)
+            self.n_agree += 1
+        elif sure:
+            self._count_version(score, scorer)
+            self.differing.append(_differing(score, again.value))
+        else:
+            self.unchecked["black pixels and holes look alike"] += 1
+
+    def _not_again(self, score: Any, again: Row | None, found: Mapping[_Key, Row]) -> None:
+        """A score that is in the table, and for which nothing comes out now."""
+        alone = again or found.get((score.metric, score.variant, "image"))
+        if alone is not None and alone.status == "skipped" and Lack.read(alone.reason):
+            lack = Lack.read(alone.reason)
+            assert lack is not None
+            self.unchecked[f"{score.metric} {lack.brief} of the data"] += 1
+        else:
+            self.differing.append(_differing(score, math.nan))
+
+    def _agrees(self, score: Any, value: float) -> bool:
+        if not (math.isfinite(score.value) and math.isfinite(value)):
+            return bool(score.value == value)
+        size = max(abs(score.value), self._sizes.get((score.metric, score.variant), 0.0))
+        return abs(score.value - value) <= self._tolerance * size + 1e-9
+
+    def _count_version(self, score: Any, scorer: Scorer) -> None:
+        if score.code.partition(".")[2] != scorer.code:
+            self.other_versions.add(score.metric)
+
+
+def _computed(restoration: Restoration, view: View, chosen: Sequence[Scorer]) -> dict[_Key, Row]:
+    shown = restoration.image
+    if view.encoding == "linear":  # metrics get the restoration in the view's encoding
+        restoration = replace(restoration, image=srgb_decode(restoration.image).astype(np.float32))
+    rows = score_rows(Measured(restoration, math.nan, math.nan), shown, view, chosen, Row())
+    return {(row.metric, row.variant, row.region): row for row in rows}
+
+
+class _Metrics:
+    """The registered metrics, made once each, and which of them the pictures are not enough for."""
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[str, str], Scorer | str] = {}
+        self._unrounded: dict[tuple[str, str], bool] = {}
+
+    def of(self, metric: str, variant: str) -> Scorer | str:
+        """Return a metric in one variant, or why it cannot be used."""
+        key = (metric, variant)
+        if key not in self._known:
+            self._known[key] = self._made(metric, variant)
+        return self._known[key]
+
+    def _made(self, metric: str, variant: str) -> Scorer | str:
+        if not isinstance(plugins.discover("metric").get(metric), Plugin):
+            return f"no metric {metric} is registered here"
+        try:
+            (made,) = scorers(metric_choices([f"{metric}:{variant}"]))
+        except SucreBenchError:
+            return f"{metric} has no variant {variant} here"
+        return made
+
+    def rests_on_unrounded(self, scorer: Scorer, row: Row, restoration: Restoration, view: View) -> bool:
+        """Whether a score changes with the restoration while the restored image stays: the bundle has the latter."""
+        key = (row.metric, row.variant)
+        if key not in self._unrounded:
+            other = replace(restoration, image=restoration.image - np.float32(0.5))
+            again = score_rows(Measured(other, math.nan, math.nan), restoration.image, view, [scorer], Row())
+            values = {one.region: one.value for one in again if one.metric == row.metric}
+            self._unrounded[key] = not _equal(values.get(row.region, math.nan), row.value)
+        return self._unrounded[key]
+
+
+def _equal(one: float, other: float) -> bool:
+    return one == other or math.isclose(one, other, rel_tol=1e-9)
+
+
+def _differing(score: Any, value: float) -> Differing:
+    return Differing(
+        score.dataset,
+        score.method,
+        score.scene,
+        score.view,
+        score.metric,
+        score.variant,
+        score.region,
+        float(score.value),
+        value,
+    )
+
+
+def _where(row: Any) -> str:
+    return f"{row['dataset']} / {row['method']} / {row['view']}"

@@ -1,0 +1,112 @@
+"""The pictures of a bundle: restored images with their holes, views and references."""
+
+from __future__ import annotations
+
+import io
+import json
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import decode_bytes
+from sucre_bench.results.bundle_format import Bundle
+from sucre_bench.results.layout import Place, possible_places
+from sucre_bench.results.water_file import water_of
+from sucre_bench.scene import Restoration
+
+__all__ = ["Held", "held", "picture", "restoration_of"]
+
+_PNG = b"\x89PNG\r\n\x1a\n"
+_MOST_PIXELS = 400_000_000
+
+
+@dataclass(frozen=True)
+class Held:
+    """The names in a bundle of a restored image, its record, view and reference; "" for what it lacks."""
+
+    restored: str
+    record: str
+    view: str
+    reference: str
+
+
+def held(bundle: Bundle, row: Any) -> Held | None:
+    """Return what a bundle holds of the restoration that a row stands for; None without the restored image."""
+    root = Path()
+
+    def there(path: Path) -> str:
+        return path.as_posix() if path.as_posix() in bundle.inside else ""
+
+    for place in possible_places(row.dataset, row.scene, row.view):
+        image = _restored(place, row.method)
+        if there(image):
+            record, view, reference = image.with_suffix(".json"), place.original(root), place.reference(root)
+            return Held(image.as_posix(), there(record), there(view), there(reference))
+    return None
+
+
+def _restored(place: Place, method: str) -> Path:
+    return place.restored(Path(), method)
+
+
+def picture(bundle: Bundle, name: str) -> Array:
+    """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is no PNG of ordinary size."""
+    import cv2
+    from PIL import Image
+
+    content, place = bundle.read(name), f"{bundle.path}: {name}"
+    if not content.startswith(_PNG):
+        raise InputError(f"{place}: is no PNG; ask who made the bundle for another")
+    try:
+        with Image.open(io.BytesIO(content)) as image:  # reads the header alone
+            width, height = image.size
+    except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:
+        raise InputError(f"{place}: cannot be read, {fault}; ask who made the bundle for another") from fault
+    if width * height > _MOST_PIXELS:
+        raise InputError(f"{place}: has {width}x{height} pixels; ask who made the bundle for another")
+    stored = decode_bytes(content, cv2.IMREAD_COLOR, place)[..., ::-1]
+    return np.asarray(stored, dtype=np.float32) / 255
+
+
+@dataclass(frozen=True, eq=False)
+class Restored:
+    """A restoration as far as a bundle holds it.
+
+    restoration: its image is the restored image, NaN = a hole, and its water and `info` are those of the record;
+    is_sure: whether it is known which black pixels are holes.
+    """
+
+    restoration: Restoration
+    is_sure: bool
+
+
+def restoration_of(bundle: Bundle, names: Held, n_coloured: int) -> Restored:
+    """Return a restoration. n_coloured: how many pixels have a colour, as its row says.
+
+    Raises InputError for a picture or record that cannot be read, and for one that does not fit the row.
+    """
+    image = picture(bundle, names.restored)
+    black = (image == 0).all(axis=-1)
+    holes = black.size - n_coloured
+    if not 0 <= holes <= black.sum():
+        raise InputError(
+            f"{bundle.path}: {names.restored}: {black.size - int(black.sum())} pixels have a colour, the score table "
+            f"says {n_coloured}; ask who made the bundle"
+        )
+    if holes:
+        image = np.where(black[..., None], np.float32(np.nan), image)
+    record = _record(bundle, names.record) if names.record else {}
+    water = water_of(record, bundle.path / names.record)
+    return Restored(Restoration(image, water, info=record), holes in (0, int(black.sum())))
+
+
+def _record(bundle: Bundle, name: str) -> dict[str, Any]:
+    try:
+        told = json.loads(bundle.read(name))
+    except (ValueError, RecursionError) as fault:
+        raise InputError(f"{bundle.path}: {name}: is no JSON; ask who made the bundle for another") from fault
+    return told if isinstance(told, dict) else {}

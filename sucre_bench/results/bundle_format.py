@@ -1,0 +1,286 @@
+"""A bundle: a results folder's scores, configuration and hashes in one ZIP file, which anyone can check.
+
+    bundle.json        what the bundle says of itself, and the SHA-256 of every file inside and of pictures outside
+    scores.csv         the score table
+    config.yaml, environment.json, lineup.yaml                 as far as the folder has them
+    restored/<dataset>/<method label>/.../<view stem>.json     what each method told, its estimated water say
+    restored/<dataset>/<method label>/.../<view stem>.png      the restored images, if they were asked for
+
+A bundle is data of a stranger. Opening one executes nothing, unpacks nothing onto the disk, and checks number, names,
+kinds and sizes of all entries before any is read. The same content gives the same bytes: entries are sorted and have
+no date.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import io
+import json
+import shutil
+import stat
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path, PurePosixPath
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.errors import InputError, one_line
+from sucre_bench.machine.files import open_atomically
+from sucre_bench.results.check_table import check_values
+from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["LIMITS", "MANIFEST", "SCORES", "Bundle", "FileHash", "Limits", "hash_of", "open_bundle", "write_bundle"]
+
+MANIFEST, SCORES = "bundle.json", "scores.csv"
+_FORMAT, _VERSION = "sucre_bench bundle", 1
+_DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that ZIP knows
+_STORED = (".png", ".jpg")  # what is compressed already
+_REGULAR_FILE = stat.S_IFREG | 0o644
+
+
+@dataclass(frozen=True)
+class Limits:
+    """What a bundle may hold at most.
+
+    entries: files; file_bytes, table_bytes, all_bytes: unpacked sizes of one picture or record, of one text file at the
+    top, of everything; ratio: unpacked size over packed size, of files above 1 MiB; name_bytes: of a path.
+    """
+
+    entries: int = 200_000
+    file_bytes: int = 1 << 28
+    table_bytes: int = 1 << 30
+    all_bytes: int = 1 << 36
+    ratio: float = 300.0
+    name_bytes: int = 500
+
+
+LIMITS = Limits()
+
+
+@dataclass(frozen=True)
+class FileHash:
+    """A file's SHA-256 as hexadecimal digits, and its size in bytes."""
+
+    sha256: str
+    size: int
+
+
+@dataclass(frozen=True, eq=False)
+class Bundle:
+    """An opened bundle; files are read when they are asked for.
+
+    id: the first 16 digits of the SHA-256 of bundle.json, which names every other hash: it identifies the bundle;
+    by: who made it, in their own words; version: of sucre_bench; inside: the hash of every file in the bundle but
+    bundle.json; outside: of pictures that stayed where they were made; entries: the unpacked size of every file.
+    """
+
+    path: Path
+    id: str
+    by: str
+    version: str
+    inside: Mapping[str, FileHash]
+    outside: Mapping[str, FileHash]
+    entries: Mapping[str, int] = field(repr=False)
+    archive: zipfile.ZipFile = field(repr=False, compare=False)
+
+    def read(self, name: str) -> bytes:
+        """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
+        content = self.unchecked(name)
+        if name != MANIFEST and (fault := self._fault_of(name, content)):
+            raise InputError(f"{self.path}: {name}: {fault}; get the bundle again from who made it")
+        return content
+
+    def unchecked(self, name: str) -> bytes:
+        """Return a file's content, whatever its hash. Raises InputError if it is not there or does not unpack."""
+        if name not in self.entries:
+            raise InputError(f"{self.path}: holds no {name}; get the bundle again from who made it")
+        try:
+            with self.archive.open(name) as file:
+                return file.read(self.entries[name] + 1)
+        except (OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as fault:
+            raise InputError(f"{self.path}: {name}: cannot be unpacked ({one_line(fault)}); copy it again") from fault
+
+    def fault_of(self, name: str) -> str:
+        """Say what is wrong with a file that the bundle lists; empty if nothing is."""
+        if name not in self.entries:
+            return "is missing"
+        try:
+            return self._fault_of(name, self.unchecked(name))
+        except InputError as fault:
+            return str(fault).split(": ", 2)[-1]
+
+    def _fault_of(self, name: str, content: bytes) -> str:
+        if name not in self.inside:
+            return "is not in the bundle's list of files"
+        return "" if hash_of(content) == self.inside[name] else "is not what its hash says"
+
+    @cached_property
+    def rows(self) -> pd.DataFrame:
+        """The score table, as `results.read` returns it. Raises InputError if it is none."""
+        return _rows(self.path, self.read(SCORES))
+
+
+def hash_of(content: bytes | Path) -> FileHash:
+    """Return the hash of some bytes, or of a file."""
+    if isinstance(content, bytes):
+        return FileHash(hashlib.sha256(content).hexdigest(), len(content))
+    with content.open("rb") as file:
+        return FileHash(hashlib.file_digest(file, "sha256").hexdigest(), content.stat().st_size)
+
+
+# -- writing -----------------------------------------------------------------------------------------------
+
+
+def write_bundle(
+    path: Path,
+    rows: pd.DataFrame,
+    files: Mapping[str, bytes | Path],
+    outside: Mapping[str, FileHash],
+    by: str,
+    version: str,
+) -> str:
+    """Write a bundle and return its id. files: by their name in the bundle. Raises OutputError if that fails."""
+    files = {SCORES: rows.to_csv(index=False, lineterminator="\n").encode(), **files}
+    inside = {name: hash_of(content) for name, content in files.items()}
+    manifest = _manifest(by, version, inside, outside)
+    with open_atomically(path) as file, zipfile.ZipFile(file, "w") as archive:
+        for name, content in sorted({MANIFEST: manifest, **files}.items()):
+            _add(archive, name, content)
+    return _id(manifest)
+
+
+def _manifest(by: str, version: str, inside: Mapping[str, FileHash], outside: Mapping[str, FileHash]) -> bytes:
+    told = {"format": _FORMAT, "version": _VERSION, "by": by, "sucre_bench": version}
+    listed = {
+        where: {name: {"sha256": one.sha256, "bytes": one.size} for name, one in sorted(hashes.items())}
+        for where, hashes in (("inside", inside), ("outside", outside))
+    }
+    return (json.dumps({**told, **listed}, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _id(manifest: bytes) -> str:
+    return hashlib.sha256(manifest).hexdigest()[:16]
+
+
+def _add(archive: zipfile.ZipFile, name: str, content: bytes | Path) -> None:
+    """Add a file with no date and no owner."""
+    entry = zipfile.ZipInfo(name, _DATE)
+    entry.create_system, entry.external_attr = 3, _REGULAR_FILE << 16
+    is_compressed = name.endswith(_STORED)
+    entry.compress_type = zipfile.ZIP_STORED if is_compressed else zipfile.ZIP_DEFLATED
+    source = io.BytesIO(content) if isinstance(content, bytes) else content.open("rb")
+    with source, archive.open(entry, "w", force_zip64=True) as target:
+        shutil.copyfileobj(source, target)
+
+
+# -- opening -----------------------------------------------------------------------------------------------
+
+
+@contextlib.contextmanager
+def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
+    """Open a bundle for this block: check its entries, and read what it says of itself.
+
+    Raises InputError if the file is no bundle, or an entry's name, kind or size is not one that a bundle may have.
+    """
+    if not path.is_file():
+        raise InputError(f"{path}: no such file; give a bundle that `sucre-bench bundle` wrote")
+    try:
+        archive = zipfile.ZipFile(path)
+    except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as fault:
+        raise InputError(
+            f"{path}: is no bundle ({one_line(fault)}); give a file that `sucre-bench bundle` wrote"
+        ) from fault
+    with archive:
+        infos = archive.infolist()
+        if fault_found := _fault_of_entries(infos, limits):
+            raise InputError(f"{path}: {fault_found}; do not unpack it, ask who made it for another")
+        entries = {info.filename: info.file_size for info in infos}
+        unread = Bundle(path, "", "", "", {}, {}, entries, archive)
+        yield _described(unread, unread.read(MANIFEST))
+
+
+def _fault_of_entries(infos: Sequence[zipfile.ZipInfo], limits: Limits) -> str:
+    """What a bundle may not have, or ""."""
+    if len(infos) > limits.entries:
+        return f"holds {len(infos)} files, more than {limits.entries}"
+    seen: set[str] = set()
+    for info in infos:
+        fault = _fault_of_name(info, limits) or _fault_of_kind(info) or _fault_of_size(info, limits)
+        if fault:
+            return f"{info.filename[:80]!r} {fault}"
+        if info.filename.casefold() in seen:
+            return f"{info.filename!r} is there twice"
+        seen.add(info.filename.casefold())
+    total = sum(info.file_size for info in infos)
+    return f"would unpack to {total / 1e9:.0f} GB" if total > limits.all_bytes else ""
+
+
+def _fault_of_name(info: zipfile.ZipInfo, limits: Limits) -> str:
+    name, raw = info.filename, info.orig_filename
+    parts = raw.split("/")
+    if raw != name or not raw.isprintable() or "\\" in raw or ":" in parts[0]:
+        return "is no plain path"
+    if raw.startswith("/") or any(part in ("", ".", "..") for part in parts) or PurePosixPath(raw).is_absolute():
+        return "leads out of the bundle"
+    return "has too long a name" if len(raw.encode()) > limits.name_bytes else ""
+
+
+def _fault_of_kind(info: zipfile.ZipInfo) -> str:
+    mode = info.external_attr >> 16
+    if info.is_dir() or (stat.S_IFMT(mode) not in (0, stat.S_IFREG)):
+        return "is a link or a folder, not a file"
+    if info.flag_bits & 0x1:
+        return "is encrypted"
+    return "" if info.compress_type in (zipfile.ZIP_STORED, zipfile.ZIP_DEFLATED) else "is packed in an unknown way"
+
+
+def _fault_of_size(info: zipfile.ZipInfo, limits: Limits) -> str:
+    most = limits.file_bytes if "/" in info.filename else limits.table_bytes
+    if info.file_size > most:
+        return f"would unpack to {info.file_size / 1e6:.0f} MB"
+    is_large = info.file_size > 1 << 20
+    return (
+        "would unpack to far more than its size"
+        if is_large and info.file_size > limits.ratio * info.compress_size
+        else ""
+    )
+
+
+def _described(bundle: Bundle, manifest: bytes) -> Bundle:
+    """The bundle with what its bundle.json says."""
+    try:
+        told = json.loads(manifest)
+        if (told["format"], told["version"]) != (_FORMAT, _VERSION):
+            raise ValueError(f"it says {told['format']!r}, version {told['version']!r}")
+        inside, outside = _hashes(told["inside"]), _hashes(told["outside"])
+        by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
+    except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
+        raise InputError(f"{bundle.path}: {MANIFEST} is not one of ours ({one_line(fault)}); bundle again") from fault
+    return Bundle(bundle.path, _id(manifest), by, version, inside, outside, bundle.entries, bundle.archive)
+
+
+def _hashes(told: Mapping[str, Mapping[str, Any]]) -> dict[str, FileHash]:
+    return {name: FileHash(str(one["sha256"]), int(one["bytes"])) for name, one in told.items()}
+
+
+def _rows(path: Path, content: bytes) -> pd.DataFrame:
+    """Read the score table: text as it stands, numbers as numbers."""
+    import pandas as pd
+
+    texts = {name: "str" for name in COLUMNS if name not in NUMBERS}
+    try:
+        read = pd.read_csv(io.BytesIO(content), dtype=texts, keep_default_na=False, na_values=_NO_NUMBER)
+        rows = read[list(COLUMNS)].astype(frame([]).dtypes.to_dict())
+    except (ValueError, KeyError, OverflowError, pd.errors.ParserError) as fault:
+        raise InputError(f"{path}: {SCORES} is no score table ({one_line(fault)}); bundle again") from fault
+    check_values(path / SCORES, rows)
+    return rows
+
+
+_NO_NUMBER = {name: [""] for name in NUMBERS}

@@ -1,0 +1,189 @@
+"""A bundle from `sucre-bench bundle`, checked by `sucre-bench verify`: what holds, and what was altered."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import json
+import shutil
+import zipfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+import pandas as pd
+import pytest
+from support.colmap_folder import picture, write_dive, write_image
+from support.command_line import run_here
+
+MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A run whose pictures have holes (stitching), and the data it is of."""
+    place = tmp_path_factory.mktemp("run")
+    words = (*MADE, "method=gray_world,stitching", "metrics=[psnr,uciqe,coverage,negative]", "tracking.uri=off")
+    done = run_here(place, "run", "-m", *words, "out=results", "dataset.root=dive")
+    assert done.returncode == 0, done.stderr
+    for pictures in ("none", "restored", "all"):
+        done = run_here(place, "bundle", "results", f"{pictures}.zip", "--pictures", pictures, "--by", "Jane")
+        assert done.returncode == 0, done.stderr
+    return place
+
+
+@pytest.fixture
+def bundles(folder: Path, tmp_path: Path) -> Path:
+    """The bundles alone, as somebody else gets them."""
+    for file in folder.glob("*.zip"):
+        shutil.copy(file, tmp_path)
+    return tmp_path
+
+
+def verified(bench: Callable[..., Any], *words: str) -> tuple[int, dict[str, Any]]:
+    done = bench("verify", *words, "--json")
+    assert done.stdout, done.stderr
+    return done.returncode, json.loads(done.stdout)
+
+
+def rewritten(path: Path, change: Callable[[dict[str, bytes]], None]) -> None:
+    """Change files of a bundle, and its hashes so that they hold: what a forger would do."""
+    with zipfile.ZipFile(path) as archive:
+        files = {name: archive.read(name) for name in archive.namelist()}
+    change(files)
+    manifest = json.loads(files["bundle.json"])
+    manifest["inside"] = {
+        name: {"sha256": hashlib.sha256(data).hexdigest(), "bytes": len(data)}
+        for name, data in files.items()
+        if name != "bundle.json"
+    }
+    files["bundle.json"] = json.dumps(manifest).encode()
+    with zipfile.ZipFile(path, "w") as archive:
+        for name, data in files.items():
+            archive.writestr(name, data)
+
+
+def with_table(change: Callable[[pd.DataFrame], None]) -> Callable[[dict[str, bytes]], None]:
+    def of(files: dict[str, bytes]) -> None:
+        rows = pd.read_csv(io.BytesIO(files["scores.csv"]), keep_default_na=False)
+        change(rows)
+        files["scores.csv"] = rows.to_csv(index=False).encode()
+
+    return of
+
+
+def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Path, folder: Path):
+    status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
+    assert (status, found["holds"], found["differing"], found["faults"]) == (0, True, [], [])
+    assert found["n_agree"] == 12  # of psnr, uciqe and coverage, two methods on two views
+    assert sum(found["unchecked"].values()) == 4  # negative intensities are not in a picture
+
+
+def test_references_in_the_bundle_stand_for_the_data(bench, bundles: Path):
+    status, found = verified(bench, "all.zip")
+    assert (status, found["n_agree"]) == (0, 12)
+    status, found = verified(bench, "restored.zip")
+    assert (status, found["n_agree"]) == (0, 8)
+
+
+def test_without_pictures_no_score_is_called_verified(bench, bundles: Path):
+    status, found = verified(bench, "none.zip")
+    assert (status, found["n_agree"], sum(found["unchecked"].values())) == (0, 0, 16)
+    assert "verified" not in bench("verify", "none.zip").stdout.splitlines()[-1]
+
+
+def test_the_published_id_tells_bundles_apart(bench, bundles: Path):
+    _, found = verified(bench, "all.zip")
+    assert verified(bench, "all.zip", "--id", found["id"].upper())[0] == 0
+    assert verified(bench, "restored.zip", "--id", found["id"])[0] == 1
+
+
+def test_a_score_that_the_pictures_do_not_give_is_named(bench, bundles: Path):
+    def better(rows: pd.DataFrame) -> None:
+        wanted = (rows["metric"] == "uciqe") & (rows["method"] == "gray_world") & (rows["view"] == "view_001.png")
+        rows.loc[wanted, "value"] *= 1.1
+
+    rewritten(bundles / "restored.zip", with_table(better))
+    status, found = verified(bench, "restored.zip")
+    assert status == 1
+    assert [(d["method"], d["view"], d["metric"]) for d in found["differing"]] == [
+        ("gray_world", "view_001.png", "uciqe")
+    ]
+    assert verified(bench, "restored.zip", "--tolerance", "0.2")[0] == 0
+
+
+def test_a_picture_that_was_touched_up_is_found_out(bench, bundles: Path):
+    name = "restored/demo/gray_world/view_000.png"
+
+    def brighter(files: dict[str, bytes]) -> None:
+        image = cv2.imdecode(np.frombuffer(files[name], np.uint8), cv2.IMREAD_COLOR)
+        files[name] = cv2.imencode(".png", cv2.convertScaleAbs(image, alpha=1.3))[1].tobytes()
+
+    rewritten(bundles / "all.zip", brighter)
+    status, found = verified(bench, "all.zip")
+    assert status == 1
+    assert {(d["method"], d["view"]) for d in found["differing"]} == {("gray_world", "view_000.png")}
+
+
+def test_a_metric_turned_upside_down_is_found_out(bench, bundles: Path):
+    rewritten(bundles / "all.zip", with_table(lambda rows: rows.replace({"better": {"higher": "lower"}}, inplace=True)))
+    status, found = verified(bench, "all.zip")
+    assert status == 1
+    assert any("psnr" in fault for fault in found["faults"])
+
+
+def test_fewer_holes_than_the_picture_has_are_found_out(bench, bundles: Path):
+    def more(rows: pd.DataFrame) -> None:
+        rows.loc[(rows["metric"] == "seconds") & (rows["method"] == "stitching"), "n_pixels"] = 5
+
+    rewritten(bundles / "all.zip", with_table(more))
+    status, found = verified(bench, "all.zip")
+    assert status == 1
+    assert any("stitching" in fault for fault in found["faults"])
+
+
+def test_data_that_changed_since_are_named(bench, tmp_path: Path):
+    write_dive(tmp_path / "dive", ("a.png", "b.png"))
+    words = ("dataset=colmap", "dataset.root=dive", "method=gray_world", "metrics=[uciqe]", "tracking.uri=off")
+    assert bench("run", *words, "out=results").returncode == 0
+    assert bench("bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    (tmp_path / "dive").rename(tmp_path / "moved")
+    assert verified(bench, "b.zip", "--data", "moved")[0] == 0
+    write_image(tmp_path / "moved" / "images" / "b.png", picture(5))
+    status, found = verified(bench, "b.zip", "--data", "colmap=moved")
+    assert (status, found["differing"]) == (1, [])
+    assert any("moved" in fault for fault in found["faults"])
+
+
+@pytest.mark.parametrize("path", ["/etc", "~/private", "../elsewhere"])
+def test_a_bundle_opens_no_files_beside_the_data(bench, bundles: Path, folder: Path, path: str):
+    def point_elsewhere(rows: pd.DataFrame) -> None:
+        told = json.loads(rows["options"][0])
+        rows["options"] = json.dumps({**told, "dataset": {"name": "colmap", "root": "/", "images": path}})
+
+    rewritten(bundles / "restored.zip", with_table(point_elsewhere))
+    status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
+    assert status == 1
+    assert any(path in fault for fault in found["faults"])
+
+
+def test_plugin_files_that_a_configuration_names_are_not_loaded(bench, bundles: Path, tmp_path: Path):
+    (tmp_path / "evil.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
+
+    def name_it(files: dict[str, bytes]) -> None:
+        files["config.yaml"] = f"plugins: [{tmp_path / 'evil.py'}]\nx: !!python/object/apply:os.system [id]".encode()
+
+    rewritten(bundles / "all.zip", name_it)
+    assert verified(bench, "all.zip")[0] == 0
+    assert not (tmp_path / "ran").exists()
+
+
+def test_a_picture_that_is_gone_cannot_be_bundled(bench, bundles: Path, folder: Path, tmp_path: Path):
+    shutil.copytree(folder / "results", tmp_path / "results")
+    (tmp_path / "results" / "restored" / "demo" / "gray_world" / "view_001.png").unlink()
+    done = bench("bundle", "results", "again.zip")
+    assert done.returncode == 2
+    assert "view_001.png" in done.stderr
+    assert not (tmp_path / "again.zip").exists()
