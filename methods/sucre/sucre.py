@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import importlib
 import time
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -61,9 +62,11 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
             check_source(self.water_from)
 
     def warm_up(self) -> None:
-        """Compile everything that the first view needs."""
+        """Import and compile everything that the first view needs."""
         from sucre_bench.methods.sucre.warm_up import compile_for
 
+        if way_of(self) in (Way.ADAM, Way.CLOSED_FORM):
+            importlib.import_module("torch")
         compile_for(self.backend, self.device, self._pairing)
 
     def restore(self, scene: Scene, view: View) -> Restoration:

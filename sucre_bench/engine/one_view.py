@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
-from sucre_bench.engine.restore import measured_restore
+from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import display
@@ -35,6 +35,10 @@ __all__ = [
     "restore",
     "score",
 ]
+
+
+# Methods with their options that have imported and compiled what they need.
+_ready: set[str] = set()
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -119,6 +123,9 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
     view = view if isinstance(view, View) else scene[view]
+    if repr(method) not in _ready:
+        make_ready(method)
+        _ready.add(repr(method))
     measured = measured_restore(method, scene, view)
     about = {
         "method": plugin.name,

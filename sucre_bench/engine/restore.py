@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import importlib
 import time
 from typing import Any
 
@@ -10,7 +11,19 @@ from sucre_bench.plugins.calling import restored, with_truth
 from sucre_bench.results.restorations import Measured
 from sucre_bench.scene import Scene, View
 
-__all__ = ["measured_restore"]
+__all__ = ["make_ready", "measured_restore"]
+
+
+def make_ready(method: Any) -> None:
+    """Let a method import and compile, so that the first view's time is not that of imports.
+
+    One that has a `warm_up()` imports there what its options need. For others all that they require is imported.
+    """
+    if hasattr(method, "warm_up"):
+        method.warm_up()
+        return
+    for package in method.__plugin__.requires:
+        importlib.import_module(package)
 
 
 def measured_restore(method: Any, scene: Scene, view: View) -> Measured:

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib
 from collections.abc import Callable, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
@@ -10,12 +9,12 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.engine.done import Done
-from sucre_bench.engine.restore import measured_restore
+from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
 from sucre_bench.imaging.display import display
-from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.multiview.cache import sharing
@@ -48,8 +47,8 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
     if not todo:
         return
     try:
-        method, metrics = _ready(job.method), scorers(job.metrics)
-        _warm_up(method)
+        method, metrics = job.method.make(), scorers(job.metrics)
+        make_ready(method)
     except ANY_FAULT as fault:
         whole = failed_row(job, fault)
         part.add([replace(whole, scene=t.base.scene, view=t.view.name, data_id=t.base.data_id) for t in todo])
@@ -67,19 +66,6 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
 def _shared_pairs(job: Job) -> AbstractContextManager[None]:
     """Where the job's method shares pairs with those of other jobs."""
     return sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30) if job.shared_pairs else nullcontext()
-
-
-def _ready(choice: Choice) -> Any:
-    """Make the method, and import what it needs so that the first view's time is not that of imports."""
-    for package in choice.plugin.requires:
-        importlib.import_module(package)
-    return choice.make()
-
-
-def _warm_up(method: Any) -> None:
-    """Let a method that has a `warm_up()` compile, so that the first view's time is not that of compilers."""
-    if hasattr(method, "warm_up"):
-        method.warm_up()
 
 
 # -- doing it ----------------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@ import hashlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from sucre_bench.machine.kept_digests import kept_digests
 from sucre_bench.machine.provenance import distribution_of, version_of
 
 __all__ = ["engine_hash", "hash_of"]
@@ -52,13 +53,22 @@ def _numerics() -> tuple[Path, ...]:
 def _statements(place: Path) -> frozenset[bytes]:
     """Digests of every top-level statement of a file, or of a folder's Python files, and of the tables (.csv) there."""
     files = list(place.rglob("*")) if place.is_dir() else [place]
-    code = (digest for file in files if file.suffix == ".py" for digest in _statements_of(file))
-    return frozenset([*code, *(_digest(file.read_bytes()) for file in files if file.suffix == ".csv")])
+    code = (digest for file in files if file.suffix == ".py" for digest in kept_digests(file, _rule(), _digests_of))
+    return frozenset([*map(bytes.fromhex, code), *(_digest(f.read_bytes()) for f in files if f.suffix == ".csv")])
 
 
-def _statements_of(file: Path) -> Iterator[bytes]:
+@functools.cache
+def _rule() -> str:
+    """What the digests of statements rest on beside the statements: this file."""
+    return _digest(Path(__file__).read_bytes()).hex()
+
+
+def _digests_of(file: Path) -> list[str]:
+    return [digest.hex() for digest in _statements_of(file.read_bytes())]
+
+
+def _statements_of(content: bytes) -> Iterator[bytes]:
     """A digest for each top-level statement but imports of this package; of the file if it does not parse."""
-    content = file.read_bytes()
     try:
         body = ast.parse(content).body
     except (SyntaxError, ValueError):

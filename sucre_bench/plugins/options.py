@@ -28,12 +28,17 @@ RESERVED = frozenset({"name", "label", "display", "variants"})
 
 @dataclass(frozen=True)
 class Option:
-    """A field of a plugin: its name, type, default (dataclasses.MISSING when it must be given) and what it says."""
+    """A field of a plugin: its name, type and default (dataclasses.MISSING when it must be given). cls: the plugin's."""
 
     name: str
     type: Any
     default: Any
-    help: str
+    cls: type[Any]
+
+    @property
+    def help(self) -> str:
+        """The docstring under the field. It is looked up when asked for: that parses the source of the class."""
+        return _field_docs(self.cls).get(self.name, "")
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -48,20 +53,21 @@ class Option:
 
 
 def options_of(cls: Any) -> tuple[Option, ...]:
-    """Return a plugin class's fields, with the docstring under each as its help."""
+    """Return a plugin class's fields."""
     return _options_of(cls)
 
 
-@functools.cache  # asked for with every score, and it parses the class's source
+@functools.cache  # asked for with every score
 def _options_of(cls: Any) -> tuple[Option, ...]:
-    hints, said = get_type_hints(cls), _field_docs(cls)
-    return tuple(Option(f.name, hints[f.name], _default(f), said.get(f.name, "")) for f in fields(cls) if f.init)
+    hints = get_type_hints(cls)
+    return tuple(Option(f.name, hints[f.name], _default(f), cls) for f in fields(cls) if f.init)
 
 
 def _default(f: Any) -> Any:
     return f.default if f.default_factory is MISSING else f.default_factory()
 
 
+@functools.cache
 def _field_docs(cls: type[Any]) -> dict[str, str]:
     """The string under an annotated name in a class body documents it, as in every documentation generator."""
     docs: dict[str, str] = {}

@@ -10,7 +10,7 @@ from typing import Literal, Protocol
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.machine.cores import Device
+from sucre_bench.machine.cores import Device, may_have_gpu
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
@@ -73,6 +73,8 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
         raise InputError(f"backend={backend} computes on the CPU only; use device=auto, or backend=torch or jax")
     if backend == "jax":
         return "jax", _jax_device(device)
+    if backend == "auto" and device != "cuda" and not may_have_gpu():
+        return "numba", "cpu"
     place = _torch_device(device) if backend in ("auto", "torch") else "cpu"
     if backend == "auto":
         return ("torch", place) if place == "cuda" else ("numba", "cpu")
