@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare.model import Column, Note
-from sucre_bench.results.rows import COSTS
+from sucre_bench.results.rows import COSTS, tuples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -68,6 +68,9 @@ def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
     return {str(name): set(zip(own["scene"], own["view"], strict=True)) for name, own in ok.groupby("method")}
 
 
+_WHY = ("status", "reason", "scene", "view", "method", "metric", "variant")
+
+
 @dataclass(frozen=True)
 class _Why:
     """Why there is no score, by method, metric, variant and view; of metric "seconds", no restoration."""
@@ -77,8 +80,8 @@ class _Why:
 
     @classmethod
     def of(cls, rows: pd.DataFrame) -> _Why:
-        known = {}
-        for r in rows[(rows["status"] != "ok") | ~rows["_fresh"]].itertuples():
+        known: dict[tuple[str, str, str, _View], str] = {}
+        for r in tuples(rows[(rows["status"] != "ok") | ~rows["_fresh"]], *_WHY):
             reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # so that views with one reason count together
             text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
             known[r.method, r.metric, r.variant, (r.scene, r.view)] = text

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -10,7 +10,7 @@ from sucre_bench import results
 from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
-from sucre_bench.results.rows import Row
+from sucre_bench.results.rows import Row, tuples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 __all__ = ["Done"]
 
 
-@dataclass(frozen=True)
+@dataclass(slots=True)
 class _Kept:
     """What the table holds of a score."""
 
@@ -28,6 +28,9 @@ class _Kept:
     status: str
     options_id: str
     data_id: str
+
+
+_KEPT = tuple(field.name for field in fields(_Kept))
 
 
 @dataclass(frozen=True)
@@ -55,9 +58,8 @@ class Done:
         """Pick what a table holds of a job."""
         kept: dict[tuple[str, str], list[_Kept]] = {}
         own = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
-        for r in own[own["status"] != "failed"].itertuples():
-            one = _Kept(r.metric, r.variant, r.code, r.status, r.options_id, r.data_id)
-            kept.setdefault((r.scene, r.view), []).append(one)
+        for scene, view, *about in tuples(own[own["status"] != "failed"], "scene", "view", *_KEPT):
+            kept.setdefault((scene, view), []).append(_Kept(*about))
         return cls(job, kept, tuple(map(metric_code, job.metrics)))
 
     def covers(self, base: Row, picture: Path) -> bool:

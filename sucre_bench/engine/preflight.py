@@ -14,7 +14,7 @@ from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
-from sucre_bench.results.rows import Status, restoration_rows
+from sucre_bench.results.rows import Status, restoration_rows, tuples
 from sucre_bench.scene import Scene
 
 if TYPE_CHECKING:
@@ -140,7 +140,7 @@ def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[State]:
     """
     job, done = plan.job, Done.among(rows, plan.job)
     own = restoration_rows(rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)])
-    known = {(r.scene, r.view): State(r.status, r.reason, r.time >= started) for r in own.itertuples()}
+    known = {(r.scene, r.view): State(r.status, r.reason, r.time >= started) for r in tuples(own)}
     of_job = known.get(("", ""), State())
     found = []
     for task in plan.tasks:

@@ -94,13 +94,13 @@ def tasks(job: Job, scenes: Sequence[Scene]) -> Iterator[Task]:
 
     Raises InputError for a name that no scene has, and for a scene that lacks what is to be degraded.
     """
-    base, kept = base_row(job), places(job.dataset.label, scenes, job.replicate)
-    data_ids = {scene.name: job.drawn.data_id(scene.data_id) for scene in scenes}
-    for scene, view in _selected([degraded_whole(scene, job.drawn) for scene in scenes], job):
+    base, kept, drawn = base_row(job), places(job.dataset.label, scenes, job.replicate), job.drawn
+    data_ids = {scene.name: drawn.data_id(scene.data_id) for scene in scenes}
+    for scene, view in _selected([degraded_whole(scene, drawn) for scene in scenes], job):
         row = replace(
             base, scene=results.replicated(scene.name, job.replicate), view=view.name, data_id=data_ids[scene.name]
         )
-        yield Task(around(scene, view, job.drawn), view, kept[scene.name, view.name], row)
+        yield Task(around(scene, view, drawn), view, kept[scene.name, view.name], row)
 
 
 def _selected(scenes: Sequence[Scene], job: Job) -> Sequence[tuple[Scene, View]]:
@@ -111,7 +111,8 @@ def _selected(scenes: Sequence[Scene], job: Job) -> Sequence[tuple[Scene, View]]
         if unknown:
             hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
             raise InputError(f"views: no view is called '{unknown[0]}'; {hint}")
-        everything = [(scene, view) for scene, view in everything if view.name in job.views]
+        chosen = set(job.views)
+        everything = [(scene, view) for scene, view in everything if view.name in chosen]
     return job.shard.of(everything[:: job.every][: job.first])
 
 

@@ -28,7 +28,7 @@ def _announce_compiling() -> None:
     """Let numba report when it compiles."""
     from numba.core import event
 
-    class FirstCompilation(event.Listener):  # type: ignore[misc]
+    class FirstCompilation(event.Listener):
         def on_start(self, event: object) -> None:
             _say_that_it_compiles()
 

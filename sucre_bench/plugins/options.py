@@ -28,7 +28,10 @@ RESERVED = frozenset({"name", "label", "display", "variants"})
 
 @dataclass(frozen=True)
 class Option:
-    """A field of a plugin: its name, type and default (dataclasses.MISSING when it must be given). cls: the plugin's."""
+    """A field of a plugin: its name, type and default (dataclasses.MISSING when it must be given).
+
+    cls: the plugin's class.
+    """
 
     name: str
     type: Any

@@ -16,7 +16,7 @@ import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePosixPath
+from pathlib import Path, PurePath, PurePosixPath
 
 from sucre_bench.errors import InputError
 from sucre_bench.results.rows import unreplicated
@@ -69,10 +69,9 @@ class Place:
 
 
 def _inside(folder: Path, name: str) -> Path:
-    path = folder / name
-    if not path.resolve().is_relative_to(folder.resolve()):
+    if ".." in PurePath(name).parts or PurePath(name).is_absolute():
         raise InputError(f"{name}: a view's name leads out of the output folder; rename the image")
-    return path
+    return folder / name
 
 
 def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tuple[str, str], Place]:

@@ -19,13 +19,13 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.imaging.image_files import write_png
+from sucre_bench.imaging.image_files import write_image, write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.rows import Row, restoration_rows
 from sucre_bench.results.water_file import water_of
-from sucre_bench.scene import Restoration, View, Water
+from sucre_bench.scene import Encoding, Restoration, View, Water
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -57,10 +57,10 @@ def write_pictures(out: Path, place: Place, method: str, view: View, restoration
     method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole.
     """
     path, started = place.restored(out, method), time.perf_counter()
-    _write_shown(place.original(out), display(view.rgb, "none", view.encoding))
+    _write_to_look_at(place.original(out), view.rgb, view.encoding)
     if view.reference is not None:
-        _write_shown(place.reference(out), display(view.reference, "none", view.encoding))
-    _write_shown(path, shown)
+        _write_to_look_at(place.reference(out), view.reference, view.encoding)
+    write_png(path, to_8bit(shown)[..., ::-1], compression=1)
     write_atomically(path.with_suffix(".json"), _record(restoration, time.perf_counter() - started))
 
 
@@ -159,8 +159,9 @@ def _identity(base: Row) -> list[str]:
     return [base.options_id, base.data_id, base.code]
 
 
-def _write_shown(path: Path, shown: Array) -> None:
-    write_png(path, to_8bit(shown)[..., ::-1])
+def _write_to_look_at(path: Path, image: Array, encoding: Encoding) -> None:
+    """Write a view's image (H, W, 3) in the format of the path's suffix."""
+    write_image(path, to_8bit(display(image, "none", encoding))[..., ::-1])
 
 
 def _water_record(water: Water) -> dict[str, Any]:

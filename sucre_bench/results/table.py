@@ -18,6 +18,8 @@ from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+import numpy as np
+
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.files import _not_writable, regular, write_atomically
 from sucre_bench.machine.log import not_before
@@ -98,17 +100,29 @@ def _newest(rows: pd.DataFrame) -> pd.DataFrame:
     """
     if rows.empty:
         return rows
-    rows = rows.assign(_code=rows["code"].str.split(".").str[0]).sort_values("time", kind="stable")
+    keys = rows[[*_SCORE, "region", "time", "status", "options_id", "data_id"]]  # not the long texts
+    keys = keys.assign(_code=_restoration_codes(rows["code"])).sort_values("time", kind="stable")
     same = ["options_id", "data_id", "_code"]
-    rows = rows[(rows[same] == rows.groupby(_RESTORATION)[same].transform("last")).all(axis=1)]
-    ended = rows["time"].where((rows["metric"] == "seconds") & (rows["status"] != "ok"), "")
-    rows = rows[rows["time"] >= ended.groupby([rows[c] for c in _RESTORATION]).transform("max")]
-    job_failed = rows["view"] == ""  # stands until the job has done anything since
-    rows = rows[~job_failed | (rows["time"] == rows.groupby(["dataset", "method"])["time"].transform("max"))]
-    score = [*_RESTORATION, "metric", "variant"]
-    rows = rows[rows["time"] == rows.groupby(score)["time"].transform("max")]
-    rows = rows.drop(columns="_code").drop_duplicates([*score, "region"]).sort_index()
-    return rows.sort_values(["dataset", "method", "scene", "view"], kind="stable", ignore_index=True)
+    keys = keys[(keys[same] == keys.groupby(_RESTORATION)[same].transform("last")).all(axis=1)]
+    ended = keys["time"].where((keys["metric"] == "seconds") & (keys["status"] != "ok"), "")
+    keys = keys[keys["time"] >= ended.groupby([keys[c] for c in _RESTORATION]).transform("max")]
+    job_failed = keys["view"] == ""  # stands until the job has done anything since
+    keys = keys[~job_failed | (keys["time"] == keys.groupby(["dataset", "method"])["time"].transform("max"))]
+    keys = keys[keys["time"] == keys.groupby(_SCORE)["time"].transform("max")]
+    keys = keys.drop_duplicates([*_SCORE, "region"]).sort_index()
+    keys = keys.sort_values(["dataset", "method", "scene", "view"], kind="stable")
+    return rows.loc[keys.index].reset_index(drop=True)
+
+
+_SCORE = [*_RESTORATION, "metric", "variant"]
+
+
+def _restoration_codes(codes: pd.Series) -> np.ndarray:
+    """The restoration's part of each code: a number (N,) that is the same for the same text."""
+    import pandas as pd
+
+    of_row, every = pd.factorize(codes)
+    return np.asarray(pd.factorize(np.array([code.split(".")[0] for code in every], dtype=object))[0][of_row])
 
 
 class Part:

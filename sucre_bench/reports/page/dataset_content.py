@@ -19,6 +19,7 @@ from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
+from sucre_bench.results.rows import tuples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -174,7 +175,7 @@ class Section:
     @cached_property
     def _restorations(self) -> dict[tuple[str, str], dict[str, Any]]:
         made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
-        for row in self.rows[self.rows["metric"] == "seconds"].itertuples():
+        for row in tuples(self.rows[self.rows["metric"] == "seconds"]):
             made[row.scene, row.view][row.method] = row
         return made
 
