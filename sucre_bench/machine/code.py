@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import ast
+import atexit
 import functools
 import hashlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
-from sucre_bench.machine.kept_digests import kept_digests
+from sucre_bench.machine.kept_digests import KeptDigests
 from sucre_bench.machine.provenance import distribution_of, version_of
 
 __all__ = ["engine_hash", "hash_of"]
@@ -53,14 +54,19 @@ def _numerics() -> tuple[Path, ...]:
 def _statements(place: Path) -> frozenset[bytes]:
     """Digests of every top-level statement of a file, or of a folder's Python files, and of the tables (.csv) there."""
     files = list(place.rglob("*")) if place.is_dir() else [place]
-    code = (digest for file in files if file.suffix == ".py" for digest in kept_digests(file, _rule(), _digests_of))
+    code = (digest for file in files if file.suffix == ".py" for digest in _kept().of(file, _digests_of))
     return frozenset([*map(bytes.fromhex, code), *(_digest(f.read_bytes()) for f in files if f.suffix == ".csv")])
 
 
 @functools.cache
-def _rule() -> str:
-    """What the digests of statements rest on beside the statements: this file."""
-    return _digest(Path(__file__).read_bytes()).hex()
+def _kept() -> KeptDigests:
+    """The digests of earlier processes, as long as this file made them."""
+    from platformdirs import user_cache_path
+
+    rule = _digest(Path(__file__).read_bytes()).hex()
+    kept = KeptDigests(user_cache_path("sucre_bench", appauthor=False) / "code_digests.json", rule)
+    atexit.register(kept.write)
+    return kept
 
 
 def _digests_of(file: Path) -> list[str]:

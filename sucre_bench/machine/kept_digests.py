@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import atexit
-import functools
 import json
 import time
 from collections.abc import Callable
@@ -14,51 +12,46 @@ from typing import Any
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["kept_digests"]
+__all__ = ["KeptDigests"]
 
 # A file that changed less than so many seconds ago may change again without a new time stamp.
 _SETTLED_S = 2.0
 
 
-def kept_digests(file: Path, rule: str, compute: Callable[[Path], list[str]]) -> list[str]:
-    """Return `compute(file)`, from the cache if the file's size and time of change are as they were.
+class KeptDigests:
+    """Digests by file, kept as JSON. A cache that cannot be read or written is done without.
 
-    rule: names what `compute` does; results of another rule are not taken. A cache that cannot be read or written is
-    done without.
+    path: of the cache; rule: names what `compute` does; digests of another rule are not taken.
     """
-    state = file.stat()
-    stamp = [rule, state.st_size, state.st_mtime_ns]
-    known = _cache()
-    found = known.get(str(file))
-    if found is not None and found[0] == stamp:
-        return [str(digest) for digest in found[1]]
-    digests = compute(file)
-    if time.time() - state.st_mtime > _SETTLED_S:
-        if _NEW not in known:
-            known[_NEW] = True
-            atexit.register(_write)
-        known[str(file)] = [stamp, digests]
-    return digests
+
+    def __init__(self, path: Path, rule: str) -> None:
+        self._path, self._rule = path, rule
+        self._known = _read(path, rule)
+        self._is_new = False
+
+    def of(self, file: Path, compute: Callable[[Path], list[str]]) -> list[str]:
+        """Return `compute(file)`, from the cache if the file's size and time of change are as they were."""
+        state = file.stat()
+        stamp = [state.st_size, state.st_mtime_ns]
+        found = self._known.get(str(file))
+        if found is not None and found[0] == stamp:
+            return [str(digest) for digest in found[1]]
+        digests = compute(file)
+        if time.time() - state.st_mtime > _SETTLED_S:
+            self._known[str(file)] = [stamp, digests]
+            self._is_new = True
+        return digests
+
+    def write(self) -> None:
+        """Write the cache if it has anything new. Files that no longer exist are left out."""
+        if self._is_new:
+            kept = {file: entry for file, entry in self._known.items() if Path(file).exists()}
+            with suppress(OutputError):
+                write_atomically(self._path, json.dumps({"rule": self._rule, "files": kept}).encode())
 
 
-_NEW = ""  # the key that says whether there is anything to write
-
-
-@functools.cache
-def _cache() -> dict[str, Any]:
-    with suppress(OSError, ValueError):
-        content = json.loads(_path().read_bytes())
-        return content if isinstance(content, dict) else {}
+def _read(path: Path, rule: str) -> dict[str, Any]:
+    with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
+        content = json.loads(path.read_bytes())
+        return dict(content["files"].items()) if content["rule"] == rule else {}
     return {}
-
-
-def _path() -> Path:
-    from platformdirs import user_cache_path
-
-    return user_cache_path("sucre_bench", appauthor=False) / "code_digests.json"
-
-
-def _write() -> None:
-    kept = {file: entry for file, entry in _cache().items() if file != _NEW and Path(file).exists()}
-    with suppress(OutputError):
-        write_atomically(_path(), json.dumps(kept).encode())

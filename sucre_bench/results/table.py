@@ -24,7 +24,7 @@ from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchErr
 from sucre_bench.machine.files import _not_writable, regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
-from sucre_bench.results.rows import _RESTORATION, COLUMNS, Row, as_arrow, frame
+from sucre_bench.results.rows import _RESTORATION, COLUMNS, RESTORATION, Row, as_arrow, frame
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,14 +100,13 @@ def _newest(rows: pd.DataFrame) -> pd.DataFrame:
     """
     if rows.empty:
         return rows
-    keys = rows[[*_SCORE, "region", "time", "status", "options_id", "data_id"]]  # not the long texts
-    keys = keys.assign(_code=_restoration_codes(rows["code"])).sort_values("time", kind="stable")
-    same = ["options_id", "data_id", "_code"]
+    keys = _numbered(rows).sort_values("time", kind="stable")
+    same = ["options_id", "data_id", "code"]
     keys = keys[(keys[same] == keys.groupby(_RESTORATION)[same].transform("last")).all(axis=1)]
-    ended = keys["time"].where((keys["metric"] == "seconds") & (keys["status"] != "ok"), "")
+    ended = keys["time"].where(keys["has_ended"], -1)
     keys = keys[keys["time"] >= ended.groupby([keys[c] for c in _RESTORATION]).transform("max")]
-    job_failed = keys["view"] == ""  # stands until the job has done anything since
-    keys = keys[~job_failed | (keys["time"] == keys.groupby(["dataset", "method"])["time"].transform("max"))]
+    # A row of a whole job that failed stands until the job has done anything since.
+    keys = keys[~keys["of_job"] | (keys["time"] == keys.groupby(["dataset", "method"])["time"].transform("max"))]
     keys = keys[keys["time"] == keys.groupby(_SCORE)["time"].transform("max")]
     keys = keys.drop_duplicates([*_SCORE, "region"]).sort_index()
     keys = keys.sort_values(["dataset", "method", "scene", "view"], kind="stable")
@@ -117,12 +116,20 @@ def _newest(rows: pd.DataFrame) -> pd.DataFrame:
 _SCORE = [*_RESTORATION, "metric", "variant"]
 
 
-def _restoration_codes(codes: pd.Series) -> np.ndarray:
-    """The restoration's part of each code: a number (N,) that is the same for the same text."""
+def _numbered(rows: pd.DataFrame) -> pd.DataFrame:
+    """The columns that decide which rows count, each text as its place in the order of its column's texts.
+
+    code: of the restoration alone; has_ended: whether the row says that a restoration failed or was skipped; of_job:
+    whether it speaks for a job as a whole. Numbers take a tenth of the texts' memory and time.
+    """
     import pandas as pd
 
-    of_row, every = pd.factorize(codes)
-    return np.asarray(pd.factorize(np.array([code.split(".")[0] for code in every], dtype=object))[0][of_row])
+    names = [*_SCORE, "region", "time", "options_id", "data_id"]
+    keys = pd.DataFrame({name: pd.factorize(rows[name], sort=True)[0] for name in names}, index=rows.index)
+    of_row, codes = pd.factorize(rows["code"])
+    restorations = pd.factorize(np.array([code.split(".")[0] for code in codes], dtype=object))[0]
+    has_ended = (rows["metric"] == RESTORATION) & (rows["status"] != "ok")
+    return keys.assign(code=restorations[of_row], has_ended=has_ended, of_job=rows["view"] == "")
 
 
 class Part:

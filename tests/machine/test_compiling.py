@@ -1,0 +1,28 @@
+"""The first compilation is announced; compiled code is read from the disk in the next process."""
+
+from __future__ import annotations
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+_SCRIPT = """
+import sys
+from sucre_bench.machine.compiling import compiled
+from loops import double
+assert compiled(double)(2) == 4
+assert "torch" not in sys.modules
+"""
+
+
+def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
+    (tmp_path / "loops.py").write_text("def double(x):\n    return 2 * x\n")
+
+    def told() -> str:
+        here = {**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])}
+        ran = subprocess.run([sys.executable, "-c", _SCRIPT], env=here, capture_output=True, text=True, check=True)
+        return ran.stderr
+
+    assert "compiling" in told()
+    assert told() == ""
