@@ -28,7 +28,12 @@ from sucre_bench.scene import Encoding, Scene
 __all__ = ["Colmap"]
 
 
-@dataset(requires=("cv2", "PIL", "tifffile"), has=("poses", "depth", "reference", "charts"), charts_file="charts")
+@dataset(
+    requires=("cv2", "PIL", "tifffile"),
+    has=("poses", "depth", "reference", "charts"),
+    charts_file="charts",
+    signs=("sparse/cameras.*", "sparse/0/cameras.*"),
+)
 @dataclass(frozen=True)
 class Colmap:
     """A COLMAP reconstruction with depth maps: one scene, one view a registered image, in order of name."""

@@ -30,6 +30,7 @@ __all__ = ["Lsui"]
     cites="Peng, Zhu & Bian 2023, IEEE TIP (U-shape Transformer)",
     licence="as its download page says",
     source="https://lintaopeng.github.io/_pages/UIE%20Project%20Page.html (4,279 pairs)",
+    signs=("GT", "*/GT"),
 )
 @dataclass(frozen=True)
 class Lsui:

@@ -49,6 +49,7 @@ _Frame = Mapping[str, Any]
     requires=("cv2", "PIL", "tifffile"),
     source="your own scenes, from ns-process-data, Polycam, RealityCapture, instant-ngp or Blender",
     has=("poses", "depth"),
+    signs=("transforms.json", "transforms_train.json"),
 )
 @dataclass(frozen=True)
 class Nerfstudio:

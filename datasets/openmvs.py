@@ -35,6 +35,7 @@ __all__ = ["Openmvs"]
     cites="Cernea 2020, OpenMVS",
     source="your own scenes: the working folder of OpenMVS's DensifyPointCloud",
     has=("poses", "depth"),
+    signs=("*.dmap",),
 )
 @dataclass(frozen=True)
 class Openmvs:

@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.image_folder import image_folder_scene
 from sucre_bench.loading.image_scale import check_scale
@@ -22,7 +23,11 @@ __all__ = ["Photos"]
 
 
 @dataset(
-    requires=("cv2", "PIL", "tifffile"), has=("reference", "charts"), source="your own images", charts_file="charts"
+    requires=("cv2", "PIL", "tifffile"),
+    has=("reference", "charts"),
+    source="your own images",
+    charts_file="charts",
+    signs=tuple(f"*{suffix}" for small in SUFFIXES for suffix in (small, small.upper())),
 )
 @dataclass(frozen=True)
 class Photos:

@@ -26,6 +26,7 @@ __all__ = ["U45"]
     cites="Li, Li & Wang 2019, arXiv:1906.06819",
     licence="as its download page says",
     source="https://github.com/IPNUISTlegal/underwater-test-dataset-U45- (45 images of 256x256)",
+    signs=("U45", "*/U45"),
 )
 @dataclass(frozen=True)
 class U45:

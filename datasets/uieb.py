@@ -36,6 +36,7 @@ _CHALLENGING = ("challenging-60", "challengingset-60", "challenging")
     cites="Li, Guo, Ren, Cong, Hou, Kwong & Tao 2020, IEEE TIP (UIEB)",
     licence="as its download page says",
     source="https://li-chongyi.github.io/proj_benchmark.html (890 pairs, 60 images without a reference)",
+    signs=("raw-890", "*/raw-890"),
 )
 @dataclass(frozen=True)
 class Uieb:

@@ -38,6 +38,7 @@ __all__ = ["Metashape"]
     requires=("cv2", "PIL", "tifffile"),
     source="your own surveys: File > Export > Export Cameras in Agisoft Metashape, or the project itself",
     has=("poses", "depth"),
+    signs=("*.psx", "*.psz", "cameras.xml"),
 )
 @dataclass(frozen=True)
 class Metashape:

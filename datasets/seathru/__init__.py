@@ -50,6 +50,7 @@ _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the i
     cites="Akkaynak & Treibitz 2019, CVPR (Sea-thru)",
     licence="as its download page says",
     source="https://www.kaggle.com/datasets/colorlabeilat/seathru-dataset (about 1,100 images in five sets)",
+    signs=("linearPNG", "*/linearPNG", "*/*/linearPNG", "*/Raw/*.ARW"),
 )
 @dataclass(frozen=True)
 class Seathru:

@@ -92,8 +92,8 @@ def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 def _names(group: str) -> Iterator[tuple[str, str]]:
     """Plugins and presets, or experiments, with what they are."""
     from sucre_bench import plugins
-    from sucre_bench.jobs.explain import GROUPS
     from sucre_bench.jobs.presets import presets
+    from sucre_bench.jobs.schema import GROUPS
     from sucre_bench.plugins.plugin import Plugin
 
     if group in GROUPS:
@@ -107,8 +107,8 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
 def _plugin(group: str, name: str) -> Any:
     """A group's plugin of this name, or that a preset of this name is of; None where there is none."""
     from sucre_bench import plugins
-    from sucre_bench.jobs.explain import GROUPS
     from sucre_bench.jobs.presets import presets
+    from sucre_bench.jobs.schema import GROUPS
     from sucre_bench.plugins.plugin import Plugin
 
     known = plugins.discover(GROUPS[group])

@@ -36,7 +36,10 @@ _EVERYTHING = ("--intervals", "--all-metrics")
 
 def compared(outcome: Outcome) -> list[Comparison]:
     """Compare the methods on each dataset of the results folder: once, for terminal, page and mlflow."""
-    return compare.compare(outcome.rows, order=outcome.methods) if len(outcome.rows) else []
+    if not len(outcome.rows):
+        return []
+    baseline = outcome.baseline if outcome.baseline in outcome.methods else ""  # it may not run here
+    return compare.compare(outcome.rows, order=outcome.methods, baseline=baseline)
 
 
 def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, Any]:

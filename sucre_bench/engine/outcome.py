@@ -28,8 +28,9 @@ class Fault:
 class Outcome:
     """The outcome of a run. The counts are of restorations: one view by one method.
 
-    datasets, methods: labels, in the order of the command; asked: rows of the requested datasets, methods and views;
-    crashed: whether a process ended unexpectedly.
+    datasets, methods: labels, in the order of the command; baseline: the method that the others are compared with,
+    empty for the best; asked: rows of the requested datasets, methods and views; crashed: whether a process ended
+    unexpectedly.
     """
 
     rows: pd.DataFrame
@@ -39,6 +40,7 @@ class Outcome:
     methods: tuple[str, ...]
     wants_report: bool
     study: Study | None
+    baseline: str
     tracking: Tracking
     ok: int
     cached: int

@@ -67,9 +67,11 @@ def check(command: Command) -> list[Planned]:
 def _unknown_baseline(jobs: Sequence[Job]) -> list[str]:
     """A baseline that is neither among the sweep's methods nor any method at all; one that does not run is left out."""
     known = {*(job.method.label for job in jobs), *plugins.discover("method")}
-    asked = jobs[0].study.baseline if jobs[0].study else ""
+    asked, key = jobs[0].baseline, "baseline"
+    if not asked and jobs[0].study:
+        asked, key = jobs[0].study.baseline, "study.baseline"
     unknown = asked and asked not in known
-    return [f"study.baseline: no method is called '{asked}'; {did_you_mean(asked, known)}"] if unknown else []
+    return [f"{key}: no method is called '{asked}'; {did_you_mean(asked, known)}"] if unknown else []
 
 
 def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:

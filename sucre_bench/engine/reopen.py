@@ -7,10 +7,10 @@ there; rows say which views a method restored, and of which data. A picture has 
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -140,13 +140,14 @@ def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:
 
 def _job(out: Path, dataset: str, scene: str) -> Job:
     """A job of the dataset that the results are of, with all its views."""
+    from sucre_bench.jobs.config_file import config_path, read_config
     from sucre_bench.jobs.shard import Shard
     from sucre_bench.results.rows import unreplicated
 
     _, replicate = unreplicated(scene)
-    path = out / "config.yaml"
+    path = config_path(out)
     labels = []
-    for job in _jobs(path):
+    for job in read_config(path):
         if job.dataset.label == dataset and job.replicate == replicate:
             return replace(job, views=None, every=1, first=None, shard=Shard())
         labels.append(job.dataset.label)
@@ -155,23 +156,3 @@ def _job(out: Path, dataset: str, scene: str) -> Job:
         f"{path}: tells of '{told}', as its last run did, not of '{dataset}' as in scene '{scene}'; "
         "give that one's command again, nothing is computed anew"
     )
-
-
-def _jobs(path: Path) -> Iterator[Job]:
-    """The jobs that a run wrote down: see `sweep`."""
-    import yaml
-
-    from sucre_bench import plugins
-    from sucre_bench.jobs.job import Job
-
-    try:
-        told: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
-        each, swept = told.pop("jobs", [{}]), told.pop("swept", ())
-        for name in ("sweep", "sharing"):
-            told.pop(name, None)
-    except (OSError, ValueError, AttributeError, yaml.YAMLError) as fault:
-        raise InputError(f"{path}: cannot be read as a run's configuration; give the run's command again") from fault
-    for file in told.get("plugins") or ():
-        plugins.load_file(file)
-    for one in each:
-        yield Job.of({**told, **one}, swept)  # labels of older folders follow from `swept`

@@ -6,7 +6,7 @@ import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from sucre_bench import results
 from sucre_bench.engine.launch import Ended, launch, rescue
@@ -14,6 +14,7 @@ from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
+from sucre_bench.jobs.config_file import config_path, config_text
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.machine import provenance, terminal
 from sucre_bench.machine.files import write_atomically
@@ -36,9 +37,9 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
     overrides = list(overrides)
     if plugin_files:
         overrides.append(f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
-    command = config.jobs(overrides, multirun)
-    out = command.jobs[0].out
     with terminal.live():
+        command = config.jobs(overrides, multirun)
+        out = command.jobs[0].out
         planned = check(command)
         _write_provenance(command, planned)
         started = now()
@@ -68,19 +69,8 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     data = {label: ",".join(sorted(own)) for label, own in ids.items()}
     words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
     provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, data))
-    write_atomically(first.out / "config.yaml", _config(command).encode())
-
-
-def _config(command: Command) -> str:
-    """The configuration as YAML; for a sweep what its jobs have in common, its words, and what differs by job."""
-    import yaml
-
-    if not command.is_sweep:
-        return command.jobs[0].config
-    each: list[dict[str, Any]] = [yaml.safe_load(job.config) for job in command.jobs]
-    shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
-    differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
-    return str(yaml.safe_dump({**shared, "sweep": list(command.words), "jobs": differing}, sort_keys=False))
+    text = config_text(command.jobs, command.words, command.is_sweep)
+    write_atomically(config_path(first.out), text.encode())
 
 
 def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:
@@ -106,6 +96,7 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
         methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
         wants_report=first.report,
         study=first.study,
+        baseline=first.baseline,
         tracking=first.tracking,
         ok=ok,
         cached=cached,

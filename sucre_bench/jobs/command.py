@@ -10,14 +10,21 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError
-from sucre_bench.jobs.explain import check_experiment, in_our_words, not_an_override
+from sucre_bench.errors import InputError, SucreBenchError
+from sucre_bench.jobs.expand import Combination, combinations
+from sucre_bench.jobs.explain import in_our_words
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.labels import refuse_same_place
+from sucre_bench.jobs.lineup import LineUp
+from sucre_bench.jobs.presets import default_choice, plugin_of
+from sucre_bench.jobs.quoting import quoted
+from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
 from sucre_bench.jobs.schema import CONF, register
+from sucre_bench.jobs.words import expand_home, line_up_file, parse, refuse_bare_words
+from sucre_bench.plugins.options import options_of
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
@@ -54,70 +61,82 @@ def _hydra() -> Iterator[None]:
         yield
 
 
-def jobs(overrides: Sequence[str], multirun: bool) -> Command:
-    """Read overrides, expand their sweeps, and check every job.
+def jobs(words: Sequence[str], multirun: bool) -> Command:
+    """Read overrides and perhaps a line-up file, expand their sweeps, and check every job.
 
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
-    a dataset's option without a dataset, or two jobs with one label.
+    a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
-    overrides = [_expand_home(text) for text in overrides]
-    parsed = _parse(overrides)
-    _refuse_options_of_no_dataset(parsed)
-    for override in parsed:
-        if override.key_or_group == "plugins":  # before its plugins can be configured
-            files = override.value()
-            for file in files if isinstance(files, list) else [files]:
-                plugins.load_file(str(file))
+    words = [expand_home(text) for text in words]
+    file = line_up_file(words)
+    overrides = [word for word in words if "=" in word or Path(word) != file]
+    refuse_bare_words(overrides)
+    line_up, parsed = _with_line_up(file, parse(overrides))
+    _refuse_options_of_no_dataset(parsed, line_up)
     with _hydra():
-        check_experiment(parsed)
-        composed = _compose_jobs(parsed, multirun)
-        planned = [Job.composed(config, composed.swept) for config in composed.configurations]
-    refuse_same_place(planned)
-    shared_pairs = f"x{fingerprint({'command': overrides})[1]}" if _can_share_pairs(planned) else ""
+        composed = _compose_jobs(parsed, line_up, multirun)
+    refuse_same_place(composed.jobs)
+    shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(composed.jobs) else ""
     return Command(
-        jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in planned),
-        words=tuple(overrides),
+        jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in composed.jobs),
+        words=tuple(words),
         is_sweep=composed.is_sweep,
-        settings=composed.configurations[0],
+        settings=composed.settings,
         shared_pairs=shared_pairs,
     )
 
 
 @dataclass(frozen=True)
 class _Composed:
-    """The configuration of every job with Hydra's own part, and the keys that differ between them."""
+    """Every job, and the first one's configuration with Hydra's own part."""
 
-    configurations: list[DictConfig]
-    swept: tuple[str, ...] = ()
-    is_sweep: bool = False
-
-
-def _expand_home(override: str) -> str:
-    """Expand a leading ~ of the value; the shell does so only at the start of a word."""
-    key, equals, value = override.partition("=")
-    bare = value.strip("'\"")
-    return f"{key}='{Path(bare).expanduser()}'" if equals and bare.startswith("~/") else override
+    jobs: list[Job]
+    settings: DictConfig
+    is_sweep: bool
 
 
-def _parse(overrides: Sequence[str]) -> list[Override]:
-    from hydra.core.override_parser.overrides_parser import OverridesParser
-    from hydra.errors import HydraException
+def _with_line_up(file: Path | None, parsed: list[Override]) -> tuple[LineUp, list[Override]]:
+    """Read the line-up or the experiment that the words name, with all plugins loaded; and the other words."""
+    experiments = [o for o in parsed if o.key_or_group == "experiment"]
+    others = [o for o in parsed if o.key_or_group not in ("experiment", "plugins")]
+    files = [str(file) for o in parsed if o.key_or_group == "plugins" for file in _listed(o.value())]
+    for plugin_file in files:  # before its plugins can be chosen
+        plugins.load_file(plugin_file)
+    if len(experiments) + (file is not None) > 1:
+        raise InputError(f"{experiments[-1].input_line}: beside another experiment or line-up; run one at a time")
+    if file is not None:
+        line_up = read_line_up(file)
+    else:
+        line_up = read_experiment(_only_name(experiments[0])) if experiments else LineUp()
+    if files:
+        every = [*line_up.settings.get("plugins", []), *files]
+        line_up = replace(line_up, settings={**line_up.settings, "plugins": list(dict.fromkeys(every))})
+    return line_up, others
 
-    parsed = []
-    for text in overrides:
-        try:
-            parsed.append(OverridesParser.create().parse_override(text))
-        except HydraException as fault:
-            raise not_an_override(text, fault) from fault
-    return parsed
+
+def _listed(value: object) -> list[object]:
+    return value if isinstance(value, list) else [value]
 
 
-def _refuse_options_of_no_dataset(parsed: Sequence[Override]) -> None:
-    """Raise InputError for a dataset's option where no dataset is named: the built-in one would take it."""
-    if any(override.key_or_group in ("dataset", "experiment") for override in parsed):
+def _only_name(experiment: Override) -> str:
+    name = None if experiment.is_sweep_override() else experiment.value()
+    if not isinstance(name, str):
+        raise InputError(f"{experiment.input_line}: one experiment at a time; give experiment=NAME")
+    return name
+
+
+def _refuse_options_of_no_dataset(parsed: Sequence[Override], line_up: LineUp) -> None:
+    """Raise InputError for a dataset's option where no dataset is named: the built-in one would take it.
+
+    A line-up may leave the dataset open or name several; where the data are needs a dataset in the words.
+    """
+    if any(override.key_or_group == "dataset" for override in parsed):
         return
+    plugin = plugin_of("dataset", default_choice("dataset"))
+    paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))} if plugin else set()
     for override in parsed:
-        if override.key_or_group.startswith("dataset."):
+        head, _, option = override.key_or_group.partition(".")
+        if head == "dataset" and (option in paths or not line_up.place):
             word = override.input_line
             raise InputError(f"{word}: no dataset is named; add dataset=NAME, for example dataset=colmap {word}")
 
@@ -126,58 +145,78 @@ def _texts(overrides: Sequence[Override]) -> list[str]:
     return [override.input_line or "" for override in overrides if not override.is_sweep_override()]
 
 
-def _compose_jobs(parsed: list[Override], multirun: bool) -> _Composed:
-    """Compose what the words and an experiment's own sweep span, each job once."""
+def _compose_jobs(parsed: list[Override], line_up: LineUp, multirun: bool) -> _Composed:
+    """Compose what the words and the line-up ask for, each job once."""
     from hydra.types import RunMode
 
-    # An experiment or Hydra's options decide whether this is a sweep. The other words may fit only the swept values.
-    deciding = [o for o in parsed if o.is_hydra_override() or o.key_or_group == "experiment"]
-    is_one_job = not (multirun or deciding or any(o.is_sweep_override() for o in parsed))
-    base = _compose(_texts(parsed if is_one_job else deciding))
+    settings = [o for o in parsed if o.is_hydra_override()]
+    others = [o for o in parsed if not o.is_hydra_override()]
+    is_sweep = multirun or bool(line_up.place)
+    if settings:
+        base = _compose(_texts(settings))
+        _refuse_foreign(base)
+        is_sweep = is_sweep or base.hydra.mode == RunMode.MULTIRUN
+        params = base.hydra.sweeper.get("params") or {}
+        others = [*parse(f"{key}={value}" for key, value in params.items()), *others]
+    _refuse_several_values(parsed, is_sweep)
+    configurations, planned = [], []
+    for combination in combinations(others, line_up):
+        try:
+            configurations.append(_compose([*_texts(settings), *combination.overrides]))
+            planned.append(Job.composed(configurations[-1], combination.swept))
+        except SucreBenchError as fault:
+            raise _at_its_place(fault, combination, line_up, others) from fault
+    return _Composed(planned, configurations[0], is_sweep)
+
+
+def _refuse_foreign(base: DictConfig) -> None:
+    """Raise InputError for what Hydra has and a command here does not follow."""
     if base.hydra.job.chdir:
         raise InputError("hydra.job.chdir=true: paths are relative to the folder where you are; leave it false")
     if base.hydra.callbacks:
         raise InputError("hydra.callbacks: sucre-bench calls none; leave them out")
-    if is_one_job:
-        return _Composed([base])
-    if not (multirun or base.hydra.mode == RunMode.MULTIRUN):
-        for override in parsed:
-            if override.is_sweep_override():
-                raise InputError(f"{override.input_line}: several values; add -m to run them all")
-            if override.key_or_group == "hydra/launcher":
-                raise InputError(f"{override.input_line}: hands out the jobs of a sweep; add -m")
-        return _Composed([_compose(_texts(parsed))])
-    params = base.hydra.sweeper.get("params") or {}
-    everything = [*_parse([f"{key}={value}" for key, value in params.items()]), *parsed]
-    swept = tuple(dict.fromkeys(o.key_or_group for o in everything if o.is_sweep_override()))
-    settings = _texts([o for o in everything if o.is_hydra_override()])
-    combinations = _combinations(base, [o for o in everything if not o.is_hydra_override()])
-    return _Composed([_compose(settings + one) for one in combinations], swept, is_sweep=True)
-
-
-def _combinations(base: DictConfig, overrides: list[Override]) -> list[list[str]]:
-    """Every combination of the swept values, by Hydra's sweeper."""
-    from hydra.utils import get_class
-
-    for override in overrides:
-        if override.is_sweep_override() and not override.is_discrete_sweep():
-            raise InputError(f"{override.input_line}: no list of values; list them, or write range(start,stop,step)")
-    sweeper = get_class(base.hydra.sweeper["_target_"])
-    if not hasattr(sweeper, "split_arguments"):
+    if not base.hydra.sweeper["_target_"].endswith(".BasicSweeper"):
         name = base.hydra.runtime.choices["hydra/sweeper"]
         raise InputError(f"hydra/sweeper={name}: chooses values while jobs run; all jobs are checked before, use basic")
-    (combinations,) = sweeper.split_arguments(overrides, None)
-    return list(combinations)
 
 
-def _compose(overrides: list[str]) -> DictConfig:
+def _refuse_several_values(parsed: Sequence[Override], is_sweep: bool) -> None:
+    """Raise InputError for several values where no sweep was asked for, and for a path that has a comma."""
+    for override in parsed:
+        word, key = override.input_line, override.key_or_group
+        if override.is_sweep_override():
+            value = override.get_value_string()
+            if Path(value).exists():
+                raise InputError(
+                    f'{word}: is one path with a comma; write "{key}={quoted(value)}", both kinds of quotes'
+                )
+            if not is_sweep:
+                raise InputError(
+                    f'{word}: several values; add -m to run them all, or write "{key}={quoted(value)}" for a comma'
+                )
+        elif key == "hydra/launcher" and not is_sweep:
+            raise InputError(f"{word}: hands out the jobs of a sweep; add -m")
+
+
+def _at_its_place(
+    fault: SucreBenchError, combination: Combination, line_up: LineUp, typed: Sequence[Override]
+) -> InputError:
+    """The fault with the key as it was typed, or with the line-up that it comes from."""
+    key, colon, rest = str(fault).partition(":")
+    if key in combination.typed:
+        return InputError(f"{combination.typed[key]}{colon}{rest}")
+    is_typed = key in {word.key_or_group for word in typed}
+    return InputError(str(fault) if is_typed or not line_up.place else f"{line_up.place}: {fault}")
+
+
+def _compose(overrides: Sequence[str]) -> DictConfig:
     import hydra
     from hydra.errors import HydraException
     from omegaconf import DictConfig
     from omegaconf.errors import OmegaConfBaseException
 
     try:
-        config = hydra.compose("config", overrides=overrides, return_hydra_config=True)
+        config = hydra.compose("config", overrides=list(overrides), return_hydra_config=True)
     except (HydraException, OmegaConfBaseException, ValueError) as fault:
         raise in_our_words(fault, overrides) from fault
     assert isinstance(config, DictConfig)

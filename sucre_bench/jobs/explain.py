@@ -3,21 +3,26 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, unknown_name
+from sucre_bench.jobs.lineup import Entry, Kind
+from sucre_bench.jobs.presets import option_names, plugin_of
 from sucre_bench.jobs.quoting import quoted
-from sucre_bench.plugins.plugin import Broken, Kind
+from sucre_bench.jobs.schema import GROUPS, RunConfig
+from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.plugin import Broken
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
 
-__all__ = ["GROUPS", "check_experiment", "in_our_words", "not_an_override"]
+__all__ = ["check_names", "in_our_words", "not_an_override", "unknown_word"]
 
-# Hydra's groups of plugins.
-GROUPS: dict[str, Kind] = {"method": "method", "dataset": "dataset", "metrics": "metric"}
-_SINGLE = ("method", "dataset", "experiment")
+_SINGLE = ("method", "dataset")
+# The types that OmegaConf names in a refusal, in the words of the field.
+_TYPES = {"Integer": "a whole number", "Float": "a number", "valid bool": "true or false"}
 
 
 def not_an_override(text: str, fault: Exception) -> InputError:
@@ -28,22 +33,35 @@ def not_an_override(text: str, fault: Exception) -> InputError:
     return InputError(f"{text}: {_first_line(fault)}; an override reads key=value")
 
 
-def check_experiment(parsed: list[Override]) -> None:
-    """Raise InputError for an experiment that does not exist: Hydra takes a missing one for none at all."""
-    for override in parsed:
-        if override.key_or_group == "experiment" and not override.is_sweep_override():
-            _check_names("experiment", override.value())
+def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> InputError | None:
+    """Return what is wrong with a word that is no option of a chosen dataset or method; None for one of the run."""
+    text, key = word.input_line, word.key_or_group
+    head, dot, _ = key.partition(".")
+    known = [option.name for option in options_of(RunConfig)]
+    if head in (*known, "hydra") or "/" in key or "@" in key:
+        return None
+    for kind, chosen in entries.items():
+        names = ",".join(dict.fromkeys(entry.name for entry in chosen))
+        owners = dict.fromkeys(entry.name for entry in chosen if key in option_names(kind, entry.name))
+        if owners:
+            before = [kind] if len(chosen) == 1 else [*owners]
+            return InputError(f"{text}: is an option of a {kind}; write {' or '.join(f'{b}.{text}' for b in before)}")
+        if dot and plugin_of(kind, head):
+            return InputError(f"{text}: '{head}' is not among the {kind}s; add it: {kind}={names},{head}")
+    if dot and plugin_of("metric", head):
+        return InputError(f"{text}: is an option of a metric; write metrics.{text}")
+    return unknown_name(key, head, [*known, *(entry.name for chosen in entries.values() for entry in chosen)])
 
 
-def in_our_words(fault: Exception, overrides: list[str]) -> SucreBenchError:
+def in_our_words(fault: Exception, overrides: Sequence[str]) -> SucreBenchError:
     """Return what is wrong with these overrides: the first wrong name, unknown key or wrong type."""
     from hydra.core.override_parser.overrides_parser import OverridesParser
 
-    parsed = OverridesParser.create().parse_overrides(overrides)
-    choices = [o for o in parsed if o.key_or_group in (*GROUPS, "experiment") or "/" in o.key_or_group]
+    parsed = OverridesParser.create().parse_overrides(list(overrides))
+    choices = [o for o in parsed if o.key_or_group in GROUPS or "/" in o.key_or_group]
     for override in choices:
         try:
-            _check_names(override.key_or_group, override.value())
+            check_names(override.key_or_group, override.value())
         except SucreBenchError as wrong:
             return wrong
     groups = [o.input_line or "" for o in choices]
@@ -52,10 +70,18 @@ def in_our_words(fault: Exception, overrides: list[str]) -> SucreBenchError:
             return unknown
     cause = fault.__cause__ or fault
     key = re.search(r"full_key: (\S+)", str(cause))
-    return InputError(f"{key[1] + ': ' if key else ''}{_first_line(cause)}; mend the override")
+    return InputError(f"{key[1] + ': ' if key else ''}{_refusal(_first_line(cause))}")
 
 
-def _check_names(group: str, value: Any) -> None:
+def _refusal(said: str) -> str:
+    """OmegaConf's refusal of a value, in plain words where it is about the value's type."""
+    value = re.match(
+        r"Value '(.*)' (?:of type '\w+' could not be converted to |is not a )(Integer|Float|valid bool)", said
+    )
+    return f"'{value[1]}' is not {_TYPES[value[2]]}; correct the value" if value else f"{said}; mend the override"
+
+
+def check_names(group: str, value: Any) -> None:
     if group in _SINGLE and (isinstance(value, list) or value is None):
         raise InputError(f"{group}={value}: one name at a time; -m {group}=a,b runs several")
     names = [str(n) for n in (value if isinstance(value, list) else [value])]
@@ -89,12 +115,10 @@ def _unknown_key(path: str, groups: list[str]) -> InputError | None:
     except Exception:
         return None  # something else is wrong, and said elsewhere
     for part in path.lstrip("+~").split("@")[0].split("."):
-        if not isinstance(node, DictConfig):
+        if not isinstance(node, DictConfig) or OmegaConf.is_missing(node, part):
             return None
         if part not in node:
             return unknown_name(path, part, [str(key) for key in node if not str(key).startswith("_")])
-        if OmegaConf.is_missing(node, part):
-            return None
         node = node[part]
     return None
 

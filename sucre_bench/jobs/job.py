@@ -114,6 +114,8 @@ class Job:
     seed: int
     report: bool
     study: Study | None
+    baseline: str
+    plugin_files: tuple[str, ...]
     pairs_gb: float
     tracking: Tracking
     config: str
@@ -173,7 +175,9 @@ class Job:
             save=run.save,
             seed=run.seed,
             report=run.report,
-            study=run.study,
+            study=run.study and replace(run.study, baseline=run.study.baseline or run.baseline),
+            baseline=run.baseline,
+            plugin_files=tuple(map(str, run.plugins)),
             pairs_gb=run.pairs_gb,
             tracking=run.tracking,
             config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),

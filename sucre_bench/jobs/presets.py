@@ -6,9 +6,15 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from sucre_bench import plugins
 from sucre_bench.jobs.schema import CONF_FOLDER
+from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Preset", "default_choice", "presets"]
+__all__ = ["Preset", "default_choice", "option_names", "plugin_of", "presets"]
+
+# What the bench adds to the options of a plugin.
+_ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label", "display"), "metric": ("variants",)}
 
 
 @dataclass(frozen=True)
@@ -23,6 +29,26 @@ class Preset:
 def presets(group: str) -> list[Preset]:
     """Return the presets of a folder of conf/, "experiment" or "method" say, by name."""
     return [_read(path) for path in sorted((CONF_FOLDER / group).glob("*.yaml"))]
+
+
+def plugin_of(kind: Kind, name: str) -> Plugin | None:
+    """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
+    known = plugins.discover(kind)
+    group = "metrics" if kind == "metric" else kind
+    if name not in known:
+        bases = (base for preset in presets(group) if preset.name == name for base in preset.builds_on)
+        name = next((base for base in bases if base in known), name)
+    plugin = known.get(name)
+    return plugin if isinstance(plugin, Plugin) else None
+
+
+def option_names(kind: Kind, name: str) -> list[str]:
+    """Return the names of the options of a method or dataset, those that the bench adds included.
+
+    Empty where no plugin and no preset of conf/ has this name.
+    """
+    plugin = plugin_of(kind, name)
+    return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
 
 
 def default_choice(group: str) -> str:

@@ -13,7 +13,7 @@ from sucre_bench.jobs.quoting import value_of
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Command", "metric_words", "shell"]
+__all__ = ["Command", "given", "metric_words", "shell"]
 
 
 @dataclass(frozen=True)
@@ -52,7 +52,7 @@ class Command:
 
     def given(self) -> dict[str, Any]:
         """The method's options that are not as they are by default."""
-        return {k: v for k, v in _given("method", self.own).items() if k != "name"}
+        return {k: v for k, v in given("method", self.own).items() if k != "name"}
 
     @property
     def _degrade(self) -> Mapping[str, Any]:
@@ -66,20 +66,23 @@ class Command:
     @staticmethod
     def _choice(kind: Kind, record: Mapping[str, Any], label: str) -> Iterator[str]:
         yield f"{kind}={value_of(record['name'])}"
-        for name, value in _given(kind, record).items():
+        for name, value in given(kind, record).items():
             if name != "name":
                 yield f"{kind}.{name}={value_of(value)}"
         if label != record["name"]:
             yield f"{kind}.label={value_of(label)}"
 
 
-def _given(kind: Kind, record: Mapping[str, Any]) -> dict[str, Any]:
-    """What differs from the plugin's defaults; everything where the plugin is not there to be asked."""
+def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any]:
+    """Return what differs in a record from the plugin's defaults; everything where the plugin is not there to be asked.
+
+    seed: the run's, which a plugin has that was given none.
+    """
     plugin = plugins.discover(kind).get(str(record.get("name")))
     if not isinstance(plugin, Plugin):
         return dict(record)
     defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)}
-    defaults |= {"seed": 0, "display": plugin.display}  # of the run, unless it is given
+    defaults |= {"seed": seed, "display": plugin.display}  # of the run, unless it is given
     return {name: value for name, value in record.items() if _recorded(defaults.get(name, ...)) != value}
 
 

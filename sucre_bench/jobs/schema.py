@@ -12,17 +12,18 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import one_line
-from sucre_bench.jobs.explain import GROUPS
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study import Study
 from sucre_bench.plugins.options import check_values, options_of
-from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["CONF", "CONF_FOLDER", "Overwrite", "RunConfig", "Save", "Tracking", "register"]
+__all__ = ["CONF", "CONF_FOLDER", "GROUPS", "Overwrite", "RunConfig", "Save", "Tracking", "register"]
 
 CONF = "sucre_bench.conf"
 CONF_FOLDER = Path(__file__).parent.parent / "conf"
+# Hydra's groups of plugins.
+GROUPS: dict[str, Kind] = {"method": "method", "dataset": "dataset", "metrics": "metric"}
 
 
 def register() -> None:
@@ -158,6 +159,8 @@ class RunConfig:
     """A part of the views."""
     study: Study | None = None
     """The tables and figures that an experiment makes of its rows."""
+    baseline: str = ""
+    """The method that the others are compared with, in the table and in the study; the best when empty."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")

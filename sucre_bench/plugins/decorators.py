@@ -86,13 +86,15 @@ def dataset(
     source: str = "",
     has: Iterable[str] = (),
     charts_file: str = "",
+    signs: Iterable[str] = (),
 ) -> Callable[[_C], _C]:
     """Make a frozen dataclass with ``scenes()`` a dataset.
 
     name: default the class's in snake_case; requires: import names of packages it uses when it runs; cites: the
     publication; licence: of the data; source: where to get the data, and their size; has: what its scenes may offer, of
     "depth", "poses", "reference", "charts", "truth"; charts_file: the option that names its charts.json, relative to
-    the option `root` (`sucre-bench charts` writes that file), "" if there is none.
+    the option `root` (`sucre-bench charts` writes that file), "" if there is none; signs: files or folders, as patterns
+    of paths in `root`, of which one says that a folder is this dataset (``dataset=FOLDER`` looks for them).
 
     >>> from collections.abc import Iterator
     >>> from dataclasses import dataclass
@@ -109,6 +111,7 @@ def dataset(
     'green_tank'
     """
     about: dict[str, Any] = {"source": source, "has": frozenset(has), "charts_file": charts_file}
+    about["signs"] = tuple(signs)
     return _decorator("dataset", name, (), requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

@@ -71,8 +71,8 @@ class Plugin:
     """What is known of a plugin without running it.
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
-    to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file: see `dataset`; unit, better,
-    range, variants, default, role, symbol: see `metric`.
+    to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file, signs: see `dataset`; unit,
+    better, range, variants, default, role, symbol: see `metric`.
     """
 
     kind: Kind
@@ -96,6 +96,7 @@ class Plugin:
     role: Role = ""
     symbol: str = ""
     charts_file: str = ""
+    signs: tuple[str, ...] = ()
 
     @property
     def summary(self) -> str:

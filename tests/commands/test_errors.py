@@ -17,6 +17,7 @@ from support.command_line import Done, commands
 GOLDEN = Path(__file__).with_name("golden")
 MISTAKES = {
     "run": ["method=grey_world"],
+    "lineup": ["nowhere"],
     "compare": ["nowhere"],
     "score": [".", "--metrics", "uicqe"],
     "prepare": ["nowhere", "out"],

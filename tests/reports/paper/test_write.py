@@ -108,13 +108,11 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
     if "study" not in experiment:
         pytest.skip("only restores")
     study = Study.of(experiment["study"])
-    computed = [own["override /metrics"] for own in experiment.get("defaults", []) if "override /metrics" in own]
-    shown = {metric.partition(":")[0] for metric in study.metrics}
-    assert not computed or shown <= {*computed[0], *COSTS}
+    computed = {metric.partition(":")[0] for metric in experiment.get("metrics", [])}
+    assert not computed or {metric.partition(":")[0] for metric in study.metrics} <= {*computed, *COSTS}
     assert path.stem == study.name == Path(experiment["out"]).name
-    swept = experiment["hydra"]["sweeper"]["params"]
-    assert not study.baseline or study.baseline in swept["method"].split(",")
-    assert not study.along or study.along in swept
+    assert not study.baseline or study.baseline in experiment["methods"]
+    assert not study.along or study.along in experiment["sweep"]
 
 
 def test_what_an_experiment_sweeps_over_may_be_given():

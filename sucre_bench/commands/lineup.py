@@ -1,0 +1,51 @@
+"""`sucre-bench lineup`: write the line-up that made a results folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from sucre_bench.commands.common import load_plugins, plugin_option, say
+
+__all__ = ["lineup"]
+
+
+@click.command()
+@click.argument("folder", metavar="RESULTS", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="The file to write; - prints it. [default: RESULTS/lineup.yaml]",
+)
+@plugin_option
+def lineup(folder: Path, out: Path | None, plugin_files: tuple[str, ...]) -> None:
+    """Write the line-up that made a results folder: datasets, configurations, metrics and settings in one file.
+
+    \b
+    sucre-bench lineup results/
+    sucre-bench lineup results/ --out paper.yaml
+    sucre-bench run paper.yaml out=again
+
+    The file has every configuration in the folder's score table, with a label and its options. Settings (views, study,
+    and so on) are those of the last command. Paths in the file are relative to it.
+    """
+    from sucre_bench.jobs.lineup_of_results import line_up_of
+    from sucre_bench.jobs.rerun import shell
+    from sucre_bench.machine.files import write_atomically
+
+    load_plugins(plugin_files)
+    file = folder / "lineup.yaml" if out is None else out
+    is_printed = str(file) == "-"
+    found = line_up_of(folder, Path() if is_printed else file.parent)
+    for note in found.notes:
+        say(f"note: {note}", "yellow")
+    text = found.line_up.as_yaml(
+        f"The line-up that made {folder}. To run it: sucre-bench run {'FILE' if is_printed else file.name}"
+    )
+    if is_printed:
+        click.echo(text, nl=False)
+        return
+    write_atomically(file, text.encode())
+    click.echo(f"{file}  run it: {shell(['sucre-bench', 'run', str(file), 'out=again'])}")

@@ -1,0 +1,193 @@
+"""From words and a line-up to one list of overrides for each job.
+
+Every dataset meets every method. A word that begins with the name or label of one of them, `sucre.physical=true`, is
+for it alone. A word for methods or datasets in general, `method.physical=true`, is for those that have the option.
+"""
+
+from __future__ import annotations
+
+import itertools
+from collections import Counter
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.jobs.explain import check_names, unknown_word
+from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
+from sucre_bench.jobs.metric_words import words_for_hydra
+from sucre_bench.jobs.presets import default_choice, option_names
+from sucre_bench.jobs.quoting import value_of
+from sucre_bench.jobs.recognise import is_path, recognised
+from sucre_bench.jobs.words import parse
+
+if TYPE_CHECKING:
+    from hydra.core.override_parser.types import Override
+
+__all__ = ["Combination", "combinations"]
+
+
+@dataclass(frozen=True)
+class Combination:
+    """One job.
+
+    overrides: as Hydra takes them; swept: the keys that its labels name; typed: how the user typed a key that Hydra
+    gets by another name.
+    """
+
+    overrides: tuple[str, ...]
+    swept: tuple[str, ...]
+    typed: Mapping[str, str]
+
+
+@dataclass(frozen=True)
+class _Option:
+    """A word for some datasets or methods. owner: their name or label; empty for all that have the option."""
+
+    kind: Kind
+    owner: str
+    name: str
+    override: Override
+
+    def is_for(self, entry: Entry) -> bool:
+        is_named = not self.owner or self.owner in (entry.name, entry.label)
+        return is_named and (self.override.is_add() or self.is_option_of(entry))
+
+    def is_option_of(self, entry: Entry) -> bool:
+        known = option_names(self.kind, entry.name)
+        return not known or self.name.partition(".")[0] in known
+
+    @property
+    def key(self) -> str:
+        """The key that Hydra knows."""
+        return f"{self.kind}.{self.name}"
+
+    def texts(self) -> list[str]:
+        """Its overrides, of which a job has one."""
+        typed = self.override.key_or_group
+        return [text.replace(typed, self.key, 1) for text in _texts(self.override)]
+
+
+def combinations(typed: Sequence[Override], line_up: LineUp) -> list[Combination]:
+    """Return what the words and the line-up ask for, a job each. A word prevails over the line-up.
+
+    Raises InputError for a name that no dataset or method has, and for an option that none of them has.
+    """
+    entries = {kind: _entries(kind, typed, line_up) for kind in KINDS}
+    metrics_typed = any(word.key_or_group == "metrics" for word in typed)
+    said = [word for word in parse(line_up.words()) if not (metrics_typed and _head(word) == "metrics")]
+    words = [*said, *(word for word in typed if word.key_or_group not in KINDS)]
+    options = {id(word): option for word in words if (option := _option(word, entries))}
+    for option in options.values():
+        _check_someone_has(option, entries[option.kind])
+    return [
+        combination
+        for dataset, method in itertools.product(entries["dataset"], entries["method"])
+        for combination in _of_pair({"dataset": dataset, "method": method}, words, options, entries)
+    ]
+
+
+def _of_pair(
+    pair: Mapping[Kind, Entry],
+    words: Sequence[Override],
+    options: Mapping[int, _Option],
+    entries: Mapping[Kind, Sequence[Entry]],
+) -> Iterator[Combination]:
+    """The combinations of the other words' values, for one dataset and one method."""
+    texts: dict[str, list[str]] = {}
+    swept = [key for kind, entry in pair.items() for key in _telling_apart(kind, entry, entries[kind])]
+    typed = {}
+    for kind, entry in pair.items():
+        texts |= {text.partition("=")[0]: [text] for text in [f"{kind}={value_of(entry.name)}", *entry.words(kind)]}
+    for word in words:
+        option = options.get(id(word))
+        if option and not option.is_for(pair[option.kind]):
+            continue
+        own = option.texts() if option else _texts(word)
+        key = own[0].partition("=")[0]
+        texts.pop(key, None)  # the last word counts, in its place
+        texts[key] = own
+        if option:
+            typed[key] = word.key_or_group
+        if word.is_sweep_override():
+            swept.append(option.key if option else word.key_or_group)
+    for chosen in itertools.product(*texts.values()):
+        yield Combination(tuple(_with_variants(chosen)), tuple(swept), typed)
+
+
+def _entries(kind: Kind, typed: Sequence[Override], line_up: LineUp) -> tuple[Entry, ...]:
+    words = [word for word in typed if word.key_or_group == kind]
+    if not words:
+        return line_up.entries(kind) or (Entry(default_choice(kind)),)
+    word = words[-1]
+    values = [text.partition("=")[2] for text in _texts(word)]
+    entries = []
+    for value in values:
+        (one,) = parse([f"{kind}={value}"])
+        name = one.value()
+        if kind == "dataset" and isinstance(name, str) and is_path(name):
+            entries.append(recognised(Path(name)))
+        else:
+            check_names(kind, name)
+            entries.append(Entry(str(name)))
+    return tuple(entries)
+
+
+def _telling_apart(kind: Kind, entry: Entry, all_: Sequence[Entry]) -> Iterator[str]:
+    """The keys that the label of an entry names: its options, where others of its name have no label either."""
+    names = Counter(one.name for one in all_ if not one.label)
+    if not entry.label and names[entry.name] > 1:
+        yield from (f"{kind}.{option}" for option in entry.options if option != "degrade")
+
+
+def _option(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> _Option | None:
+    """The option that a word is, None for a word for the whole run. InputError for a word that is neither."""
+    head, dot, rest = word.key_or_group.partition(".")
+    for kind in KINDS:
+        if head == kind and dot:
+            return _Option(kind, "", rest, word)
+    owned = [_Option(kind, head, rest, word) for kind in KINDS if dot and _has_name(entries[kind], head)]
+    fitting = [option for option in owned if any(map(option.is_for, entries[option.kind]))]
+    if len(fitting) > 1:
+        either = " or ".join(f"{option.key}=" for option in fitting)
+        raise InputError(f"{word.input_line}: '{head}' is a dataset and a method here; write {either}")
+    if owned:
+        return (fitting or owned)[0]
+    if fault := unknown_word(word, entries):
+        raise fault
+    return None
+
+
+def _has_name(entries: Sequence[Entry], name: str) -> bool:
+    return any(name in (entry.name, entry.label) for entry in entries)
+
+
+def _check_someone_has(option: _Option, entries: Sequence[Entry]) -> None:
+    if not any(map(option.is_for, entries)):
+        named = [entry for entry in entries if option.owner in ("", entry.name, entry.label)]
+        known = {name for entry in named for name in option_names(option.kind, entry.name)}
+        raise unknown_name(option.override.key_or_group, option.name, known)
+
+
+def _head(word: Override) -> str:
+    return word.key_or_group.partition(".")[0]
+
+
+def _texts(word: Override) -> list[str]:
+    """A word's overrides, one a value."""
+    if not word.is_sweep_override():
+        return [word.input_line or ""]
+    if not word.is_discrete_sweep():
+        raise InputError(f"{word.input_line}: no list of values; list them, or write range(start,stop,step)")
+    return [f"{word.get_key_element()}={value}" for value in word.sweep_string_iterator()]
+
+
+def _with_variants(texts: Sequence[str]) -> Iterator[str]:
+    """The overrides with `metrics=[name:variant]` as Hydra takes it."""
+    for text in texts:
+        if text.startswith("metrics=") and ":" in text:
+            names = parse([text])[0].value()
+            yield from words_for_hydra([str(name) for name in names] if isinstance(names, list) else [str(names)])
+        else:
+            yield text

@@ -1,0 +1,203 @@
+"""Reads a line-up file, and says what is wrong with it: the file, the key, what to write instead.
+
+Paths in it are relative to its folder; only `out` is relative to the folder where the command runs. Its values are
+taken as they are: nothing in them is interpolated.
+"""
+
+from __future__ import annotations
+
+import os
+import re
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, get_args
+
+from sucre_bench import plugins
+from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
+from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
+from sucre_bench.jobs.presets import option_names, plugin_of, presets
+from sucre_bench.jobs.recognise import is_path, recognised
+from sucre_bench.jobs.schema import CONF_FOLDER, RunConfig
+from sucre_bench.plugins.options import Option, options_of
+
+__all__ = ["read_experiment", "read_line_up"]
+
+_LISTS = ("datasets", "methods", "metrics", "sweep")
+_SETTINGS = tuple(o.name for o in options_of(RunConfig) if o.name not in ("dataset", "method", "metrics", "tracking"))
+_NOT_SWEPT = ("dataset", "method", "metrics", "hydra", "out", "plugins", "study", "baseline")
+
+
+def read_experiment(name: str) -> LineUp:
+    """Return an experiment of conf/. Raises InputError for a name that none has, with the nearest."""
+    known = [preset.name for preset in presets("experiment")]
+    if name not in known:
+        raise InputError(f"no experiment is called '{name}'; {did_you_mean(name, known)}")
+    return replace(_read(CONF_FOLDER / "experiment" / f"{name}.yaml"), place=f"experiment={name}")
+
+
+def read_line_up(path: Path) -> LineUp:
+    """Return a line-up, with the plugin files it names loaded. Raises InputError for what is wrong with it."""
+    try:
+        return _read(path)
+    except SucreBenchError as fault:
+        text = str(fault)
+        raise InputError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from fault
+
+
+def _read(path: Path) -> LineUp:
+    content = _content(path)
+    for key in content:
+        if key not in (*_LISTS, *_SETTINGS):
+            raise unknown_name(str(path), str(key), (*_LISTS, *_SETTINGS), "key")
+    settings = {key: content[key] for key in _SETTINGS if content.get(key) is not None}
+    folder = path.parent
+    for file in (files := _plugin_files(settings.pop("plugins", []), folder)):
+        plugins.load_file(file)
+    return LineUp(
+        datasets=_entries("dataset", content, folder),
+        methods=_entries("method", content, folder),
+        metrics=tuple(_entry("metrics", given) for given in _list("metrics", content)),
+        sweep=_sweep(content.get("sweep") or {}),
+        settings={key: _settled(key, value, folder) for key, value in settings.items()}
+        | ({"plugins": files} if files else {}),
+        place=str(path),
+    )
+
+
+def _content(path: Path) -> dict[str, Any]:
+    import yaml
+
+    if not path.is_file():
+        fault = "is a folder" if path.is_dir() else "no such file"
+        raise InputError(f"{path}: {fault}; give a line-up, `sucre-bench lineup RESULTS` writes one")
+    try:
+        content = yaml.load(path.read_text(encoding="utf-8-sig"), _loader())
+    except yaml.MarkedYAMLError as fault:
+        line = fault.problem_mark.line + 1 if fault.problem_mark else 1
+        raise InputError(f"{path}: line {line}: is no YAML, {fault.problem}; mend the line") from fault
+    except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError) as fault:
+        raise InputError(f"{path}: cannot be read, {one_line(fault)}; save it as YAML in UTF-8") from fault
+    if content is None:
+        raise InputError(f"{path}: is empty; list methods: [NAME, ...]")
+    if not isinstance(content, dict):
+        raise InputError(f"{path}: holds no keys; write methods: [NAME, ...]")
+    return content
+
+
+def _loader() -> type[Any]:
+    """A loader of YAML that takes no key twice, and dates as text."""
+    import yaml
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        pass
+
+    def mapping(loader: Any, node: Any) -> dict[Any, Any]:
+        given = Counter(key.value for key, _ in node.value)
+        for key, times in given.items():
+            if times > 1:
+                raise yaml.MarkedYAMLError(problem=f"the key '{key}' stands twice", problem_mark=node.start_mark)
+        loader.flatten_mapping(node)
+        return dict(loader.construct_pairs(node, deep=True))
+
+    Loader.add_constructor("tag:yaml.org,2002:map", mapping)
+    Loader.add_constructor("tag:yaml.org,2002:timestamp", yaml.SafeLoader.construct_yaml_str)
+    return Loader
+
+
+def _list(key: str, content: Mapping[str, Any]) -> Sequence[Any]:
+    given = content.get(key)
+    if given is None and key not in content:
+        return ()
+    given = [given] if isinstance(given, (str, dict)) else given
+    if not isinstance(given, list) or not given:
+        raise InputError(f"{key}: is no list of names; write {key}: [NAME, ...]")
+    return given
+
+
+def _entry(key: str, given: Any) -> Entry:
+    """An entry as it stands in the file: a name, or a name with options."""
+    if isinstance(given, dict) and isinstance(name := given.get("name"), str):
+        return Entry(name, {str(option): value for option, value in given.items() if option != "name"})
+    if isinstance(given, str):
+        return Entry(given)
+    raise InputError(f"{key}: {given!r} has no name; write NAME, or {{name: NAME, OPTION: VALUE}}")
+
+
+def _entries(kind: Kind, content: Mapping[str, Any], folder: Path) -> tuple[Entry, ...]:
+    key = f"{kind}s"
+    entries = [_checked(kind, _entry(key, given), folder) for given in _list(key, content)]
+    labelled = Counter((entry.label, repr(entry.options.get("degrade"))) for entry in entries if entry.label)
+    for (label, _), times in labelled.items():
+        if times > 1:
+            raise InputError(f"{key}: {times} have the label '{label}'; give each a label of its own")
+    return tuple(entries)
+
+
+def _checked(kind: Kind, entry: Entry, folder: Path) -> Entry:
+    """The entry with its paths as seen from here. Raises InputError for an unknown name or option."""
+    root: Mapping[str, Any] = {}
+    if kind == "dataset" and is_path(entry.name):
+        found = recognised(Path(_moved(entry.name, folder)))
+        entry, root = replace(entry, name=found.name), found.options
+    if plugin_of(kind, entry.name) is None:
+        known = [*plugins.discover(kind), *(preset.name for preset in presets(kind))]
+        if entry.name not in known:
+            raise plugins.unknown(kind, entry.name, known)
+        plugins.find(kind, entry.name)  # raises with the reason why it cannot be used
+    names = [*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])]
+    for option in entry.options:
+        if option not in names:
+            raise unknown_name(f"{entry.name}.{option}", option, names)
+    paths = [option for option in _options(kind, entry.name) if Path in (option.type, *get_args(option.type))]
+    moved = {
+        option.name: _moved(entry.options[option.name], folder)
+        for option in paths
+        if option.name in entry.options and entry.options[option.name] not in option.choices
+    }
+    if "degrade" in entry.options:
+        moved["degrade"] = _settled("degrade", entry.options["degrade"], folder)
+    return replace(entry, options={**root, **entry.options, **moved})
+
+
+def _options(kind: Kind, name: str) -> tuple[Option, ...]:
+    """Return the options of the plugin that a name stands for; none where it is not known."""
+    plugin = plugin_of(kind, name)
+    return options_of(plugin.cls) if plugin else ()
+
+
+def _sweep(given: Any) -> dict[str, list[Any]]:
+    if not isinstance(given, dict):
+        raise InputError("sweep: is no mapping; write sweep: {OPTION: [VALUE, ...]}")
+    for key, values in given.items():
+        head, dot, _ = str(key).partition(".")
+        is_word = re.fullmatch(r"[A-Za-z_][\w-]*(\.\w+)*", str(key))
+        if not is_word or (head in _NOT_SWEPT and not (head in KINDS and dot)):
+            raise InputError(f"sweep.{key}: cannot be swept; list datasets and methods, sweep their options")
+        if not isinstance(values, list) or not values:
+            raise InputError(f"sweep.{key}: is no list of values; write {key}: [VALUE, ...]")
+    return {str(key): values for key, values in given.items()}
+
+
+def _plugin_files(given: Any, folder: Path) -> list[str]:
+    files = [given] if isinstance(given, str) else given
+    if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
+        raise InputError(f"plugins: {given!r} is no list of files; write plugins: [FILE, ...]")
+    return [str(Path(_moved(file, folder)).resolve()) for file in files]
+
+
+def _settled(key: str, value: Any, folder: Path) -> Any:
+    """A setting with its paths as seen from here."""
+    is_nested = key in ("degrade", "study", "shard")
+    if is_nested != isinstance(value, dict):
+        expected = f"{{OPTION: VALUE}} below {key}:" if is_nested else "one value"
+        raise InputError(f"{key}: {value!r} does not fit; write {expected}")
+    if key == "degrade" and isinstance(value.get("add_water"), str):
+        return {**value, "add_water": _moved(value["add_water"], folder)}
+    return _moved(value, folder) if key == "views" and str(value).endswith(".txt") else value
+
+
+def _moved(value: Any, folder: Path) -> Any:
+    """A path as seen from where the command runs; what is no text as it is."""
+    return os.path.normpath(folder / Path(value).expanduser()) if isinstance(value, str) and value else value

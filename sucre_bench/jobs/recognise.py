@@ -1,0 +1,82 @@
+"""Which dataset a folder is, by the files that each dataset says it is known by."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from sucre_bench import plugins
+from sucre_bench.errors import InputError
+from sucre_bench.jobs.lineup import Entry
+from sucre_bench.jobs.quoting import quoted
+from sucre_bench.machine import progress
+from sucre_bench.plugins.plugin import Plugin
+
+__all__ = ["is_path", "recognised"]
+
+_MOST_FOLDERS = 100  # that are looked into for a hint
+
+
+@dataclass(frozen=True)
+class _Fit:
+    """A dataset that a folder may be, and the file or folder that says so."""
+
+    plugin: Plugin
+    sign: Path
+
+    @property
+    def command(self) -> str:
+        return f"dataset={self.plugin.name}"
+
+
+def is_path(name: str) -> bool:
+    """Whether a dataset's name is the path of a folder: no plugin's name has a slash or is made of dots."""
+    return "/" in name or "\\" in name or name in (".", "..")
+
+
+def recognised(folder: Path) -> Entry:
+    """Return the dataset that a folder is, and say which in a line.
+
+    Raises InputError when it is no folder, when no dataset fits, with what was looked for, or when several fit.
+    """
+    if not folder.is_dir():
+        fault = "is a file; give its folder" if folder.exists() else "no such folder; correct the path"
+        raise InputError(f"dataset={folder}: {fault}")
+    fits = _likely(folder)
+    root = f"dataset.root={quoted(str(folder))}"
+    if len(fits) > 1:
+        either = " or ".join(f"{fit.command} (for {fit.sign.relative_to(folder)})" for fit in fits)
+        raise InputError(f"dataset={folder}: fits several datasets; give {root} and {either}")
+    if not fits:
+        raise InputError(f"dataset={folder}: {_nothing_in(folder)}")
+    (fit,) = fits
+    progress.say(f"{folder} is {fit.command} {root}, for it holds {fit.sign.relative_to(folder)}")
+    return Entry(fit.plugin.name, {"root": str(folder)})
+
+
+def _likely(folder: Path) -> list[_Fit]:
+    """The datasets that fit; those with poses before single images, which lie in many folders."""
+    fits = list(_fits(folder))
+    return [fit for fit in fits if "poses" in fit.plugin.has] or fits
+
+
+def _fits(folder: Path) -> Iterator[_Fit]:
+    for plugin in _with_signs():
+        found = (path for sign in plugin.signs for path in sorted(folder.glob(sign)))
+        if (path := next(found, None)) is not None:
+            yield _Fit(plugin, path)
+
+
+def _with_signs() -> list[Plugin]:
+    every = plugins.discover("dataset").values()
+    return [plugin for plugin in every if isinstance(plugin, Plugin) and plugin.signs]
+
+
+def _nothing_in(folder: Path) -> str:
+    """What was looked for, and a folder below that fits."""
+    looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in _with_signs())
+    below = sorted(path for path in folder.iterdir() if path.is_dir())[:_MOST_FOLDERS]
+    inner = next((path for path in below if _likely(path)), None)
+    hint = f"; give dataset={quoted(f'{inner}')}" if inner else "; name the dataset: dataset=NAME dataset.root=DIR"
+    return f"fits no dataset, there is none of {looked_for}{hint}"

@@ -1,0 +1,277 @@
+"""Several configurations in one run: by words, by a line-up file, and from results back to the file."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.places import TOYS
+from support.toy_runs import run
+
+from sucre_bench import InputError, results
+from sucre_bench.engine import sweep
+from sucre_bench.jobs import command
+from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.lineup_of_results import line_up_of
+
+pytestmark = pytest.mark.usefixtures("toys")
+
+
+def jobs(*words: str) -> tuple[Job, ...]:
+    return command.jobs(["dataset=toy", "metrics=[psnr]", *words], True).jobs
+
+
+def from_file(path: Path, text: str, *words: str) -> tuple[Job, ...]:
+    path.write_text(text)
+    return command.jobs([str(path), *words], False).jobs
+
+
+def labelled(made: tuple[Job, ...], option: str) -> dict[str, Any]:
+    return {job.method.label: job.method.options.get(option) for job in made}
+
+
+def test_an_option_by_a_methods_name_is_for_that_method_alone():
+    made = labelled(jobs("method=gain,gain2,halved", "gain2.gain=3"), "gain")
+    assert made == {"gain": 1.0, "gain2": 3.0, "halved": None}
+
+
+def test_an_option_by_name_with_several_values_sweeps_that_method_alone():
+    made = labelled(jobs("method=gain,gain2", "gain2.gain=2,4"), "gain")
+    assert made == {"gain": 1.0, "gain2,gain=2.0": 2.0, "gain2,gain=4.0": 4.0}
+
+
+def test_an_option_for_methods_in_general_is_for_those_that_have_it():
+    made = labelled(jobs("method=gain,halved,gain2", "method.gain=2,4"), "gain")
+    assert made == {"gain,gain=2.0": 2, "gain,gain=4.0": 4, "halved": None, "gain2,gain=2.0": 2, "gain2,gain=4.0": 4}
+
+
+def test_an_option_of_a_dataset_by_its_name():
+    made = command.jobs(["dataset=toy,two_scenes", "method=gain", "metrics=[psnr]", "toy.views=2"], True).jobs
+    assert [(job.dataset.label, job.dataset.options) for job in made] == [
+        ("toy", {"views": 2, "tag": ""}),
+        ("two_scenes", {}),
+    ]
+
+
+def test_options_of_one_method_leave_the_stored_results_of_others_alone(tmp_path: Path):
+    run(tmp_path, "method=halved")
+    outcome = run(tmp_path, "method=gain,halved", "gain.gain=2", multirun=True)
+    assert (outcome.ok, outcome.cached) == (6, 3)
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["method=gain,halved", "method.gian=2"], "method.gian: no option 'gian'; did you mean 'gain'"),
+        (["method=gain,halved", "gain.gian=2"], "gain.gian: no option 'gian'; did you mean 'gain'"),
+        (["method=gain,halved", "gain2.gain=2"], "'gain2' is not among the methods; add it: method=gain,halved,gain2"),
+        (["method=gain,gain2", "gain=2"], "write gain.gain=2 or gain2.gain=2"),
+        (["method=gain", "gain=2"], "write method.gain=2"),
+        (["method=gain", "redness.factor=2"], "write metrics.redness.factor=2"),
+        (["method=gain,gain2", "gain2.gain=much"], "gain2.gain: 'much' is not a number"),
+        (["method=gain", "seed=abc"], "seed: 'abc' is not a whole number"),
+        (["dataset=colmap", "dataset.root=x", "method=gain", "every=1.5"], "every: '1.5' is not a whole number"),
+    ],
+)
+def test_a_wrong_option_is_blamed_on_its_own_word(words: list[str], said: str):
+    with pytest.raises(InputError) as fault:
+        jobs(*words)
+    assert said in str(fault.value)
+
+
+@pytest.mark.parametrize(
+    ("words", "meant"),
+    [
+        (["demo", "gray_world"], "sucre-bench run dataset=demo method=gray_world"),
+        (["demo", "gain", "gain2", "every=4"], "sucre-bench run -m dataset=demo method=gain,gain2 every=4"),
+        (["demo", "psnr", "gray_wrld"], "sucre-bench run dataset=demo 'metrics=[psnr]' method=gray_world"),
+    ],
+)
+def test_bare_words_are_answered_with_the_command_that_was_meant(words: list[str], meant: str):
+    with pytest.raises(InputError) as fault:
+        command.jobs(words, False)
+    assert str(fault.value).endswith(f"write {meant}")
+
+
+def test_a_path_with_a_comma_is_answered_with_its_quotes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    (tmp_path / "a,b").mkdir()
+    monkeypatch.chdir(tmp_path)
+    for is_sweep in (False, True):
+        with pytest.raises(InputError, match=r"write \"dataset\.root='a,b'\""):
+            command.jobs(["dataset=photos", "dataset.root=a,b", "method=gain"], is_sweep)
+
+
+def test_variants_are_chosen_with_the_metrics():
+    (one,) = command.jobs(["dataset=toy", "method=gain", "metrics=[redness:all,psnr:raw,psnr]"], False).jobs
+    chosen = {metric.plugin.name: metric.variants for metric in one.metrics}
+    assert chosen == {"redness": ("plain", "double"), "psnr": ("masked", "raw")}
+    (one,) = command.jobs(["dataset=toy", "method=gain", "metrics=[default,uciqe:matlab]"], False).jobs
+    assert {m.plugin.name: m.variants for m in one.metrics}["uciqe"] == ("matlab",)
+
+
+LINE_UP = """# What it is for.
+datasets:
+  - toy
+  - {name: toy, label: short, views: 2, degrade: {noise: 0.1}}
+methods:
+  - halved
+  - gain
+  - {name: gain, gain: 2}
+  - {name: gain, label: logged, log: a.txt}
+metrics: [redness:all]
+sweep:
+  gain2.gain: [3]
+  degrade.bits: [4, null]
+baseline: halved
+every: 2
+"""
+
+
+def test_a_line_up_is_every_dataset_with_every_configuration(tmp_path: Path):
+    made = from_file(tmp_path / "l.yaml", LINE_UP.replace("gain2.gain: [3]", "logged.mode: [fancy]"))
+    assert {(job.dataset.label, job.method.label) for job in made} == {
+        (dataset, method)
+        for dataset in ("toy,bits=4", "toy", "short,noise=0.1,bits=4", "short,noise=0.1")
+        for method in ("halved", "gain", "gain,gain=2.0", "logged")
+    }
+    assert labelled(made, "mode") == {"halved": None, "gain": "plain", "gain,gain=2.0": "plain", "logged": "fancy"}
+    assert {(job.every, job.baseline, job.metrics[0].variants) for job in made} == {(2, "halved", ("plain", "double"))}
+
+
+def test_paths_in_a_line_up_are_relative_to_it_but_for_out(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "paper").mkdir()
+    text = "datasets: [toy]\nmethods: [{name: gain, log: ../logs/a}]\nmetrics: [psnr]\nout: here\n"
+    (one,) = from_file(Path("paper/l.yaml"), text)
+    assert (one.method.options["log"], one.out) == (Path("logs/a"), Path("here"))
+
+
+def test_words_prevail_over_a_line_up(tmp_path: Path):
+    text = LINE_UP.replace("  gain2.gain: [3]\n", "")
+    made = from_file(tmp_path / "l.yaml", text, "every=1", "degrade.bits=8", "metrics=[psnr]", "gain.gain=5")
+    assert {job.every for job in made} == {1}
+    assert {job.degrade.bits for job in made} == {8}
+    assert {metric.plugin.name for job in made for metric in job.metrics} == {"psnr"}
+    assert {job.method.options.get("gain") for job in made} == {5.0, None}
+    made = from_file(tmp_path / "l.yaml", text, "method=gain2", "dataset=two_scenes")
+    assert {(job.dataset.plugin.name, job.method.label) for job in made} == {("two_scenes", "gain2")}
+
+
+@pytest.mark.parametrize(
+    ("text", "said"),
+    [
+        ("method: [gain]", "no key 'method'; did you mean 'methods'"),
+        ("methods: [gian]", "no method is called 'gian'; did you mean 'gain'"),
+        ("methods: [{name: gain, gian: 2}]", "gain.gian: no option 'gian'; did you mean 'gain'"),
+        ("methods: [{name: gain, gain: much}]", "method.gain: 'much' is not a number"),
+        ("methods: [{name: gain, label: a}, {name: halved, label: a}]", "2 have the label 'a'"),
+        ("methods: [gain, {name: halved, label: gain}]", "two jobs of this sweep would both be 'toy / gain'"),
+        ("methods: [gain, gain]", "two jobs of this sweep are the same"),
+        ("methods: [gain", "is no YAML"),
+        ("methods: [gain]\nmethods: [halved]", "the key 'methods' stands twice"),
+        ("", "is empty"),
+        ("- datasets", "holds no keys"),
+        ("methods: gain: 2", "line 1: is no YAML"),
+        ("methods: [2]", "methods: 2 has no name"),
+        ("datasets: [./nowhere]\nmethods: [gain]", "no such folder"),
+        ("datasets: [toi]\nmethods: [gain]", "no dataset is called 'toi'; did you mean 'toy'"),
+        ("metrics: [psnrr]\nmethods: [gain]", "no metric is called 'psnrr'"),
+        ("metrics: [redness:pink]\nmethods: [gain]", "no variant 'pink'"),
+        ("sweep: {out: [a, b]}\nmethods: [gain]", "sweep.out: cannot be swept"),
+        ("sweep: {gain.gain: 2}\nmethods: [gain]", "sweep.gain.gain: is no list of values"),
+        ("sweep: {'x=1 hydra.mode': [2]}\nmethods: [gain]", "cannot be swept"),
+        ("hydra: {launcher: joblib}\nmethods: [gain]", "no key 'hydra'"),
+        ("every: 1.5\nmethods: [gain]", "every: '1.5' is not a whole number"),
+        ("every: [1, 2]\nmethods: [gain]", "every"),
+        ("study: table1\nmethods: [gain]", "write {OPTION: VALUE} below study:"),
+        ("baseline: none_such\nmethods: [gain]", "baseline: no method is called 'none_such'"),
+        ("plugins: [none.py]\nmethods: [gain]", "none.py: no such plugin file"),
+    ],
+)
+def test_what_is_wrong_with_a_line_up_is_one_line_with_its_name(bench, tmp_path: Path, text: str, said: str):
+    (tmp_path / "l.yaml").write_text(text if "datasets" in text else f"{text}\ndatasets: [toy]\n" if text else "")
+    done = bench("run", "--plugin", str(TOYS), "l.yaml", "tracking.uri=off", "report=false")
+    assert done.returncode == 2
+    assert said in done.stderr
+    assert done.stderr.count("\n") == 1
+    if not said.startswith(("baseline", "two jobs")):
+        assert "l.yaml" in done.stderr
+
+
+@pytest.mark.parametrize(
+    ("words", "said"),
+    [
+        (["nowhere.yaml"], "nowhere.yaml: no such file"),
+        (["a.yaml", "b.yaml"], "b.yaml: a second line-up"),
+        (["a.yaml", "experiment=demo"], "run one at a time"),
+        (["folder.yaml"], "folder.yaml: is a folder"),
+    ],
+)
+def test_a_line_up_that_cannot_be_had(bench, tmp_path: Path, words: list[str], said: str):
+    (tmp_path / "folder.yaml").mkdir()
+    done = bench("run", *words)
+    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert said in done.stderr
+
+
+def test_values_of_a_line_up_are_not_interpolated(tmp_path: Path):
+    (one,) = from_file(tmp_path / "l.yaml", "datasets: [{name: toy, tag: '${oc.env:HOME}'}]\nmethods: [gain]")
+    assert one.dataset.options["tag"] == "${oc.env:HOME}"
+
+
+def identity(job: Job) -> tuple[Any, ...]:
+    return (
+        (job.dataset.label, results.fingerprint(job.dataset.record)),
+        (job.method.label, results.fingerprint(job.method.record)),
+        job.degrade,
+        job.replicate,
+        frozenset((m.plugin.name, m.variants, results.fingerprint(m.choice.record)) for m in job.metrics),
+        (job.views, job.every, job.first, job.seed, job.save, job.baseline, job.study),
+    )
+
+
+def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    monkeypatch.chdir(tmp_path)
+    text = LINE_UP.replace("gain2.gain: [3]", "replicate: [0, 1]").replace("every: 2", "first: 2\nseed: 3")
+    Path("l.yaml").write_text(f"{text}study: {{name: s, metrics: [redness], figures: [scores]}}\n")
+    words = ["tracking.uri=off", "report=false", "metrics.redness.factor=2"]
+    outcome = sweep.run(["l.yaml", *words, "out=results"], False, [str(TOYS)])
+    assert not outcome.failed
+    first = command.jobs(["l.yaml", *words], False).jobs
+    found = line_up_of(Path("results"), Path("published"))
+    assert not found.notes
+    Path("published").mkdir()
+    again = from_file(Path("published/l.yaml"), found.line_up.as_yaml("A comment."))
+    assert set(map(identity, again)) == set(map(identity, first))
+    assert len(again) == len(first) == 32
+
+
+def test_the_line_up_of_a_folder_has_what_older_commands_made_in_it(tmp_path: Path):
+    run(tmp_path / "results", "method.gain=2", "method.label=double")
+    run(tmp_path / "results", "method=gain,halved", "metrics=[psnr:raw]", multirun=True)
+    found = line_up_of(tmp_path / "results", tmp_path)
+    made = from_file(tmp_path / "l.yaml", found.line_up.as_yaml())
+    assert labelled(made, "gain") == {"double": 2.0, "gain": 1.0, "halved": None}
+    assert {m.plugin.name: m.variants for m in made[0].metrics} == {
+        "psnr": ("raw",),
+        "redness": ("plain",),
+    }
+
+
+def test_the_line_up_of_a_folder_says_where_it_asks_for_more(tmp_path: Path):
+    run(tmp_path / "results", "dataset.views=2", "dataset.label=two")
+    run(tmp_path / "results", "method=halved")
+    found = line_up_of(tmp_path / "results", tmp_path)
+    assert any("gain on toy" in note for note in found.notes)
+
+
+def test_the_command_writes_a_file_that_runs(bench, tmp_path: Path):
+    run(tmp_path / "results", "method=gain,halved", multirun=True)
+    done = bench("lineup", "results", "--plugin", str(TOYS))
+    assert (done.returncode, done.stderr) == (0, "")
+    again = bench(
+        "run", "--plugin", str(TOYS), "results/lineup.yaml", "out=results", "tracking.uri=off", "report=false"
+    )
+    assert "6 ok (6 cached)" in again.stdout
+    assert bench("lineup", "results", "--out", "-", "--plugin", str(TOYS)).stdout.startswith("#")
