@@ -16,6 +16,7 @@ from sucre_bench.commands import completion
 from sucre_bench.commands.common import say
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.supervisor import supervised
 
 __all__ = ["SECTIONS", "cli", "main"]
 
@@ -25,6 +26,11 @@ _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
+    sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
+
+
+def _ended() -> int:
+    """Run the command line, write out what it printed, and return its exit code."""
     completion.install()
     try:
         status = _status()
@@ -39,7 +45,7 @@ def main() -> None:
             raise
         _drop_output()
         status = _fault(f"the output cannot be written, {fault.strerror}; send it where there is room", 2)
-    sys.exit(status)
+    return status
 
 
 def _drop_output() -> None:

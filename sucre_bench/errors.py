@@ -7,22 +7,26 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, Literal
+from typing import Any, ClassVar, Literal
 
 __all__ = [
     "ANY_FAULT",
     "DamagedTableError",
+    "Death",
+    "DiedError",
     "InputError",
     "Lack",
     "NotApplicableError",
     "OutputError",
     "PluginError",
     "SolveError",
+    "StopRequest",
     "SucreBenchError",
     "check_number",
     "did_you_mean",
     "is_number_in",
     "one_line",
+    "raise_if_stop",
     "unknown_name",
 ]
 
@@ -67,6 +71,20 @@ class PluginError(SucreBenchError):
     """
 
 
+class StopRequest(BaseException):
+    """Ends the work as Ctrl-C does; it is no fault of a plugin."""
+
+
+def raise_if_stop(fault: BaseException) -> None:
+    """Raise an exception again if it asks for the end of the work: Ctrl-C, or a warning of the queue."""
+    if isinstance(fault, (KeyboardInterrupt, StopRequest)):
+        raise fault
+
+
+class DiedError(PluginError):
+    """A plugin has ended a process at this step before, so the step is left out. The text is that of a `Death`."""
+
+
 class SolveError(SucreBenchError):
     """An estimation has no meaningful answer on this input.
 
@@ -87,6 +105,8 @@ class NotApplicableError(SolveError):
 
 # What a plugin may raise: its sys.exit must not end the bench, Ctrl-C must.
 ANY_FAULT = (Exception, SystemExit)
+
+_MOST_CHARACTERS = 2000  # of an exception's text
 
 # How a `Lack` describes a scene that has nothing more.
 _NOTHING = "only images"
@@ -116,6 +136,18 @@ class Lack:
             return None
         has = () if found[3] == _NOTHING else tuple(found[3].split(", "))
         return cls(tuple(found[1].split(" and ")), has, "scene" if found[2] == "scene" else "view")
+
+
+@dataclass(frozen=True)
+class Death:
+    """How a process died, and at which step. Its text is stored in rows; no other reason starts as it does."""
+
+    how: str
+    step: str
+    START: ClassVar[str] = "the process died ("
+
+    def __str__(self) -> str:
+        return f"{self.START}{self.how}) in {self.step}; mend the plugin, or try again with overwrite=failed"
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
@@ -152,7 +184,13 @@ def check_number(place: str, value: Any, interval: str, whole: bool = False) -> 
 
 def one_line(fault: BaseException) -> str:
     """Return an exception as one line: its text, with its type in front unless it is one of ours."""
-    text = " ".join(str(fault).split())
+    try:
+        text = " ".join(str(fault).split())
+    except BaseException as second:  # a plugin's exception may hold any code
+        if isinstance(second, KeyboardInterrupt):
+            raise
+        text = f"(its text cannot be had: {type(second).__name__})"
+    text = text if len(text) <= _MOST_CHARACTERS else f"{text[:_MOST_CHARACTERS]}..."
     if isinstance(fault, SucreBenchError):
         return text
     return f"{type(fault).__name__}: {text}" if text else type(fault).__name__

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import results
 from sucre_bench.engine.score import metric_code, score_code
-from sucre_bench.errors import InputError
+from sucre_bench.errors import Death, InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.rows import Row, tuples
 
@@ -28,6 +28,7 @@ class _Kept:
     status: str
     options_id: str
     data_id: str
+    time: str
 
 
 _KEPT = tuple(field.name for field in fields(_Kept))
@@ -35,36 +36,46 @@ _KEPT = tuple(field.name for field in fields(_Kept))
 
 @dataclass(frozen=True)
 class Done:
-    """What an output folder holds of a job, by the names of scene and view; nothing that failed.
+    """What an output folder holds of a job, by the names of scene and view.
 
-    metric_codes: what the job's scores rest on, see `engine.score.metric_code`.
+    Of what failed it holds only views and scores at which the process died: they would end the next process too.
+    metric_codes: what the job's scores rest on, see `engine.score.metric_code`; since: when the command started, if it
+    goes on here after a process died, else "": what the command has done by now is done, failed or not.
     """
 
     job: Job
     kept: dict[tuple[str, str], list[_Kept]]
     metric_codes: tuple[str, ...]
+    since: str = ""
 
     @classmethod
-    def of(cls, job: Job) -> Done:
+    def of(cls, job: Job, since: str = "") -> Done:
         """Read the output folder of a job; one without a table holds nothing."""
         try:
             rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
-            return cls.among(rows, job)
+            return cls.among(rows, job, since)
         except InputError:
-            return cls.among(results.frame([]), job)
+            return cls.among(results.frame([]), job, since)
 
     @classmethod
-    def among(cls, rows: pd.DataFrame, job: Job) -> Done:
+    def among(cls, rows: pd.DataFrame, job: Job, since: str = "") -> Done:
         """Pick what a table holds of a job."""
         kept: dict[tuple[str, str], list[_Kept]] = {}
         own = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
-        for scene, view, *about in tuples(own[own["status"] != "failed"], "scene", "view", *_KEPT):
+        is_kept = own["status"] != "failed"
+        if job.overwrite != "failed":
+            is_kept |= own["reason"].str.startswith(Death.START)
+        if since:
+            is_kept |= own["time"] >= since
+        for scene, view, *about in tuples(own[is_kept], "scene", "view", *_KEPT):
             kept.setdefault((scene, view), []).append(_Kept(*about))
-        return cls(job, kept, tuple(map(metric_code, job.metrics)))
+        return cls(job, kept, tuple(map(metric_code, job.metrics)), since)
 
     def covers(self, base: Row, picture: Path) -> bool:
         """Whether a view needs no work. base: what its rows would say; picture: where its restoration is kept."""
         kept = self.kept.get((base.scene, base.view), [])
+        if self.since and any(k.metric == base.metric and k.time >= self.since for k in kept):
+            return True
         if self.job.overwrite == "always":
             return False
         if self.job.overwrite == "never":
@@ -72,7 +83,7 @@ class Done:
         kept = [k for k in kept if (k.options_id, k.data_id) == (base.options_id, base.data_id)]
         there = {(k.metric, k.variant, k.code) for k in kept}
         whole = (base.metric, base.variant, base.code)
-        if any(k.metric == base.metric and k.status == "skipped" for k in kept):
+        if any(k.metric == base.metric and k.status != "ok" for k in kept):
             return whole in there
         suffixes = [".png", ".json", *([".npz"] if self.job.save == "full" else [])]
         files = [picture.with_suffix(suffix) for suffix in suffixes]

@@ -6,12 +6,14 @@ launchers get each job as text and run `run_text` with it in another process.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from concurrent.futures import ProcessPoolExecutor
+from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from multiprocessing import get_context
+from pathlib import Path
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sucre_bench import results
@@ -22,7 +24,9 @@ from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.log import keep_traceback
-from sucre_bench.results.layout import file_name, log_path
+from sucre_bench.machine.steps import Note, NoteFile, at_work
+from sucre_bench.machine.supervisor import how_it_ended
+from sucre_bench.results.layout import at_work_path, file_name, log_path
 from sucre_bench.results.table import FLUSH_S
 
 if TYPE_CHECKING:
@@ -132,10 +136,28 @@ def _task(settings: DictConfig) -> None:
     run_text(*job)
 
 
-def run_text(config: str, shared_pairs: str = "", flush_s: float = FLUSH_S) -> None:
-    """Run a job in a process of its own, which shows no progress. config, shared_pairs: of a `Job`."""
+def run_text(
+    config: str,
+    shared_pairs: str = "",
+    flush_s: float = FLUSH_S,
+    deaths: Mapping[str, str] = MappingProxyType({}),
+    start: str = "",
+) -> None:
+    """Run a job in a process of its own, which shows no progress. config, shared_pairs: of a `Job`.
+
+    The process notes its steps in a file of the output folder, which stays if it dies. deaths, start: see
+    `machine.steps.at_work`.
+    """
     with terminal.plain():
-        _run(replace(Job.read(config), shared_pairs=shared_pairs), flush_s=flush_s)
+        job = replace(Job.read(config), shared_pairs=shared_pairs)
+        path = at_work_path(job.out, config)
+        file = NoteFile.at(path)
+        try:
+            with at_work(file, deaths, start):
+                _run(job, flush_s=flush_s)
+        finally:
+            file.close()
+            _remove_note(path)
 
 
 def _run(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float = FLUSH_S) -> None:
@@ -148,19 +170,58 @@ def _run(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float
 def rescue(planned: Sequence[Planned], started: str) -> None:
     """Run what is left undone after a worker of this machine died, each job in a process of its own.
 
-    A job that kills its process again gets a row that says so; the views it did before and the other jobs are kept.
+    A view or score that ends its process again gets a row that says so, and the job goes on in the next process.
     """
+    for plan in planned:  # all workers end with one: the notes of the others say nothing
+        _remove_note(at_work_path(plan.job.out, plan.job.config))
     progress.say("a worker process died; what it left undone runs again, each job in a process of its own")
     for plan in planned:
         rows = results.merge(plan.job.out)
         if all(state.status != "missing" for state in states(rows, plan, started)):
             continue
-        with ProcessPoolExecutor(1, mp_context=get_context("spawn")) as alone:
-            try:
-                # Every view is written at once: the next one may kill the process.
-                alone.submit(run_text, plan.job.config, plan.job.shared_pairs, 0.0).result()
-            except BrokenProcessPool:
-                fault = PluginError("the job's process was killed, for want of memory perhaps; try smaller images")
-                part = results.Part(plan.job.out, file_name(plan.job.method.label))
-                part.add([failed_row(plan.job, fault)])
-                part.flush()
+        _run_alone(plan.job, started)
+
+
+def _run_alone(job: Job, started: str) -> None:
+    """Run a job in a process of its own; if that dies at a step, in the next, without the step."""
+    path, deaths = at_work_path(job.out, job.config), dict[str, str]()
+    while (status := _status_of(job, deaths, started)) != 0:
+        note = _left_note(path)
+        how = how_it_ended(status, note)
+        if not note.step or note.step in deaths:
+            part = results.Part(job.out, file_name(job.method.label))
+            part.add([failed_row(job, PluginError(f"the job's process died ({how}); try smaller images"))])
+            part.flush()
+            return
+        deaths[note.step] = how
+
+
+def _status_of(job: Job, deaths: dict[str, str], started: str) -> int:
+    """Run a job in a new process; return its exit code, or minus the number of the signal that ended it."""
+    # Every view is written at once: the next one may end the process.
+    arguments = (job.config, job.shared_pairs, 0.0, deaths, started)
+    process = get_context("spawn").Process(target=run_text, args=arguments)
+    process.start()
+    try:
+        process.join()
+    finally:
+        if process.is_alive():
+            process.terminate()
+            process.join()
+    assert process.exitcode is not None
+    return process.exitcode
+
+
+def _left_note(path: Path) -> Note:
+    """Take the note that a process has left."""
+    file = NoteFile.at(path)
+    note = file.read()
+    file.close()
+    _remove_note(path)
+    return note
+
+
+def _remove_note(path: Path) -> None:
+    path.unlink(missing_ok=True)
+    with suppress(OSError):  # another job is at work
+        path.parent.rmdir()

@@ -9,9 +9,17 @@ from typing import TYPE_CHECKING, Literal
 from sucre_bench import plugins, results
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
-from sucre_bench.errors import ANY_FAULT, DamagedTableError, InputError, SucreBenchError, did_you_mean, one_line
+from sucre_bench.errors import (
+    DamagedTableError,
+    InputError,
+    SucreBenchError,
+    did_you_mean,
+    one_line,
+    raise_if_stop,
+)
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.machine.steps import step
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import Status, restoration_rows, tuples
@@ -81,10 +89,12 @@ def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:
 
 def _made(choice: Choice) -> None:
     try:
-        choice.make()
+        with step(f"the making of '{choice.plugin.name}'"):
+            choice.make()
     except SucreBenchError:
         raise
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         raise InputError(f"{choice.plugin.name}: {one_line(fault)}; mend its options") from fault
 
 

@@ -9,14 +9,16 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.engine.done import Done
+from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
-from sucre_bench.errors import ANY_FAULT, NotApplicableError, OutputError, one_line
+from sucre_bench.errors import NotApplicableError, OutputError, one_line, raise_if_stop
 from sucre_bench.imaging.display import display
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.log import keep_traceback, now
+from sucre_bench.machine.steps import earlier_start, step
 from sucre_bench.multiview.cache import sharing
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.results.layout import file_name, log_path, pairs_path
@@ -36,20 +38,23 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
     part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), flush_s)
     try:
         every = list(tasks(job, open_scenes(job.dataset)))
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         part.add([failed_row(job, fault)])
         part.flush()
         return
-    done = Done.of(job)
+    done = Done.of(job, earlier_start())
     todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
     for _ in range(len(every) - len(todo)):
         after_view()
     if not todo:
         return
     try:
-        method, metrics = job.method.make(), scorers(job.metrics)
-        make_ready(method)
-    except ANY_FAULT as fault:
+        with step(f"the start of method '{job.method.label}'"):
+            method, metrics = job.method.make(), scorers(job.metrics)
+            make_ready(method)
+    except BaseException as fault:
+        raise_if_stop(fault)
         whole = failed_row(job, fault)
         part.add([replace(whole, scene=t.base.scene, view=t.view.name, data_id=t.base.data_id) for t in todo])
         part.flush()
@@ -82,7 +87,9 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task) -> list[
         whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
         if job.overwrite != "always" and (kept := read_full(whole, task.base)):
             return _scored(job, metrics, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
-        measured = measured_restore(method, scene, view)
+        at, limit_s = f"method '{job.method.label}' on view '{_name_of(task)}'", job.view_timeout_s
+        with step(at, limit_s), limited(limit_s), unharmed():
+            measured = measured_restore(method, scene, view)
         if job.save == "full":
             write_full(whole, measured, task.base)
         else:
@@ -92,8 +99,14 @@ def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task) -> list[
         raise
     except NotApplicableError as reason:
         return [row_without_value(task.base, "skipped", one_line(reason))]
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         return [_failed(job, task.base, fault)]
+
+
+def _name_of(task: Task) -> str:
+    """A view's name in a sweep: with dataset and scene."""
+    return "/".join(name for name in (task.base.dataset, task.base.scene, task.view.name) if name)
 
 
 def _scored(job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured) -> list[Row]:
@@ -101,7 +114,7 @@ def _scored(job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured)
     restoration, view = measured.restoration, task.view
     shown = display(restoration.image, job.method.display, view.encoding)
     write_pictures(job.out, task.place, job.method.label, view, restoration, shown)
-    return score_rows(measured, shown, view, metrics, task.base, log_path(job.out))
+    return score_rows(measured, shown, view, metrics, task.base, log_path(job.out), job.view_timeout_s)
 
 
 def failed_row(job: Job, fault: BaseException) -> Row:

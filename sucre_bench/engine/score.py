@@ -10,11 +10,13 @@ from pathlib import Path
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.errors import ANY_FAULT, NotApplicableError, one_line
+from sucre_bench.engine.guard import limited, unharmed
+from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_view, split_variant
 from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.log import keep_traceback
+from sucre_bench.machine.steps import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
@@ -41,11 +43,18 @@ def scorers(metrics: Iterable[MetricChoice]) -> tuple[Scorer, ...]:
 
 
 def score_rows(
-    measured: Measured, shown: Array, view: View, metrics: Iterable[Scorer], base: Row, log: Path | None = None
+    measured: Measured,
+    shown: Array,
+    view: View,
+    metrics: Iterable[Scorer],
+    base: Row,
+    log: Path | None = None,
+    limit_s: float | None = None,
 ) -> list[Row]:
     """Return the rows of a restoration: what it took, then every score.
 
-    shown: the restored image; base: what the rows say of view, method, options, code and data; log: keeps tracebacks.
+    shown: the restored image; base: what the rows say of view, method, options, code and data; log: keeps tracebacks;
+    limit_s: how long a score may take.
     """
     image = measured.restoration
     base = replace(
@@ -72,7 +81,7 @@ def score_rows(
             if absent:
                 rows.append(row_without_value(row, "skipped", absent))
             else:
-                rows += _score(scorer.metric, scored, row, log)
+                rows += _score(scorer.metric, scored, row, log, limit_s)
     return rows
 
 
@@ -113,18 +122,23 @@ def row_without_value(base: Row, status: Status, reason: str) -> Row:
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
 
 
-def _score(metric: Metric, scored: _Scored, base: Row, log: Path | None) -> list[Row]:
+def _score(metric: Metric, scored: _Scored, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
+    at = f"metric '{base.metric}:{base.variant}' on view '{base.view}' by method '{base.method}'"
     try:
         variant, resizing = split_variant(base.variant)
         of = scored.at(resizing) if resizing else scored
         share = scored.share if resizing else 1.0  # at another size holes are black pixels
-        rows = [
-            replace(base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=s.coverage * share)
-            for s in metric.score(of.restoration, of.shown, of.view, variant)
-        ]
+        with step(at, limit_s), limited(limit_s), unharmed():
+            rows = [
+                replace(
+                    base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=s.coverage * share
+                )
+                for s in metric.score(of.restoration, of.shown, of.view, variant)
+            ]
     except NotApplicableError as reason:
         return [row_without_value(base, "skipped", one_line(reason))]
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         keep_traceback(log, f"{base.dataset} / {base.method} / {base.view} / {base.metric}:{base.variant}")
         return [row_without_value(base, "failed", one_line(fault))]
     rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]

@@ -20,6 +20,7 @@ from sucre_bench.machine import provenance, terminal
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.log import now
 from sucre_bench.machine.sigterm import terminated_as_interrupt
+from sucre_bench.machine.steps import note_start
 from sucre_bench.results.layout import pairs_path
 
 if TYPE_CHECKING:
@@ -42,7 +43,7 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
         out = command.jobs[0].out
         planned = check(command)
         _write_provenance(command, planned)
-        started = now()
+        started = note_start(now())
         interrupted = crashed = False
         try:
             with terminated_as_interrupt():

@@ -9,14 +9,15 @@ from dataclasses import dataclass, replace
 from sucre_bench import results
 from sucre_bench.degrade import Degradation, around, degraded_whole
 from sucre_bench.errors import (
-    ANY_FAULT,
     InputError,
     PluginError,
     SucreBenchError,
     did_you_mean,
     one_line,
+    raise_if_stop,
 )
 from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.machine.steps import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.results.layout import Place, places
 from sucre_bench.results.rows import Row
@@ -65,13 +66,15 @@ class Task:
 def open_scenes(dataset: Choice) -> list[Scene]:
     """Open every scene of a dataset; pixels stay unread. InputError or PluginError when it cannot be opened."""
     try:
-        scenes = list(dataset.make().scenes())
+        with step(f"the opening of dataset '{dataset.label}'"):
+            scenes = list(dataset.make().scenes())
     except SucreBenchError:
         raise
     except (ImportError, OSError) as fault:
         reason = f"dataset '{dataset.label}': {one_line(fault)}"
         raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         raise PluginError(f"dataset '{dataset.label}': {one_line(fault)}; mend the plugin") from fault
     for scene in scenes:
         if not isinstance(scene, Scene):

@@ -110,6 +110,7 @@ class Job:
     every: int
     first: int | None
     overwrite: Overwrite
+    view_timeout_s: float | None
     save: Save
     seed: int
     report: bool
@@ -172,6 +173,7 @@ class Job:
             every=run.every,
             first=run.first,
             overwrite=run.overwrite,
+            view_timeout_s=run.view_timeout_s,
             save=run.save,
             seed=run.seed,
             report=run.report,

@@ -11,7 +11,7 @@ from typing import Any, Literal, TypeVar, Union, get_args, get_origin
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import one_line
+from sucre_bench.errors import InputError, one_line
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study import Study
 from sucre_bench.plugins.options import check_values, options_of
@@ -115,7 +115,7 @@ class Tracking:
     experiment: str = "sucre_bench"
 
 
-Overwrite = Literal["missing", "always", "never"]
+Overwrite = Literal["missing", "failed", "always", "never"]
 Save = Literal["display", "full"]
 
 
@@ -138,7 +138,10 @@ class RunConfig:
     first: int | None = None
     """The first N views; null: all."""
     overwrite: Overwrite = "missing"
-    """missing: restore what is missing or out of date; always: everything; never: nothing that is there."""
+    """missing: restore what is missing or out of date; failed: also views at which the process died; always:
+    everything; never: nothing that is there."""
+    view_timeout_s: float | None = None
+    """Seconds that a method may take for a view, and a metric for a score; then it has failed. null: no limit."""
     save: Save = "display"
     """display: the restored images; full: also J, B, beta and gamma (.npz), so that later metrics need no restoring."""
     seed: int = 0
@@ -164,6 +167,9 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
+        check_ranges(self, "", view_timeout_s="(0, inf)")
+        if not self.out.strip():
+            raise InputError("out: is empty; name a folder, for example out=results")
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> RunConfig:

@@ -13,7 +13,7 @@ from typing import IO
 
 from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["open_atomically", "regular", "write_atomically"]
+__all__ = ["not_writable", "open_atomically", "regular", "write_atomically"]
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -68,10 +68,11 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
                 Path(file.name).unlink(missing_ok=True)
                 raise
     except OSError as fault:
-        raise _not_writable(path, fault) from fault
+        raise not_writable(path, fault) from fault
 
 
-def _not_writable(path: Path, fault: OSError) -> OutputError:
+def not_writable(path: Path, fault: OSError) -> OutputError:
+    """Return the error for a file that cannot be written."""
     if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return OutputError(f"{path}: the disk is full; free some space and give the same command again")
     return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")

@@ -17,7 +17,8 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
-from sucre_bench.errors import ANY_FAULT, InputError, PluginError, did_you_mean, one_line
+from sucre_bench.errors import InputError, PluginError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.machine.steps import step
 from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
@@ -144,9 +145,13 @@ def _module_of(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
-        with contextlib.redirect_stdout(sys.stderr):  # what it prints is no part of our output
+        with (
+            step(f"the import of {path}"),
+            contextlib.redirect_stdout(sys.stderr),
+        ):  # its prints are no part of our output
             spec.loader.exec_module(module)
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         del sys.modules[module.__name__]
         raise PluginError(f"{path}: does not import, {one_line(fault)}; mend the file") from fault
     if not _plugins_in(module):
@@ -156,10 +161,11 @@ def _module_of(path: Path) -> ModuleType:
 
 def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
     try:
-        with contextlib.redirect_stdout(sys.stderr):
+        with step(f"the import of plugin '{name}'"), contextlib.redirect_stdout(sys.stderr):
             loaded = load()
         return [loaded.__plugin__] if hasattr(loaded, "__plugin__") else list(_plugins_in(loaded))
-    except ANY_FAULT as fault:
+    except BaseException as fault:
+        raise_if_stop(fault)
         return [Broken(name, one_line(fault))]
 
 

@@ -22,7 +22,17 @@ from sucre_bench.errors import InputError
 from sucre_bench.results.rows import unreplicated
 from sucre_bench.scene import Scene
 
-__all__ = ["Place", "file_name", "find", "log_path", "pairs_path", "places", "possible_places", "stems_of"]
+__all__ = [
+    "Place",
+    "at_work_path",
+    "file_name",
+    "find",
+    "log_path",
+    "pairs_path",
+    "places",
+    "possible_places",
+    "stems_of",
+]
 
 
 def file_name(text: str) -> str:
@@ -46,6 +56,11 @@ def log_path(out: Path) -> Path:
 def pairs_path(out: Path) -> Path:
     """The folder of observations that the jobs of a sweep share while it runs."""
     return out / ".pairs"
+
+
+def at_work_path(out: Path, config: str) -> Path:
+    """The note of the process that is at work on a job (`machine.steps`). config: of the job."""
+    return out / ".at-work" / hashlib.blake2b(config.encode(), digest_size=8).hexdigest()
 
 
 @dataclass(frozen=True)

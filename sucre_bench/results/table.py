@@ -21,7 +21,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
-from sucre_bench.machine.files import _not_writable, regular, write_atomically
+from sucre_bench.machine.files import not_writable, regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
 from sucre_bench.results.rows import _RESTORATION, COLUMNS, RESTORATION, Row, as_arrow, frame
@@ -221,7 +221,7 @@ def _locked(out: Path) -> Iterator[None]:
         lock = FileLock(out / f".{TABLE}.lock")
         lock.acquire()
     except OSError as fault:
-        raise _not_writable(out, fault) from fault
+        raise not_writable(out, fault) from fault
     try:
         yield
     finally:

@@ -1,0 +1,145 @@
+"""Plugins that end, block or break their process: their view fails, the other views go on, the command ends."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.command_line import Done, run_here, run_program
+from support.places import ROOT, TOYS
+
+from sucre_bench import results
+from sucre_bench.errors import Death
+from sucre_bench.machine.log import now
+from sucre_bench.machine.steps import NoteFile, at_work
+
+PLUGINS = str(TOYS.with_name("hostile_plugins.py"))
+
+
+def words(acts: str, *more: str) -> list[str]:
+    fixed = ["run", "--plugin", PLUGINS, "dataset=acts", f"dataset.acts=[{acts}]", "tracking.uri=off", "report=false"]
+    return [*fixed, "out=results", *more]
+
+
+def restorations(folder: Path, method: str = "actor") -> pd.DataFrame:
+    rows = results.read(folder / "results")
+    return rows[(rows["metric"] == "seconds") & (rows["method"] == method)].set_index("view")
+
+
+def check(done: Done, folder: Path, acts: str, said: dict[str, str]) -> None:
+    """Each act's view has failed with its reason, the views around them are done, and little was printed."""
+    rows = restorations(folder)
+    for act in acts.split(","):
+        assert rows.loc[f"{act}.png", "status"] == "failed", act
+        assert said[act] in rows.loc[f"{act}.png", "reason"]
+        assert len(rows.loc[f"{act}.png", "reason"]) < 3000
+    assert rows.loc[["before.png", "after.png"], "status"].tolist() == ["ok", "ok"]
+    assert done.returncode == 1
+    assert "Traceback" not in done.stdout + done.stderr
+    assert len((done.stdout + done.stderr).splitlines()) < 60
+
+
+DEATHS = {"exit": "exit code 0", "segfault": "signal 11", "abort": "signal 6"}
+
+
+def test_a_view_at_which_the_process_dies_fails_and_the_rest_of_the_sweep_goes_on(tmp_path: Path):
+    acts = ",".join(DEATHS)
+    sweep = words(acts, "-m", "method=actor,gray_world", "metrics=[coverage]")
+    done = run_program(tmp_path, *sweep, PYTHONPATH=str(ROOT))
+    check(done, tmp_path, acts, {act: f"the process died ({how})" for act, how in DEATHS.items()})
+    assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
+    before = restorations(tmp_path)["time"].to_dict()
+
+    again = run_here(tmp_path, *sweep)  # would end this process if it tried them again
+    assert again.returncode == 1
+    assert restorations(tmp_path)["time"].to_dict() == before
+
+
+ACTOR = words("fine", "method=actor", "metrics=[coverage]")
+
+
+def died_at_fine(folder: Path) -> dict[str, str]:
+    """A results folder as a process leaves it that died at fine.png: the time of each view's row."""
+    run_here(folder, *ACTOR)
+    table = folder / "results" / "scores.parquet"
+    rows = pd.read_parquet(table)
+    died = rows["view"] == "fine.png"
+    rows.loc[died, ["status", "reason", "value"]] = ["failed", str(Death("signal 11", "method 'actor'")), np.nan]
+    rows[~died | (rows["metric"] == "seconds")].to_parquet(table)
+    return restorations(folder)["time"].to_dict()
+
+
+@pytest.mark.parametrize(
+    ("overwrite", "again"),
+    [
+        ("missing", set()),
+        ("never", set()),
+        ("failed", {"fine.png"}),
+        ("always", {"before.png", "fine.png", "after.png"}),
+    ],
+)
+def test_a_view_at_which_a_process_died_is_tried_again_only_if_asked(tmp_path: Path, overwrite: str, again: set[str]):
+    before = died_at_fine(tmp_path)
+    done = run_here(tmp_path, *ACTOR, f"overwrite={overwrite}")
+    after = restorations(tmp_path)["time"].to_dict()
+    assert {view for view in before if after[view] != before[view]} == again
+    assert done.returncode == (0 if again else 1)
+
+
+def test_a_process_that_goes_on_repeats_nothing_that_its_command_has_done(tmp_path: Path):
+    started = now()
+    before = died_at_fine(tmp_path)
+    with at_work(NoteFile.in_memory(), {}, started):
+        run_here(tmp_path, *ACTOR, "overwrite=always")
+    assert restorations(tmp_path)["time"].to_dict() == before
+
+
+FAULTS = {
+    "unspeakable": "UnspeakableError",
+    "outside": "Outside: away",
+    "generator-exit": "GeneratorExit",
+    "long": "ValueError: xxx",
+    "closed-stdout": "closed stdout",
+    "closed-1": "closed stdout",
+    "no-open": "changed builtins.open",
+    "asleep": "view_timeout_s",
+}
+
+
+def test_what_a_plugin_breaks_is_whole_again_for_the_next_view(tmp_path: Path):
+    """Nor does a thread that one view leaves behind, which sleeps for ten minutes, keep the command."""
+    acts = ",".join(FAULTS)
+    done = run_program(
+        tmp_path,
+        *words(f"thread,{acts}", "method=actor", "metrics=[coverage]", "view_timeout_s=2"),
+        PYTHONPATH=str(ROOT),
+    )
+    check(done, tmp_path, acts, FAULTS)
+    assert f"3 ok, {len(FAULTS)} failed, 0 skipped" in done.stdout
+
+
+def test_a_view_that_no_exception_can_end_has_failed_after_its_limit(tmp_path: Path):
+    acts = "asleep-in-c"
+    limited = words(acts, "method=actor", "metrics=[coverage]", "view_timeout_s=0.3")
+    done = run_program(tmp_path, *limited, PYTHONPATH=str(ROOT))
+    check(done, tmp_path, acts, dict.fromkeys(acts.split(","), "view_timeout_s"))
+
+
+def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
+    done = run_program(tmp_path, *words("fine", "method=actor", "metrics=[coverage,critic]"), PYTHONPATH=str(ROOT))
+    rows = results.read(tmp_path / "results").set_index(["metric", "view"])
+    assert "exit code 7" in rows.loc[("critic", "after.png"), "reason"]
+    assert rows.loc[("critic", "fine.png"), "value"] == 0.5
+    assert set(rows.loc[["coverage", "seconds"], "status"]) == {"ok"}
+    assert done.returncode == 1
+
+
+@pytest.mark.parametrize("end", ["import os; os._exit(0)", "import ctypes; ctypes.string_at(0)", "raise GeneratorExit"])
+def test_a_plugin_that_ends_the_process_as_it_is_imported_is_named(tmp_path: Path, end: str):
+    (tmp_path / "mine.py").write_text(f"{end}\n")
+    done = run_program(tmp_path, "run", "--plugin", "mine.py", "method=mine", PYTHONPATH=str(ROOT))
+    assert done.returncode == 2
+    assert "mine.py: does not import" in done.stderr
+    assert len(done.stderr.splitlines()) == 1

@@ -1,0 +1,98 @@
+"""Plugins that do to their process what plugins must not do; each view another thing, which stands in its name."""
+
+from __future__ import annotations
+
+import builtins
+import contextlib
+import ctypes
+import os
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench import Arrays, Restoration, Scene, Score, View, dataset, method, metric
+
+
+class UnspeakableError(Exception):
+    """An exception that raises another as it is printed."""
+
+    def __str__(self) -> str:
+        raise RuntimeError("no words")
+
+
+class Outside(BaseException):
+    """An exception that `except Exception` lets through."""
+
+
+def _raise(fault: BaseException) -> None:
+    raise fault
+
+
+def _sleep_in_c() -> None:
+    ctypes.CDLL(None).usleep(60_000_000)  # a signal's handler in Python waits for its end
+
+
+def _catch_all() -> None:
+    ended = time.monotonic() + 60
+    while time.monotonic() < ended:
+        with contextlib.suppress(BaseException):
+            time.sleep(60)
+
+
+ACTS: dict[str, Callable[[], object]] = {
+    "fine": lambda: None,
+    "exit": lambda: os._exit(0),
+    "segfault": lambda: ctypes.string_at(0),
+    "abort": lambda: ctypes.CDLL(None).abort(),
+    "unspeakable": lambda: _raise(UnspeakableError()),
+    "outside": lambda: _raise(Outside("away")),
+    "generator-exit": lambda: _raise(GeneratorExit()),
+    "long": lambda: _raise(ValueError("x" * 1_000_000)),
+    "closed-stdout": lambda: sys.stdout.close(),
+    "closed-1": lambda: os.close(1),
+    "no-open": lambda: setattr(builtins, "open", None),
+    "elsewhere": lambda: os.chdir("/"),
+    "thread": lambda: threading.Thread(target=time.sleep, args=(600,)).start(),
+    "asleep": lambda: time.sleep(60),
+    "asleep-in-c": _sleep_in_c,
+    "deaf": _catch_all,
+}
+
+
+@dataset()
+@dataclass(frozen=True)
+class Acts:
+    """A view for each act, and a view that is fine before and after each."""
+
+    acts: tuple[str, ...] = ()
+    """Names of ACTS."""
+
+    def scenes(self) -> Iterator[Scene]:
+        names = ["before.png", *(f"{act}.png" for act in self.acts), "after.png"]
+        image = np.random.default_rng(0).random((8, 8, 3), dtype=np.float32)
+        yield Scene("stage", [View(name, Arrays(image)) for name in names], frozenset(), data_id="acts")
+
+
+@method()
+@dataclass(frozen=True)
+class Actor:
+    """Does what the view's name says."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        ACTS.get(view.name.removesuffix(".png"), ACTS["fine"])()
+        return Restoration(view.rgb * 0.5)
+
+
+@metric(variants={"only": ""}, unit="", better="higher", range=(0, 1))
+@dataclass(frozen=True)
+class Critic:
+    """Ends the process for one view."""
+
+    def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
+        if view.name == "after.png":
+            os._exit(7)
+        yield Score(0.5)
