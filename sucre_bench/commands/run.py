@@ -43,7 +43,8 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     metrics=[psnr,psi]      only these; metrics.uciqe.variants=[all]
     degrade.noise=0.02      worse data: `sucre-bench list degradations`
     save=full               also J, B, beta, gamma (.npz), for metrics of later on
-    overwrite=always        again what is there; never: keep whatever there is; failed: also where a process died
+    overwrite=always        again what is there; never: keep whatever there is
+    overwrite=failed        again the views at which the process died
     view_timeout_s=60       a method that takes longer for a view has failed there
     seed=N                  other draws
     report=false            no page
