@@ -30,6 +30,14 @@ __all__ = ["compare"]
 @click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals, and a sentence for each lead.")
 @click.option("--all-metrics", is_flag=True, help="Show all columns, not only those that decide.")
+@click.option(
+    "--pixels",
+    type=click.Choice(["common", "own"]),
+    default="common",
+    show_default=True,
+    help="Where methods fill shares of an image that differ by more than 1 %: score them on the pixels that all of them"
+    " fill, or each on its own.",
+)
 @click.option("--spread", is_flag=True, help="Show standard deviations too.")
 @click.option(
     "--format",
@@ -47,6 +55,7 @@ def compare(
     common: bool,
     intervals: bool,
     all_metrics: bool,
+    pixels: Any,
     spread: bool,
     how: Any,
     as_json: bool,
@@ -65,9 +74,11 @@ def compare(
     from sucre_bench import compare
     from sucre_bench.compare import text as tables
     from sucre_bench.machine import terminal
+    from sucre_bench.results.common_scores import read_common
 
     rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
+    rows = compare.on_pixels(rows, read_common(*folders), pixels)
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in tables.left_out(t)))

@@ -19,6 +19,7 @@ def report(folder: Path) -> None:
     """
     from sucre_bench import compare, results
     from sucre_bench.reports import page
+    from sucre_bench.results.common_scores import read_common
 
-    rows = results.read(folder)
+    rows = compare.on_pixels(results.read(folder), read_common(folder))
     click.echo(page.write(folder, rows, compare.compare(rows)))

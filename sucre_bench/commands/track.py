@@ -30,9 +30,10 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     """
     from sucre_bench import compare, results
     from sucre_bench.reports import mlflow
+    from sucre_bench.results.common_scores import read_common
 
     uri = uri or mlflow.default_uri(folder)
-    rows = results.read(folder)
+    rows = compare.on_pixels(results.read(folder), read_common(folder))
     try:
         new = mlflow.log(folder, rows, compare.compare(rows), uri, experiment)
     except SucreBenchError:

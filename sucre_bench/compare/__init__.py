@@ -6,9 +6,11 @@ charts and its replicates. Intervals are 95 %, by a bootstrap over scenes (or vi
 tie if the interval of their paired difference includes 0. These intervals hold for all pairs of a table at once.
 """
 
+from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
+from sucre_bench.compare.pixels import Pixels, on_pixels
 from sucre_bench.compare.refusals import load, refuse
-from sucre_bench.compare.tables import against, compare, is_fresh, only, without_replicates
+from sucre_bench.compare.tables import against, compare, only, without_replicates
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.results.rows import COSTS, By
 
@@ -19,11 +21,13 @@ __all__ = [
     "Column",
     "Comparison",
     "Note",
+    "Pixels",
     "Verdict",
     "against",
     "compare",
     "is_fresh",
     "load",
+    "on_pixels",
     "only",
     "refuse",
     "verdicts",

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 
 from sucre_bench import plugins
 from sucre_bench.compare.model import Column, Comparison
+from sucre_bench.compare.pixels import says_filled
 from sucre_bench.plugins.plugin import Plugin, Role
 from sucre_bench.results.rows import RESTORATION
 
@@ -55,7 +56,7 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     roles = {column: _role(column) for column in ranked}
     known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*_of_roles(ranked, roles, _WITHOUT)]
     chosen = (known + [column for column in ranked if not roles[column]])[:_MOST] or ranked[:_MOST]
-    filled = next((column for column in ranked if roles[column] == "coverage"), None)
+    filled = next((column for column in comparison.columns if says_filled(column.metric, column.variant)), None)
     seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
     scores = tuple(column for column in chosen if column != filled)
     return Deciding(scores, filled, seconds, any(roles[column] != "no-reference" for column in scores))

@@ -11,6 +11,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 from sucre_bench.compare import Column, Comparison
+from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.words import Shown, blocks, left_out, legend, shown, title
 
 __all__ = ["Format", "as_text"]
@@ -42,6 +43,8 @@ def _null(value: Any) -> Any:
 
 
 def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
+    """A record a cell. filled: the share of the image that the method fills; NaN if that is in no column."""
+    filled = {n: cell.mean for (n, c), cell in comparison.cells.items() if says_filled(c.metric, c.variant)}
     for name in comparison.methods:
         for c in comparison.columns:
             cell = comparison.cells.get((name, c))
@@ -56,6 +59,7 @@ def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:
                 "behind": behind, "behind_low": behind_low, "behind_high": behind_high,
                 "wins": cell.wins, "effect": cell.effect, "holes": cell.holes,
                 "n_units": c.n_units, "n_views": c.n_views, "n_scenes": c.n_scenes,
+                "pixels": c.pixels, "filled": filled.get(name, math.nan),
             }  # fmt: skip
             if comparison.baseline:
                 record |= {"baseline": comparison.baseline, "change": change}

@@ -37,7 +37,8 @@ class Column:
     """A metric in one variant.
 
     better: "higher", "lower", or "none" for a number that only describes; range: of possible values; of: "image" or
-    "chart", what a unit is; n_units, n_views, n_scenes: what all methods have; missing: units some method lacks.
+    "chart", what a unit is; n_units, n_views, n_scenes: what all methods have; missing: units some method lacks;
+    pixels: "common" if methods fill different pixels, and the scores are on those that all of them fill.
     """
 
     metric: str
@@ -50,6 +51,7 @@ class Column:
     n_views: int
     n_scenes: int
     missing: int
+    pixels: Literal["own", "common"] = "own"
 
     @property
     def ranked(self) -> bool:
@@ -118,6 +120,9 @@ NoteKind = Literal[
     "no score",  # it restored, but none of the requested metrics could score it
     "nothing shared",  # a score of which the methods share no unit
     "replicates lost",  # it lacks replicates of n images, `lost` of `total` in all
+    "common pixels",  # scores on the pixels that all methods fill, `share` of the image, in n of total images
+    "own pixels",  # methods fill different pixels, but scores in n of total images are on each method's own
+    "no shared pixels",  # n of total images have no pixel that all methods fill
     "older data",  # the methods ran on older data than the newest
     "no baseline",  # the baseline was not run here
     "no option",  # the dataset or method lacks the option that a study follows
@@ -130,7 +135,7 @@ class Note:
 
     methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: how many
     units are lost, of how many; left: how many remain for all methods; lost: replicates; unit: of n; reasons: how often
-    for what reason, as text; option: the followed option.
+    for what reason, as text; option: the followed option; share: of the image, 0 to 1.
     """
 
     kind: NoteKind
@@ -143,6 +148,7 @@ class Note:
     unit: Literal["image", "chart"] = "image"
     reasons: str = ""
     option: str = ""
+    share: float = math.nan
 
 
 @dataclass(frozen=True)

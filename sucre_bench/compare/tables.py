@@ -13,8 +13,10 @@ import numpy as np
 from sucre_bench import plugins, results
 from sucre_bench.compare import ranks
 from sucre_bench.compare.bootstrap import Units
+from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.missing import notes
 from sucre_bench.compare.model import Cell, Column, Comparison, Measured, Note
+from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.rows import COSTS, By
@@ -22,7 +24,7 @@ from sucre_bench.results.rows import COSTS, By
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["against", "asked_for", "compare", "is_fresh", "only", "without_replicates"]
+__all__ = ["against", "asked_for", "compare", "only", "without_replicates"]
 
 _VIEW = ["scene", "view"]
 _UNIT = [*_VIEW, "region"]
@@ -92,6 +94,8 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
 
     def place(column: Column) -> int | None:
         names = (column.metric, f"{column.metric}:{column.variant}")
+        if says_filled(column.metric, column.variant):
+            return -1
         return next((n for n, metric in enumerate(metrics) if metric in names), None if metrics else 0)
 
     places = {column: n for column in comparison.columns if (n := place(column)) is not None}
@@ -132,12 +136,6 @@ def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
     return rows["metric"].isin(metrics) | full.isin(metrics)
 
 
-def is_fresh(rows: pd.DataFrame) -> pd.Series:
-    """Return which rows come from the newest data of their scene."""
-    newest = rows.groupby(["dataset", "scene", "data_id"])["time"].transform("max")
-    return newest == newest.groupby([rows["dataset"], rows["scene"]]).transform("max")
-
-
 def without_replicates(rows: pd.DataFrame) -> pd.DataFrame:
     """Give the scenes of repetitions the name of what they repeat."""
     names = {name: results.unreplicated(name)[0] for name in rows["scene"].unique()}
@@ -145,16 +143,21 @@ def without_replicates(rows: pd.DataFrame) -> pd.DataFrame:
 
 
 def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) -> Comparison:
+    import pandas as pd
+
     with_fresh = set(rows.loc[rows["_fresh"], "method"].unique())
     stale = tuple(name for name in methods if name not in with_fresh)
     methods = [name for name in methods if name in with_fresh]
     ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
+    if len(filled := filled_rows(rows)):
+        ok = pd.concat([filled, ok])
     made_of = [(own, _repetitions(own)) for _, own in ok.groupby(["metric", "variant"], sort=False)]
     of_columns = [(*_column(own, repeats), repeats) for own, repeats in made_of]
     scores = {column: values for column, values, _ in of_columns}
     repetitions = {column: repeats for column, _, repeats in of_columns}
-    columns = sorted(scores, key=lambda c: (c.better == "none", c.metric in COSTS))  # else as they were run
-    found = notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)
+    columns = sorted(scores, key=_order)
+    found = pixel_notes(rows, columns)
+    found += notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)
     if stale:
         found.append(Note("older data", stale))
     if baseline and baseline not in methods:
@@ -177,6 +180,11 @@ def _photographs(rows: pd.DataFrame, methods: Sequence[str]) -> tuple[str, ...]:
     options = dict(zip(rows["method"], rows["options"], strict=True))
     of_labels = {label: known.get(json.loads(options[label]).get("name", "")) for label in methods}
     return tuple(name for name, plugin in of_labels.items() if isinstance(plugin, Plugin) and plugin.is_photograph)
+
+
+def _order(column: Column) -> tuple[bool, bool, bool]:
+    """The share that methods fill comes first; what only describes and costs come last; else as they were run."""
+    return not says_filled(column.metric, column.variant), column.better == "none", column.metric in COSTS
 
 
 def _repetitions(scores: pd.DataFrame) -> pd.DataFrame:
@@ -212,6 +220,7 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
         n_views=len(left.droplevel("region").unique()),
         n_scenes=left.get_level_values("scene").nunique(),
         missing=len(values) - len(left),
+        pixels="common" if "pixels" in scores and (scores["pixels"] == "common").any() else "own",
     )
     return column, values
 
@@ -221,6 +230,8 @@ def _range(metric: str) -> tuple[float, float]:
     plugin = plugins.discover("metric").get(metric)
     if isinstance(plugin, Plugin):
         return plugin.range
+    if metric == FILLED:
+        return 0, 1
     return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
 
 
@@ -231,5 +242,5 @@ def _measured(column: Column, values: pd.DataFrame) -> Measured:
         std = complete.to_numpy().std(axis=0)
     per_view = complete.groupby(level=_VIEW).mean()
     views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
-    independent = Units.of(views, scenes) if column.n_views > 1 else None
+    independent = Units.of(views, scenes) if column.n_views > 1 and column.metric != FILLED else None
     return Measured(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)

@@ -182,6 +182,15 @@ def _note_text(note: Note) -> str:
             lacks = f"{metrics} in repetitions" if metrics else "repetitions"
             images = f"{note.n} image{'s' * (note.n > 1)} ({note.lost} of {note.total})"
             return f"{name} lacks {lacks} of {images}: scores are means of those that all have"
+        case "common pixels":
+            in_some = f", in {note.n} of {note.total} images" if note.n < note.total else ""
+            return f"{metrics} on the pixels that all methods fill: {number(100 * note.share)} % of the image{in_some}"
+        case "own pixels":
+            in_some = f" in {note.n} of {note.total} images" if note.n < note.total else ""
+            why = f" ({note.reasons})" if note.reasons else ""
+            return f"{metrics}{in_some} on each method's own pixels, which differ{why}"
+        case "no shared pixels":
+            return f"no score in {note.n} of {note.total} images, for there is no pixel that all methods fill"
         case "older data":
             return f"left out, for they ran on other data: {', '.join(note.methods)}"
         case "no baseline":

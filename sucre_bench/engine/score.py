@@ -8,12 +8,14 @@ from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import numpy as np
+
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
-from sucre_bench.imaging.resizing import Resizing, resized_view, split_variant
+from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
 from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.log import keep_traceback
 from sucre_bench.machine.steps import step
@@ -22,9 +24,19 @@ from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row, Status, fingerprint
+from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["Scorer", "metric_code", "row_without_value", "score_code", "score_rows", "scorers"]
+__all__ = [
+    "Scored",
+    "Scorer",
+    "metric_code",
+    "row_without_value",
+    "score_code",
+    "score_rows",
+    "scorers",
+    "variant_rows",
+]
 
 
 @dataclass(frozen=True)
@@ -71,7 +83,7 @@ def score_rows(
         for name, variant, unit, value in took
     ]
     offers = _offers(view, measured.restoration)
-    scored = _Scored(replace(measured.restoration, image=locked(measured.restoration.image)), locked(shown), view)
+    scored = Scored(replace(measured.restoration, image=locked(measured.restoration.image)), locked(shown), view)
     for scorer in metrics:
         plugin, code = scorer.plugin, score_code(base, scorer.code)
         own = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code)
@@ -81,29 +93,35 @@ def score_rows(
             if absent:
                 rows.append(row_without_value(row, "skipped", absent))
             else:
-                rows += _score(scorer.metric, scored, row, log, limit_s)
+                rows += variant_rows(scorer.metric, scored, row, log, limit_s)
     return rows
 
 
 @dataclass(frozen=True, eq=False)
-class _Scored:
+class Scored:
     """What is scored. Its arrays are read-only, so that no metric alters what the next one gets."""
 
     restoration: Restoration
     shown: Array
     view: View
-    sizes: dict[Resizing, _Scored] = field(default_factory=dict)
+    sizes: dict[Resizing, Scored] = field(default_factory=dict)
 
     @functools.cached_property
     def share(self) -> float:
         """The share of pixels that have a colour."""
         return float(coloured(self.shown).mean())
 
-    def at(self, resizing: Resizing) -> _Scored:
+    def at(self, resizing: Resizing) -> Scored:
         """Return the same at another size."""
         if resizing not in self.sizes:
-            self.sizes[resizing] = _Scored(*resized_view(self.restoration, self.shown, self.view, resizing))
+            shown, view = resized_picture(self.shown, self.view, resizing)
+            self.sizes[resizing] = Scored(self._restoration_at(resizing), shown, view)
         return self.sizes[resizing]
+
+    def _restoration_at(self, resizing: Resizing) -> Restoration:
+        if isinstance(self.restoration, PictureOnly):  # at another size holes are black pixels
+            return PictureOnly(np.ones((resizing.side, resizing.side), np.bool_))
+        return resized_restoration(self.restoration, self.view.encoding, resizing)
 
 
 def metric_code(metric: MetricChoice) -> str:
@@ -122,7 +140,12 @@ def row_without_value(base: Row, status: Status, reason: str) -> Row:
     return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
 
 
-def _score(metric: Metric, scored: _Scored, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
+def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
+    """Return the rows of one metric in one variant; a row with the reason if there is no score.
+
+    base: what the rows say of view, method, metric and variant; log: keeps tracebacks; limit_s: how long a score may
+    take.
+    """
     at = f"metric '{base.metric}:{base.variant}' on view '{base.view}' by method '{base.method}'"
     try:
         variant, resizing = split_variant(base.variant)

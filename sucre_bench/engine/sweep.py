@@ -8,7 +8,8 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench import results
+from sucre_bench import compare, results
+from sucre_bench.engine.common_pixels import score_on_common_pixels
 from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
@@ -21,6 +22,7 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.log import now
 from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.machine.steps import note_start
+from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import pairs_path
 
 if TYPE_CHECKING:
@@ -59,6 +61,12 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
                 shutil.rmtree(pairs_path(out) / command.shared_pairs, ignore_errors=True)
                 with suppress(OSError):  # another command shares there
                     pairs_path(out).rmdir()
+        if not (interrupted or crashed):
+            try:
+                with terminated_as_interrupt():
+                    score_on_common_pixels(planned, rows, out)
+            except KeyboardInterrupt:
+                interrupted = True
     return _outcome(rows, planned, started, interrupted, crashed)
 
 
@@ -89,6 +97,7 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
             elif state.status == "failed" or not interrupted:
                 failed.append(fault)
     first = planned[0].job
+    rows = compare.on_pixels(rows, read_common(first.out))
     return Outcome(
         rows=rows,
         asked=_asked(rows, planned),

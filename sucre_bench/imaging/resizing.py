@@ -17,7 +17,7 @@ from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, View
 
-__all__ = ["Resizing", "resized", "resized_view", "split_variant"]
+__all__ = ["Resizing", "resized", "resized_picture", "resized_restoration", "split_variant"]
 
 Filter = Literal["bicubic", "bilinear", "nearest"]
 
@@ -63,20 +63,24 @@ def resized(image: npt.NDArray[Any], resizing: Resizing) -> npt.NDArray[Any]:
     return np.stack([np.asarray(plane.resize(size, how)) for plane in planes], axis=-1)
 
 
-def resized_view(
-    restored: Restoration, shown: Array, view: View, resizing: Resizing
-) -> tuple[Restoration, Array, View]:
-    """Return a restoration, the picture shown, and its view at another size, gamma-encoded and without depth.
+def resized_restoration(restored: Restoration, encoding: Encoding, resizing: Resizing) -> Restoration:
+    """Return a restoration at another size, gamma-encoded, resized in float; pixels without a colour count as black.
 
-    The picture, the view's image and its reference are resized in 8 bits, as files hold them; the restoration in float.
-    Pixels without a colour count as black.
+    encoding: of its image.
     """
-    image = np.nan_to_num(converted(restored.image, view.encoding, "gamma"), nan=0.0).astype(np.float32)
-    pixels = _Resized(view.pixels, view.encoding, resizing)
+    image = np.nan_to_num(converted(restored.image, encoding, "gamma"), nan=0.0).astype(np.float32)
+    return replace(restored, image=resized(image, resizing), confidence=None)
+
+
+def resized_picture(shown: Array, view: View, resizing: Resizing) -> tuple[Array, View]:
+    """Return the picture shown and its view at another size, gamma-encoded and without depth.
+
+    The picture, the view's image and its reference are resized in 8 bits, as files hold them. Pixels without a colour
+    count as black.
+    """
     picture = _in_8_bits(shown, resizing)
     picture.setflags(write=False)
-    resized_restoration = replace(restored, image=resized(image, resizing), confidence=None)
-    return resized_restoration, picture, View(view.name, pixels)
+    return picture, View(view.name, _Resized(view.pixels, view.encoding, resizing))
 
 
 @dataclass(frozen=True, eq=False)

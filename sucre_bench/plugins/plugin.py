@@ -99,6 +99,15 @@ class Plugin:
     signs: tuple[str, ...] = ()
 
     @property
+    def is_of_pixels(self) -> bool:
+        """Whether it ranks pictures by their pixels, so that methods must be compared on the same ones.
+
+        Not scores of charts, nor of what the method computed besides the picture.
+        """
+        ranks = self.kind == "metric" and self.better != "none"
+        return ranks and self.needs <= {"reference", "depth", "poses"}
+
+    @property
     def summary(self) -> str:
         """The first sentence of the class's docstring."""
         return (inspect.getdoc(self.cls) or "").split("\n\n")[0].replace("\n", " ")

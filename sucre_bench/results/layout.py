@@ -1,6 +1,7 @@
 """The paths in a results folder.
 
 restored/<dataset>/<method label>/[<scene>/]<view stem>.png   the restored image (and .npz with save=full)
+masks/<dataset>/<method label>/[<scene>/]<view stem>.png      its mask, 1 bit a pixel, if it has holes
 views/<dataset>/[<scene>/]<view stem>.jpg                     the view, to look at
 references/<dataset>/[<scene>/]<view stem>.jpg                the reference, to look at
 logs/failures.log                                            tracebacks
@@ -65,7 +66,7 @@ def at_work_path(out: Path, config: str) -> Path:
 
 @dataclass(frozen=True)
 class Place:
-    """A view's paths below restored/, views/ and references/, without suffix."""
+    """A view's paths below restored/, masks/, views/ and references/, without suffix."""
 
     dataset: str
     stem: PurePosixPath
@@ -73,6 +74,10 @@ class Place:
     def restored(self, out: Path, method: str) -> Path:
         """The restored image by a method."""
         return _inside(out / "restored" / self.dataset / file_name(method), f"{self.stem}.png")
+
+    def mask(self, out: Path, method: str) -> Path:
+        """The mask of a restoration with holes."""
+        return _inside(out / "masks" / self.dataset / file_name(method), f"{self.stem}.png")
 
     def original(self, out: Path) -> Path:
         """The view, to look at."""

@@ -14,6 +14,8 @@ class Reason(Enum):
 
     NOTHING_TO_SCORE = "nothing to score in this view"
     NO_VALUE = "no value (NaN)"
+    NOT_STORED = "the computed image is not stored; save=full stores it"
+    NO_SHARED_PIXELS = "no pixel that all methods fill"
     LACK = ""
     OTHER = "?"
 
@@ -22,7 +24,7 @@ class Reason(Enum):
         """Return the kind of a row's reason: a `Lack`, a text that is the same for all rows, or any other."""
         if Lack.read(text):
             return cls.LACK
-        return next((reason for reason in (cls.NOTHING_TO_SCORE, cls.NO_VALUE) if reason.value == text), cls.OTHER)
+        return next((reason for reason in cls if reason.value and reason.value == text), cls.OTHER)
 
 
 def brief(text: str) -> str:

@@ -1,4 +1,4 @@
-"""What a results folder stores of a restoration: its picture, its record (.json), and with save=full its arrays (.npz).
+"""What a results folder stores of a restoration: picture, mask, record (.json), and with save=full its arrays (.npz).
 
 With save=full, a metric that is added later is computed from the stored restoration; the method does not run again.
 """
@@ -23,6 +23,7 @@ from sucre_bench.imaging.image_files import write_image, write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
+from sucre_bench.results.masks import write_mask
 from sucre_bench.results.rows import Row, restoration_rows
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Encoding, Restoration, View, Water
@@ -52,7 +53,7 @@ class Measured:
 
 
 def write_pictures(out: Path, place: Place, method: str, view: View, restoration: Restoration, shown: Array) -> None:
-    """Write the restored image, its record, and the view and its reference to look at beside it.
+    """Write the restored image, its mask, its record, and the view and its reference to look at beside it.
 
     method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole.
     """
@@ -61,6 +62,7 @@ def write_pictures(out: Path, place: Place, method: str, view: View, restoration
     if view.reference is not None:
         _write_to_look_at(place.reference(out), view.reference, view.encoding)
     write_png(path, to_8bit(shown)[..., ::-1], compression=1)
+    write_mask(place.mask(out, method), restoration.valid)
     write_atomically(path.with_suffix(".json"), _record(restoration, time.perf_counter() - started))
 
 

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = ["FLUSH_S", "Part", "merge", "read"]
+__all__ = ["FLUSH_S", "Part", "locked", "merge", "read"]
 
 TABLE = "scores.parquet"
 PARTS = "parts"
@@ -193,7 +193,7 @@ def merge(out: Path) -> pd.DataFrame:
     """
     if not out.is_dir():
         return frame([])
-    with _locked(out):
+    with locked(out, TABLE):
         taken = [_take(part) for part in (out / PARTS).glob("*.parquet")]
         rows = _read(out)
         if taken:
@@ -212,13 +212,13 @@ def _take(part: Path) -> Path:
 
 
 @contextlib.contextmanager
-def _locked(out: Path) -> Iterator[None]:
-    """Keep other processes from joining parts at the same time."""
+def locked(out: Path, table: str) -> Iterator[None]:
+    """Keep other processes from changing a table of a results folder at the same time."""
     from filelock import FileLock
 
     try:
         out.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(out / f".{TABLE}.lock")
+        lock = FileLock(out / f".{table}.lock")
         lock.acquire()
     except OSError as fault:
         raise not_writable(out, fault) from fault

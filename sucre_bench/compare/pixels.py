@@ -1,0 +1,226 @@
+"""On which pixels methods are compared: each on its own, or all on those that all of them fill.
+
+Where methods fill different pixels of a view, their own scores are of different pictures. A run therefore scores such
+views on their common pixels too (`sucre_bench.engine.common_pixels`), and `on_pixels` puts these scores in the place of
+the own ones.
+"""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+from sucre_bench import plugins
+from sucre_bench.compare.fresh import is_fresh
+from sucre_bench.compare.model import Column, Note, NoteKind
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.results.common_scores import COMMON_PIXELS
+from sucre_bench.results.reasons import Reason
+from sucre_bench.results.rows import restoration_rows
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "FILLED",
+    "LEAST_DIFFERENCE",
+    "NOT_SCORED",
+    "Pixels",
+    "filled_rows",
+    "on_pixels",
+    "pixel_notes",
+    "says_filled",
+]
+
+Pixels = Literal["own", "common"]
+
+# The column that says which share of the image each method fills, beside scores of which this matters.
+FILLED = "filled"
+
+# Methods are compared on common pixels where they fill shares of a view that differ by more than this.
+LEAST_DIFFERENCE = 0.01
+
+NOT_SCORED = "not scored on common pixels; give a run's command again with all methods in one folder"
+
+_VIEW = ["dataset", "scene", "view"]
+_SCORE = [*_VIEW, "metric", "variant"]
+_KEY = [*_SCORE, "method", "code", "_mask"]
+_RESULT = ["value", "n_pixels", "coverage", "status", "reason"]
+
+_Place = tuple[str, str, str]
+
+
+def on_pixels(rows: pd.DataFrame, common: pd.DataFrame, pixels: Pixels = "common") -> pd.DataFrame:
+    """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
+
+    rows: of the score table; common: of `results.read_common`; pixels: "own" leaves every score as it is.
+    Three columns are added. `pixels`: "own" or "common"; `pixels_share`: the share of the image that the common pixels
+    have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
+    """
+    rows = rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
+    states = {} if pixels == "own" else _states(rows, common)
+    if not states:
+        return rows
+    is_score = (rows["region"] == "image") & (rows["status"] == "ok") & of_pixels(rows["metric"])
+    own = rows[is_score]
+    own = own[[place in states for place in _places(own)]]
+    return _replaced(rows, own, common, states)
+
+
+def _places(rows: pd.DataFrame) -> list[_Place]:
+    """The view of each row."""
+    return list(zip(rows["dataset"], rows["scene"], rows["view"], strict=True))
+
+
+def of_pixels(metrics: pd.Series) -> pd.Series:
+    """Return which metrics rank pictures by their pixels; one that is not installed does not."""
+    known = plugins.discover("metric")
+    ranked = {name for name, plugin in known.items() if isinstance(plugin, Plugin) and plugin.is_of_pixels}
+    return metrics.isin(ranked)
+
+
+@dataclass(frozen=True)
+class _State:
+    """What is known of a view whose methods fill different pixels.
+
+    kind: "common", "none" or "unknown" of `sucre_bench.results.common_scores.Kind`; pixels: hash of the common mask;
+    share: of the image that it has; reason: why it is not known.
+    """
+
+    kind: str
+    pixels: str = ""
+    share: float = math.nan
+    reason: str = ""
+
+
+def _states(rows: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
+    """The views whose methods fill different pixels."""
+    ok = restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "") & is_fresh(rows)])
+    ok = ok[ok["n_pixels"] > 0]
+    filled = ok.groupby(_VIEW)["coverage"].agg(["min", "max", "size"])
+    filled = filled[(filled["min"] < 1) & (filled["size"] > 1)]
+    known = _known(ok, common)
+    states = {}
+    for place, low, high, _ in filled.itertuples(name=None):
+        if place in known:
+            states[place] = known[place]
+        elif high - low > LEAST_DIFFERENCE:
+            states[place] = _State("unknown", reason=NOT_SCORED)
+    return {place: state for place, state in states.items() if state.kind != "equal"}
+
+
+def _known(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
+    """What the table of common scores knows of views, as far as it is of all methods and of their newest results."""
+    of_views = common[common["metric"] == COMMON_PIXELS]
+    if of_views.empty:
+        return {}
+    by_view = restorations.groupby(_VIEW)
+    methods, newest = by_view["method"].agg(set).to_dict(), by_view["time"].max().to_dict()
+    columns = [*_VIEW, "variant", "pixels", "value", "reason", "methods", "time"]
+    known = {}
+    for *view, kind, pixels, share, reason, names, time in of_views[columns].itertuples(index=False, name=None):
+        place = (view[0], view[1], view[2])
+        if place in methods and methods[place] <= set(json.loads(names)) and newest[place] <= time:
+            known[place] = _State(kind, pixels, share, reason)
+    return known
+
+
+def _replaced(
+    rows: pd.DataFrame, own: pd.DataFrame, common: pd.DataFrame, states: Mapping[_Place, _State]
+) -> pd.DataFrame:
+    """Put common scores in the place of own ones. own: the scores of views whose methods fill different pixels."""
+    import pandas as pd
+
+    of = [states[place] for place in _places(own)]
+    own = own.assign(_mask=[state.pixels for state in of], _kind=[state.kind for state in of])
+    found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
+    found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
+    new = own[_KEY].merge(found, on=_KEY, how="left").set_axis(own.index)
+    none = own["_kind"] == "none"
+    new.loc[none, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
+    # Of one score of a view, either all methods are on common pixels or none.
+    lacks = new["status"].isna() | (new["reason"] == Reason.NOT_STORED.value)
+    why = new["reason"].fillna(pd.Series([state.reason or NOT_SCORED for state in of], own.index)).where(lacks)
+    score = [own[name] for name in _SCORE]
+    lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")
+    placed = own.index[~lacks]
+    for name in _RESULT:
+        rows.loc[placed, name] = new.loc[placed, name].astype(rows[name].dtype)
+    rows.loc[placed, "pixels"] = "common"
+    rows.loc[own.index, "pixels_share"] = [state.share for state in of]
+    rows.loc[own.index[lacks], "pixels_reason"] = why[lacks]
+    return rows
+
+
+# -- what tables say of it ---------------------------------------------------------------------------------
+
+
+def filled_rows(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return rows of the share of the image that methods fill, if pictures are ranked and one has holes.
+
+    rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
+    """
+    asked = rows[rows["_fresh"] & rows["_asked"]]
+    scored = asked[_of_pixels(asked)]
+    if any(says_filled(*pair) for pair in set(zip(asked["metric"], asked["variant"], strict=True))):
+        scored = scored.iloc[:0]
+    whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok") & (rows["view"] != "")])
+    if scored.empty or not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any():
+        return whole.iloc[:0]
+    about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
+    return whole.assign(**about, value=whole["coverage"])
+
+
+def says_filled(metric: str, variant: str) -> bool:
+    """Return whether a score is the share of the image that a method fills."""
+    plugin = plugins.discover("metric").get(metric)
+    is_coverage = isinstance(plugin, Plugin) and plugin.role == "coverage" and variant == plugin.default[0]
+    return metric == FILLED or is_coverage
+
+
+def _differing(restorations: pd.DataFrame) -> set[tuple[str, str]]:
+    """The views, by scene and name, of which methods fill shares that differ by more than `LEAST_DIFFERENCE`."""
+    filled = restorations[restorations["n_pixels"] > 0].groupby(_VIEW[1:])["coverage"]
+    return set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
+
+
+def _of_pixels(rows: pd.DataFrame) -> pd.Series:
+    return of_pixels(rows["metric"]) & (rows["region"] == "image")
+
+
+def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
+    """Return on which pixels scores are that methods would have of different ones.
+
+    rows: of one table, with `_fresh` and `_asked`; columns: of the table.
+    """
+    import pandas as pd
+
+    rows = rows if "pixels" in rows else rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
+    scores = rows[rows["_fresh"] & rows["_asked"] & _of_pixels(rows)]
+    whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok")])
+    differing = _differing(whole)
+    is_own = pd.Series([place in differing for place in _views(scores)], scores.index) & (scores["pixels"] == "own")
+    none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
+    common = scores[(scores["pixels"] == "common") & ~none]
+    total = len(set(_views(scores)))
+
+    def note(kind: NoteKind, own: pd.DataFrame, **more: Any) -> Note:
+        pairs = set(zip(own["metric"], own["variant"], strict=True))
+        named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
+        return Note(kind, (), named, len(set(_views(own))), total, **more)
+
+    made = []
+    if len(common):
+        made.append(note("common pixels", common, share=float(common.drop_duplicates(_VIEW)["pixels_share"].mean())))
+    if none.any():
+        made.append(note("no shared pixels", scores[none]))
+    reasons = scores["pixels_reason"].where(is_own | (scores["pixels_reason"] != ""))
+    made += [note("own pixels", own, reasons=str(reason)) for reason, own in scores.groupby(reasons, sort=False)]
+    return made
+
+
+def _views(rows: pd.DataFrame) -> list[tuple[str, str]]:
+    return list(zip(rows["scene"], rows["view"], strict=True))

@@ -1,0 +1,86 @@
+"""The table of scores on common pixels, ``common.parquet``: of each view, scores on the pixels that all methods fill.
+
+It stands beside the score table, where every score is on a method's own pixels. Its columns are those of `Row`, and
+pixels: a hash of the common mask, "" where there is none; methods: those it is common to, as JSON.
+
+A row of metric "common_pixels" stands for a view; its variant is a `Kind`, its value the share of the image.
+"""
+
+from __future__ import annotations
+
+import io
+import json
+from collections.abc import Iterable, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+from sucre_bench.errors import DamagedTableError, one_line
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.results.rows import COLUMNS, Row
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["COMMON_PIXELS", "COMMON_TABLE", "CommonRow", "Kind", "common_frame", "read_common", "write_common"]
+
+COMMON_TABLE = "common.parquet"
+
+# The metric of the row that stands for a view.
+COMMON_PIXELS = "common_pixels"
+
+# "equal": methods fill the same pixels, so nothing is scored; "common": they do not; "none": they share no pixel;
+# "unknown": a mask or picture cannot be read.
+Kind = Literal["equal", "common", "none", "unknown"]
+
+_COLUMNS = (*COLUMNS, "pixels", "methods")
+
+
+@dataclass(frozen=True, slots=True)
+class CommonRow(Row):
+    """A score on common pixels, or what is known of a view's common pixels."""
+
+    pixels: str = ""
+    methods: str = "[]"
+
+    @classmethod
+    def of(cls, row: Row, pixels: str, methods: Sequence[str] = ()) -> CommonRow:
+        """Return a row with the hash of its mask, and the methods this is common to."""
+        return cls(**{name: getattr(row, name) for name in COLUMNS}, pixels=pixels, methods=json.dumps(sorted(methods)))
+
+
+def common_frame(rows: Iterable[CommonRow]) -> pd.DataFrame:
+    """Return rows as a table."""
+    import pandas as pd
+
+    return pd.DataFrame([asdict(row) for row in rows], columns=list(_COLUMNS))
+
+
+def read_common(*folders: Path) -> pd.DataFrame:
+    """Return the scores on common pixels of results folders; no rows if none were needed.
+
+    Raises DamagedTableError (an InputError) if a table cannot be read.
+    """
+    import pandas as pd
+
+    tables = [_read(folder / COMMON_TABLE) for folder in folders if (folder / COMMON_TABLE).is_file()]
+    return pd.concat([table for table in tables if len(table)] or [common_frame([])], ignore_index=True)
+
+
+def _read(path: Path) -> pd.DataFrame:
+    import pandas as pd
+    import pyarrow
+
+    try:
+        rows = pd.read_parquet(io.BytesIO(path.read_bytes()))
+        return rows[list(_COLUMNS)]
+    except (pyarrow.ArrowInvalid, OSError, KeyError) as fault:
+        reason = f"not a table of scores on common pixels ({one_line(fault)})"
+        raise DamagedTableError(f"{path}: {reason}; delete it and run again") from fault
+
+
+def write_common(out: Path, rows: pd.DataFrame) -> None:
+    """Write the table of a results folder as a whole. Raises OutputError if it cannot be written."""
+    buffer = io.BytesIO()
+    rows.to_parquet(buffer, index=False)
+    write_atomically(out / COMMON_TABLE, buffer.getvalue())
