@@ -17,7 +17,7 @@ from sucre_bench import plugins
 from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.results.common_scores import COMMON_PIXELS
+from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import restoration_rows
 
@@ -26,7 +26,6 @@ if TYPE_CHECKING:
 
 __all__ = [
     "FILLED",
-    "LEAST_DIFFERENCE",
     "NOT_SCORED",
     "Pixels",
     "filled_rows",
@@ -39,9 +38,6 @@ Pixels = Literal["own", "common"]
 
 # The column that says which share of the image each method fills, beside scores of which this matters.
 FILLED = "filled"
-
-# Methods are compared on common pixels where they fill shares of a view that differ by more than this.
-LEAST_DIFFERENCE = 0.01
 
 NOT_SCORED = "not scored on common pixels; give a run's command again with all methods in one folder"
 
@@ -61,13 +57,30 @@ def on_pixels(rows: pd.DataFrame, common: pd.DataFrame, pixels: Pixels = "common
     have, else NaN; `pixels_reason`: why a score is on own pixels although methods fill the view differently.
     """
     rows = rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
-    states = {} if pixels == "own" else _states(rows, common)
-    if not states:
+    if pixels == "own":
         return rows
-    is_score = (rows["region"] == "image") & (rows["status"] == "ok") & of_pixels(rows["metric"])
-    own = rows[is_score]
+    restorations = restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "") & is_fresh(rows)])
+    if not (restorations["coverage"] < 1).any():
+        return rows
+    rows = _without_little(rows, restorations)
+    states = _states(restorations[restorations["coverage"] >= LEAST_FILLED], common)
+    own = rows[_of_pixels(rows) & (rows["status"] == "ok")]
     own = own[[place in states for place in _places(own)]]
-    return _replaced(rows, own, common, states)
+    return _replaced(rows, own, common, states) if len(own) else rows
+
+
+def _without_little(rows: pd.DataFrame, restorations: pd.DataFrame) -> pd.DataFrame:
+    """Leave methods without a score of views that they fill next to nothing of, if others fill more."""
+    is_little = restorations["coverage"] < LEAST_FILLED
+    some = set(_places(restorations[~is_little]))
+    little = restorations[is_little]
+    pairs = {(place, name) for place, name in zip(_places(little), little["method"], strict=True) if place in some}
+    if not pairs:
+        return rows
+    scores = rows[_of_pixels(rows) & (rows["status"] == "ok")]
+    lost = [pair in pairs for pair in zip(_places(scores), scores["method"], strict=True)]
+    rows.loc[scores.index[lost], _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
+    return rows
 
 
 def _places(rows: pd.DataFrame) -> list[_Place]:
@@ -96,13 +109,11 @@ class _State:
     reason: str = ""
 
 
-def _states(rows: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
+def _states(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
     """The views whose methods fill different pixels."""
-    ok = restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "") & is_fresh(rows)])
-    ok = ok[ok["n_pixels"] > 0]
-    filled = ok.groupby(_VIEW)["coverage"].agg(["min", "max", "size"])
+    filled = restorations.groupby(_VIEW)["coverage"].agg(["min", "max", "size"])
     filled = filled[(filled["min"] < 1) & (filled["size"] > 1)]
-    known = _known(ok, common)
+    known = _known(restorations, common)
     states = {}
     for place, low, high, _ in filled.itertuples(name=None):
         if place in known:
@@ -183,7 +194,7 @@ def says_filled(metric: str, variant: str) -> bool:
 
 def _differing(restorations: pd.DataFrame) -> set[tuple[str, str]]:
     """The views, by scene and name, of which methods fill shares that differ by more than `LEAST_DIFFERENCE`."""
-    filled = restorations[restorations["n_pixels"] > 0].groupby(_VIEW[1:])["coverage"]
+    filled = restorations[restorations["coverage"] >= LEAST_FILLED].groupby(_VIEW[1:])["coverage"]
     return set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
 
 

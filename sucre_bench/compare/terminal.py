@@ -185,7 +185,11 @@ def _blind(chosen: Deciding) -> str:
 def _notes(comparison: Comparison) -> list[str]:
     """What is not counted, of the columns of the block."""
     columns = {*comparison.columns}
-    notes = [note for note in comparison.notes if not note.columns or columns & {*note.columns}]
+    notes = [
+        replace(note, columns=tuple(column for column in note.columns if column in columns))
+        for note in comparison.notes
+        if not note.columns or columns & {*note.columns}
+    ]
     lines = left_out(replace(comparison, notes=tuple(notes)))
     more = len(lines) - _MOST_NOTES
     return lines if more <= 0 else [*lines[:_MOST_NOTES], f"and {more} more of this kind, with --all-metrics"]

@@ -1,8 +1,8 @@
 """After the jobs of a run: where methods fill different pixels of a view, scores on the pixels that all of them fill.
 
 The pictures and masks are those that the results folder holds, so no method runs again. All methods of the folder that
-fill anything of the view take part, also those of earlier runs; one that failed or fills nothing does not. What is
-there already is not scored again, unless the common mask has changed.
+restored the view take part, also those of earlier runs; one that failed or fills less than 1 % of the image does not.
+What is there already is not scored again, unless the common mask has changed.
 """
 
 from __future__ import annotations
@@ -29,6 +29,8 @@ from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
     COMMON_TABLE,
+    LEAST_DIFFERENCE,
+    LEAST_FILLED,
     CommonRow,
     Kind,
     common_frame,
@@ -46,9 +48,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["score_on_common_pixels"]
-
-# Methods are scored on common pixels where more than this share of the image is filled by some of them only.
-LEAST_DIFFERENCE = 0.01
 
 _FLUSH_S = 30.0
 _VIEW = ["dataset", "scene", "view"]
@@ -134,7 +133,7 @@ def _replaced(before: pd.DataFrame, made: Mapping[_Place, Sequence[CommonRow]]) 
 
 
 def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[_Place, Task]:
-    """The views of the jobs that two methods fill, one of them not as a whole."""
+    """The views of the jobs that several methods restored, one of them with holes."""
     whole = _restorations(rows)
     by_view = whole.groupby(_VIEW, sort=False)
     several = (by_view["method"].nunique() > 1) & (by_view["coverage"].min() < 1)
@@ -145,7 +144,7 @@ def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[_Place, 
 
 def _restorations(rows: pd.DataFrame) -> pd.DataFrame:
     ok = rows[(rows["status"] == "ok") & (rows["view"] != "") & (rows["metric"] == RESTORATION)]
-    return ok[ok["n_pixels"] > 0]
+    return ok[ok["coverage"] >= LEAST_FILLED]
 
 
 def _metrics(planned: Sequence[Planned]) -> dict[tuple[str, str], Scorer]:

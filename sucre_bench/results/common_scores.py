@@ -22,7 +22,17 @@ from sucre_bench.results.rows import COLUMNS, Row
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["COMMON_PIXELS", "COMMON_TABLE", "CommonRow", "Kind", "common_frame", "read_common", "write_common"]
+__all__ = [
+    "COMMON_PIXELS",
+    "COMMON_TABLE",
+    "LEAST_DIFFERENCE",
+    "LEAST_FILLED",
+    "CommonRow",
+    "Kind",
+    "common_frame",
+    "read_common",
+    "write_common",
+]
 
 COMMON_TABLE = "common.parquet"
 
@@ -32,6 +42,12 @@ COMMON_PIXELS = "common_pixels"
 # "equal": methods fill the same pixels, so nothing is scored; "common": they do not; "none": they share no pixel;
 # "unknown": a mask or picture cannot be read.
 Kind = Literal["equal", "common", "none", "unknown"]
+
+# A view is scored on common pixels if more than this share of the image is filled by some methods only.
+LEAST_DIFFERENCE = 0.01
+
+# A method that fills a smaller share of an image would leave the others next to nothing: it has no score of this view.
+LEAST_FILLED = 0.01
 
 _COLUMNS = (*COLUMNS, "pixels", "methods")
 

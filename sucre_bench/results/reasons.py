@@ -15,6 +15,7 @@ class Reason(Enum):
     NOTHING_TO_SCORE = "nothing to score in this view"
     NO_VALUE = "no value (NaN)"
     NOT_STORED = "the computed image is not stored; save=full stores it"
+    FILLS_LITTLE = "fills less than 1 % of the image"
     NO_SHARED_PIXELS = "no pixel that all methods fill"
     LACK = ""
     OTHER = "?"

@@ -215,3 +215,41 @@ class Painter:
     def score(self, restored: Restoration, shown: np.ndarray, view: View, variant: str) -> Iterator[Score]:
         shown[:] = 0
         yield Score(0.0)
+
+
+@method()
+@dataclass(frozen=True)
+class LeftHalf(Gain):
+    """Gives a colour to some columns of the image only, those of its left half."""
+
+    start: float = 0.0
+    """Where they start, as a share of the width."""
+    stop: float = 0.5
+    """Where they end."""
+    rows: float = 1.0
+    """Which share of the rows has a colour."""
+
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        image = np.array(super().restore(scene, view).image)
+        height, width, _ = image.shape
+        image[round(self.rows * height) :] = np.nan
+        image[:, : round(self.start * width)] = image[:, round(self.stop * width) :] = np.nan
+        return Restoration(image)
+
+
+@method()
+@dataclass(frozen=True)
+class RightHalf(LeftHalf):
+    """The same of its right half."""
+
+    start: float = 0.5
+    stop: float = 1.0
+
+
+@method()
+@dataclass(frozen=True)
+class Middle(LeftHalf):
+    """The same of its middle."""
+
+    start: float = 0.25
+    stop: float = 0.75

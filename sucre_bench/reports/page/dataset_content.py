@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
+from sucre_bench.compare.pixels import FILLED
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
@@ -39,7 +40,10 @@ def key_of(metric: str, variant: str) -> str:
 
 
 def column_of(column: Column) -> dict[str, Any]:
-    """A column of a table. cost: it is shown, but nobody wins by it; ranked: neither that nor what only describes."""
+    """A column of a table.
+
+    cost: it is shown, but nobody wins by it; ranked: neither that nor what only describes; pixels: see `Column`.
+    """
     return {
         "key": key_of(column.metric, column.variant),
         "metric": column.metric,
@@ -50,7 +54,8 @@ def column_of(column: Column) -> dict[str, Any]:
         "of": column.of,
         "n": column.n_units,
         "views": column.n_views,
-        "cost": column.metric in COSTS,
+        "cost": column.metric in (*COSTS, FILLED),
+        "pixels": column.pixels,
     }
 
 
@@ -193,7 +198,7 @@ class Section:
             "picture": self.gallery.picture(place.restored(self.out, name), kept, row.coverage < 1) if place else None,
             "coverage": row.coverage,
             "device": row.device,
-            "scores": {key: value for key, (value, _) in scores.items()},
+            "scores": {key_of(FILLED, "image"): row.coverage} | {key: value for key, (value, _) in scores.items()},
             "covers": {
                 key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole
             },

@@ -157,7 +157,13 @@ def test_methods_and_metrics_are_hidden_and_shown_by_their_boxes(page: Browser):
     assert "plain" not in texts(page, "#grid .caption b")
     page.click("#methods-menu input[value=plain]")
     keys = "[...document.querySelectorAll('#scores-sheet th[data-key]')].map((e) => e.dataset.key)"
-    assert page.ask(keys) == ["method", "psnr:masked", "de00:lab", "seconds:wall"]  # nothing that only describes
+    assert page.ask(keys) == [
+        "method",
+        "filled:image",
+        "psnr:masked",
+        "de00:lab",
+        "seconds:wall",
+    ]  # nothing else that only describes
     page.ask("resultsPage.choose({unshown: new Set(['seconds:wall'])})")
     assert "chart_distance:median" in page.ask(keys)
     assert "seconds:wall" not in page.ask(

@@ -1,0 +1,197 @@
+"""Where methods fill different pixels, they are compared on those that all of them fill; no method runs again."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+from support.toy_plugins import Toy
+from support.toy_runs import calls, run
+
+from sucre_bench import compare, results
+from sucre_bench.engine.outcome import Outcome
+from sucre_bench.results.common_scores import COMMON_TABLE, read_common
+
+
+def sweep(out: Path, methods: str, *overrides: str) -> Outcome:
+    return run(out, f"method={methods}", *overrides, multirun=True)
+
+
+def scores(out: Path, pixels: compare.Pixels, metric: str = "psnr") -> pd.DataFrame:
+    """A score by view and method, as it is compared."""
+    rows = compare.on_pixels(results.read(out), read_common(out), pixels)
+    rows = rows[rows["metric"] == metric]
+    return rows.pivot(index="view", columns="method", values="value")
+
+
+def psnr(columns: slice) -> list[float]:
+    """Of each view of the toy scene, from the definition: the 8-bit picture against its reference."""
+    (scene,) = Toy().scenes()
+    values = []
+    for view in scene:
+        picture = np.floor(view.rgb[:, columns] * 255 + 0.5) / 255
+        assert view.reference is not None
+        values.append(-10 * np.log10(np.mean((picture - view.reference[:, columns]) ** 2)))
+    return values
+
+
+def but_times(rows: pd.DataFrame) -> pd.DataFrame:
+    rows = rows.drop(columns=["time", "seconds", "peak_mb"])
+    return rows.sort_values(["view", "method", "metric"]).reset_index(drop=True)
+
+
+def test_equal_restorations_tie_on_common_pixels_whatever_their_holes(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half")
+    own, common = scores(tmp_path, "own"), scores(tmp_path, "common")
+    assert (own["gain"] - own["left_half"]).abs().min() > 1e-3
+    np.testing.assert_array_equal(common["gain"], common["left_half"])
+    np.testing.assert_allclose(common["gain"], psnr(slice(0, 30)), rtol=1e-6)
+    rows = read_common(tmp_path)
+    assert set(rows.loc[rows["metric"] == "psnr", "n_pixels"]) == {40 * 30}
+
+
+def test_no_method_runs_again_and_the_own_scores_stay_in_the_score_table(tmp_path: Path, toys: str):
+    log = tmp_path / "log"
+    for method in ("gain", "left_half"):
+        run(tmp_path / "out", f"method={method}", f"method.log={log}")
+    assert len(calls(log)) == 6
+    table = pd.read_parquet(tmp_path / "out" / "scores.parquet")
+    psnrs = table[table["metric"] == "psnr"]
+    assert len(psnrs) == 6, "a row a score"
+    np.testing.assert_allclose(psnrs[psnrs["method"] == "gain"]["value"], psnr(slice(None)), atol=1e-3)
+
+
+def test_nothing_is_kept_or_computed_where_all_pixels_are_filled(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,gain2")
+    assert not (tmp_path / COMMON_TABLE).exists()
+    assert not (tmp_path / "masks").exists()
+
+
+def test_holes_at_the_same_pixels_are_not_scored_twice(tmp_path: Path, toys: str):
+    run(tmp_path, "method=left_half")
+    run(tmp_path, "method=left_half", "method.label=again")
+    assert not read_common(tmp_path)["metric"].isin(["psnr", "redness"]).any()
+    pd.testing.assert_frame_equal(scores(tmp_path, "common"), scores(tmp_path, "own"))
+
+
+def test_a_method_that_comes_later_changes_the_common_pixels_of_all(tmp_path: Path, toys: str):
+    """One after the other, with a metric added on the way, or all at once: the same scores."""
+    log = tmp_path / "log"
+    sweep(tmp_path / "once", "gain,left_half,middle")
+    later = tmp_path / "later"
+    run(later, "method=left_half", f"method.log={log}")
+    run(later, "method=gain", f"method.log={log}")
+    np.testing.assert_allclose(scores(later, "common")["left_half"], psnr(slice(0, 30)), rtol=1e-6)
+    run(later, "method=middle")
+    assert len(calls(log)) == 6
+    np.testing.assert_allclose(scores(later, "common")["left_half"], psnr(slice(15, 30)), rtol=1e-6)
+    pd.testing.assert_frame_equal(scores(later, "common"), scores(tmp_path / "once", "common"))
+
+
+def test_the_same_command_again_scores_nothing_and_goes_on_where_it_was_stopped(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half", "first=1")
+    before = read_common(tmp_path)
+    sweep(tmp_path, "gain,left_half")
+    whole = read_common(tmp_path)
+    pd.testing.assert_frame_equal(whole[whole["view"] == "v0.png"].reset_index(drop=True), before)
+    sweep(tmp_path, "gain,left_half")
+    pd.testing.assert_frame_equal(read_common(tmp_path), whole)
+    (tmp_path / COMMON_TABLE).unlink()
+    sweep(tmp_path, "gain,left_half")
+    pd.testing.assert_frame_equal(but_times(read_common(tmp_path)), but_times(whole))
+
+
+def test_a_restoration_made_anew_is_scored_anew(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half")
+    run(tmp_path, "method=left_half", "method.stop=.25", "overwrite=always")
+    np.testing.assert_allclose(scores(tmp_path, "common")["gain"], psnr(slice(0, 15)), rtol=1e-6)
+
+
+def test_shards_in_other_processes_give_the_same(tmp_path: Path, toys: str):
+    sweep(tmp_path / "whole", "gain,left_half")
+    processes = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "shard.count=2", "shard.index=0,1"]
+    sweep(tmp_path / "shards", "gain,left_half", f"plugins=[{toys}]", *processes)
+    both = [scores(tmp_path / out, "common") for out in ("whole", "shards")]
+    pd.testing.assert_frame_equal(*both)
+
+
+def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pixels(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half,faulty")
+    assert scores(tmp_path, "common").loc["v1.png"].isna().to_dict() == {
+        "gain": False,
+        "left_half": False,
+        "faulty": True,
+    }
+    run(tmp_path, "method=right_half", "method.stop=.517", "method.rows=.5")
+    common = scores(tmp_path, "common")
+    assert common["right_half"].isna().all()
+    np.testing.assert_allclose(common["gain"], psnr(slice(0, 30)), rtol=1e-6)
+
+
+def test_methods_that_share_no_pixel_have_no_score_and_this_is_said(tmp_path: Path, toys: str, bench):
+    sweep(tmp_path, "left_half,right_half")
+    assert scores(tmp_path, "common").isna().all(axis=None)
+    done = bench("compare", str(tmp_path))
+    assert "no pixel that all methods fill" in done.stdout
+    assert "psnr" in bench("compare", str(tmp_path), "--pixels", "own", "--format", "csv").stdout
+
+
+# -- files that are gone or damaged ------------------------------------------------------------------------
+
+
+def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
+    run(tmp_path, "method=left_half", "method.gain=0")  # all black: the picture does not show the holes
+    masks = tmp_path / "masks" / "toy" / "left_half"
+    (masks / "v0.png").unlink()
+    (masks / "v1.png").write_bytes((masks / "v1.png").read_bytes()[:40])
+    sweep(tmp_path, "gain")
+    own, common = scores(tmp_path, "own"), scores(tmp_path, "common")
+    assert (own["gain"] == common["gain"]).tolist() == [True, True, False]
+    said = bench("compare", str(tmp_path)).stdout
+    assert "1 of 3 images" in said
+    assert str(masks / "v0.png") in said
+    assert str(masks / "v1.png") in said
+
+
+def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path, toys: str):
+    run(tmp_path, "method=left_half")
+    for mask in (tmp_path / "masks").rglob("*.png"):
+        mask.unlink()
+    sweep(tmp_path, "gain")
+    np.testing.assert_allclose(scores(tmp_path, "common")["gain"], psnr(slice(0, 30)), rtol=1e-6)
+
+
+def test_a_damaged_table_of_common_scores_is_made_again(tmp_path: Path, toys: str, bench):
+    sweep(tmp_path, "gain,left_half")
+    before = scores(tmp_path, "common")
+    (tmp_path / COMMON_TABLE).write_bytes(b"not a table")
+    done = bench("compare", str(tmp_path))
+    assert (done.returncode, COMMON_TABLE in done.stderr) == (2, True)
+    sweep(tmp_path, "gain,left_half")
+    pd.testing.assert_frame_equal(scores(tmp_path, "common"), before)
+
+
+# -- what cannot be scored again ---------------------------------------------------------------------------
+
+
+def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(tmp_path: Path, toys: str):
+    raw = ["metrics.psnr.variants=[raw]"]
+    (scene,) = Toy().scenes()
+    expected = [
+        -10 * np.log10(np.mean((view.rgb[:, :30] - view.reference[:, :30]) ** 2, dtype=np.float64))
+        for view in scene
+        if view.reference is not None
+    ]
+    sweep(tmp_path / "display", "gain,left_half", *raw)
+    pd.testing.assert_frame_equal(scores(tmp_path / "display", "common"), scores(tmp_path / "display", "own"))
+    sweep(tmp_path / "full", "gain,left_half", *raw, "save=full")
+    np.testing.assert_allclose(scores(tmp_path / "full", "common")["gain"], expected, rtol=1e-6)
+
+
+def test_folders_with_a_method_each_are_compared_on_own_pixels_with_the_reason(tmp_path: Path, toys: str, bench):
+    run(tmp_path / "one", "method=gain")
+    run(tmp_path / "two", "method=left_half")
+    done = bench("compare", str(tmp_path / "one"), str(tmp_path / "two"))
+    assert "own pixels" in done.stdout
+    assert "all methods in one folder" in done.stdout
