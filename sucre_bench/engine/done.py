@@ -11,6 +11,7 @@ from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.errors import Death, InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.rows import Row, tuples
+from sucre_bench.results.stored_files import are_as_written
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -85,11 +86,10 @@ class Done:
         whole = (base.metric, base.variant, base.code)
         if any(k.metric == base.metric and k.status != "ok" for k in kept):
             return whole in there
-        suffixes = [".png", ".json", *([".npz"] if self.job.save == "full" else [])]
-        files = [picture.with_suffix(suffix) for suffix in suffixes]
         wanted = {
             (metric.plugin.name, variant, score_code(base, code))
             for metric, code in zip(self.job.metrics, self.metric_codes, strict=True)
             for variant in metric.variants
         }
-        return {whole, *wanted} <= there and all(file.is_file() for file in files)
+        suffixes = [".png", *([".npz"] if self.job.save == "full" else [])]
+        return {whole, *wanted} <= there and are_as_written(picture, suffixes)

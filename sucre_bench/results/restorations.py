@@ -25,6 +25,7 @@ from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import write_mask
 from sucre_bench.results.rows import Row, restoration_rows
+from sucre_bench.results.stored_files import FILES, described
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
@@ -63,7 +64,8 @@ def write_pictures(out: Path, place: Place, method: str, view: View, restoration
         _write_to_look_at(place.reference(out), view.reference, view.encoding)
     write_png(path, to_8bit(shown)[..., ::-1], compression=1)
     write_mask(place.mask(out, method), restoration.valid)
-    write_atomically(path.with_suffix(".json"), _record(restoration, time.perf_counter() - started))
+    more = {"write_seconds": time.perf_counter() - started, FILES: described(path)}
+    write_atomically(path.with_suffix(".json"), _record(restoration, more))
 
 
 def write_full(path: Path, measured: Measured, base: Row) -> None:
@@ -172,11 +174,11 @@ def _water_record(water: Water) -> dict[str, Any]:
     return parameters | {"encoding": water.encoding}
 
 
-def _record(restoration: Restoration, write_seconds: float) -> bytes:
-    """The water, the method's `info`, the true water where known, and the seconds of writing, as JSON."""
+def _record(restoration: Restoration, more: Mapping[str, Any]) -> bytes:
+    """The water, the method's `info`, the true water where known, and more, as JSON."""
     water = restoration.water
     known = {} if water is None else _water_record(water)
-    values = known | restoration.info | known | {"write_seconds": write_seconds}  # the water first
+    values = known | restoration.info | known | dict(more)  # the water first
     text = json.dumps(values, default=_plain, skipkeys=True)
     return json.dumps(json.loads(text, parse_constant=lambda _: None), indent=1).encode()  # JSON knows no NaN
 
