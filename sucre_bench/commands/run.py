@@ -72,13 +72,14 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
         outcome = sweep.run(overrides, multirun, plugin_files)
         comparisons = run_summary.compared(outcome)
-        try:
-            if as_json:
-                summary = run_summary.as_object(outcome, comparisons)
-            else:
-                run_summary.show(outcome, comparisons)
-        finally:  # also when whoever reads our output has gone
+        summary = run_summary.as_object(outcome, comparisons) if as_json else None
+    try:
+        if as_json:
+            click.echo(json.dumps(summary, indent=1))
+        else:
+            run_summary.show(outcome, comparisons)
+        sys.stdout.flush()
+    finally:  # also when whoever reads our output has gone
+        with contextlib.redirect_stdout(sys.stderr):
             run_summary.track(outcome, comparisons)
-    if as_json:
-        click.echo(json.dumps(summary, indent=1))
     sys.exit(outcome.exit_code)

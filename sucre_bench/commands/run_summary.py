@@ -18,6 +18,7 @@ from sucre_bench.compare import text as tables
 from sucre_bench.engine.outcome import Outcome
 from sucre_bench.errors import one_line
 from sucre_bench.machine import progress, terminal
+from sucre_bench.machine.secrets import masked
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
@@ -162,12 +163,14 @@ def write_study(outcome: Outcome, comparisons: Sequence[Comparison]) -> Written:
 
 
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
-    """Log the run in mlflow, unless tracking is off. If that fails, print the reason in one line and go on."""
-    if outcome.tracking.uri == "off":
+    """Log the run in mlflow, unless tracking is off or knows all of it. If that fails, print the reason in one line."""
+    uri, experiment = outcome.tracking.uri, outcome.tracking.experiment
+    if uri == "off" or mlflow.is_logged(outcome.out, uri, experiment):
         return
     with terminal.live():
+        progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
         try:
-            mlflow.log(outcome.out, outcome.rows, comparisons, outcome.tracking.uri, outcome.tracking.experiment)
+            mlflow.log(outcome.out, outcome.rows, comparisons, uri, experiment)
         except Exception as fault:
-            reason = f"{type(fault).__name__}: {one_line(fault)[:200]}"
+            reason = masked(one_line(fault))[:200]
             progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

@@ -18,7 +18,7 @@ __all__ = ["track"]
 @click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI; default: a store in FOLDER.")
 @click.option("--experiment", default="sucre_bench", show_default=True, help="mlflow's experiment.")
 @click.option("--ui", is_flag=True, help="Then open mlflow's page on this machine, until Ctrl-C.")
-@click.option("--port", default=5000, show_default=True, help="Of that page.")
+@click.option("--port", default=5000, show_default=True, type=click.IntRange(1, 65535), help="Of that page.")
 def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     """Tell mlflow what FOLDER holds: after a run on a cluster, or one that was stopped.
 
@@ -29,18 +29,26 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     Rows that mlflow has already are not logged again.
     """
     from sucre_bench import compare, results
+    from sucre_bench.machine.secrets import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common
 
     uri = uri or mlflow.default_uri(folder)
+    is_server = uri.startswith(("http://", "https://"))
+    if ui and not is_server:
+        mlflow.check_port(port)
     rows = compare.on_pixels(results.read(folder), read_common(folder))
     try:
         new = mlflow.log(folder, rows, compare.compare(rows), uri, experiment)
+        page = mlflow.runs_page(uri, experiment, port) if ui else ""
     except SucreBenchError:
         raise
     except Exception as fault:
-        raise OutputError(f"{uri}: cannot log in mlflow, {shorten(one_line(fault), 200)}; check the URI") from fault
-    click.echo(f"mlflow   {uri}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
-    if ui:
-        click.echo(f"page     {mlflow.runs_page(uri, experiment, port)}")
-        sys.exit(mlflow.open_ui(uri, port))
+        reason = shorten(masked(one_line(fault)), 200)
+        raise OutputError(f"{masked(uri)}: cannot log in mlflow, {reason}; check the URI") from fault
+    click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
+    if ui and is_server:
+        click.echo(f"page     {masked(page)}")
+    elif ui:
+        click.echo("page     starting, about 10 s")
+        sys.exit(mlflow.open_ui(uri, port, lambda: click.echo(f"page     {page}  (Ctrl-C ends it)")))

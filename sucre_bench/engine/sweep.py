@@ -20,6 +20,7 @@ from sucre_bench.jobs.quoting import value_of
 from sucre_bench.machine import provenance, terminal
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.log import now
+from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.machine.steps import note_start
 from sucre_bench.results.common_scores import read_common
@@ -79,7 +80,7 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
     provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, data))
     text = config_text(command.jobs, command.words, command.is_sweep)
-    write_atomically(config_path(first.out), text.encode())
+    write_atomically(config_path(first.out), masked(text).encode())
 
 
 def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:

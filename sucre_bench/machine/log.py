@@ -8,6 +8,8 @@ from contextlib import suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
+from sucre_bench.machine.secrets import masked
+
 __all__ = ["keep_traceback", "not_before", "now"]
 
 _lock = threading.Lock()
@@ -21,7 +23,7 @@ def keep_traceback(log: Path | None, where: str) -> None:
     with suppress(OSError):  # the row has the reason, too
         log.parent.mkdir(parents=True, exist_ok=True)
         with log.open("a", encoding="utf-8") as file:
-            file.write(f"--- {now()} {where}\n{traceback.format_exc()}\n")
+            file.write(f"--- {now()} {where}\n{masked(traceback.format_exc())}\n")
 
 
 def now() -> str:

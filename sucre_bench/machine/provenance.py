@@ -118,10 +118,11 @@ def _memory_gb() -> float:
 
 
 def write(path: Path, content: dict[str, Any]) -> None:
-    """Write an environment as JSON."""
+    """Write an environment as JSON, without passwords."""
     from sucre_bench.machine.files import write_atomically
+    from sucre_bench.machine.secrets import masked
 
-    write_atomically(path, (json.dumps(content, indent=2) + "\n").encode())
+    write_atomically(path, (masked(json.dumps(content, indent=2)) + "\n").encode())
 
 
 def read(path: Path) -> dict[str, Any] | None:

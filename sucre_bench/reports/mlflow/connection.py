@@ -1,21 +1,22 @@
-"""Where mlflow keeps its runs: a client, the experiment, and mlflow's own page."""
+"""Where mlflow keeps its runs: a client, and the experiment."""
 
 from __future__ import annotations
 
 import os
-import subprocess
-import sys
 import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError
+from sucre_bench.reports.mlflow import store
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-__all__ = ["connect", "default_uri", "open_ui", "runs_page"]
+__all__ = ["connect", "default_uri", "resolved", "sqlite_path"]
+
+_PATIENCE_S = 60  # for other processes that open the same store
 
 _SQLITE = "sqlite:///"
 # An experiment's tags: its kind, by which mlflow's page opens on runs and models, not on chats; and its description.
@@ -38,61 +39,58 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
     By one process at a time: several that open a new sqlite store at once break it. A path in a sqlite URI is taken
     from where we are. Raises InputError for a path that mlflow cannot take.
     """
-    from filelock import FileLock
+    from filelock import FileLock, Timeout
 
-    uri, artifacts = _resolved(uri), None
+    _keep_quiet()
+    uri, artifacts = resolved(uri), None
     lock = Path(tempfile.gettempdir()) / f"sucre_bench-{fingerprint({'uri': uri})[1]}.lock"
-    if uri.startswith(_SQLITE):
+    path = sqlite_path(uri)
+    if path is not None:
         if awkward := set(uri) & set("?%#"):
             raise InputError(
                 f"{uri}: mlflow cannot keep a store under a path with {' '.join(awkward)}; give another URI"
             )
-        store = Path(uri.removeprefix(_SQLITE))
-        store.parent.mkdir(parents=True, exist_ok=True)
-        lock, artifacts = store.with_name(f".{store.name}.lock"), (store.parent / "mlartifacts").as_uri()
-    with FileLock(lock):
-        client = _client(uri)
-        there = client.get_experiment_by_name(experiment)
-        return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock, artifacts = path.with_name(f".{path.name}.lock"), (path.parent / "mlartifacts").as_uri()
+    try:
+        with FileLock(lock, timeout=_PATIENCE_S):
+            if path is not None:
+                store.make(path)
+                store.check(path)
+            client = _client(uri)
+            there = client.get_experiment_by_name(experiment)
+            return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+    except Timeout:
+        raise InputError(
+            f"{lock}: another process has kept this lock for {_PATIENCE_S} s; end it, or give another URI"
+        ) from None
 
 
-def _resolved(uri: str) -> str:
+def sqlite_path(uri: str) -> Path | None:
+    """Return the file of a sqlite store; None for any other URI."""
+    return Path(resolved(uri).removeprefix(_SQLITE)) if uri.startswith(_SQLITE) else None
+
+
+def resolved(uri: str) -> str:
+    """Return a URI with the path of a sqlite store in full."""
     path = uri.removeprefix(_SQLITE)
     return uri if not uri.startswith(_SQLITE) or path.startswith("/") else f"{_SQLITE}{Path(path).resolve()}"
 
 
-def _client(uri: str) -> MlflowClient:
+def _keep_quiet() -> None:
+    """Settings of mlflow, which it reads when it is imported: no telemetry, few retries, no lines of its own."""
     os.environ.setdefault("MLFLOW_DISABLE_TELEMETRY", "true")
     os.environ.setdefault("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1")
     os.environ.setdefault("MLFLOW_HTTP_REQUEST_TIMEOUT", "10")
     import logging
 
     logging.getLogger("alembic").setLevel(logging.WARNING)  # it tells of every migration of a new store
-    logging.getLogger("mlflow.store.db.utils").setLevel(logging.WARNING)
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
+
+
+def _client(uri: str) -> MlflowClient:
     from mlflow import MlflowClient
+    from mlflow.store.db import utils
 
+    utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; the default tries for two minutes
     return MlflowClient(tracking_uri=uri)
-
-
-def runs_page(uri: str, experiment: str, port: int) -> str:
-    """Return the address of an experiment's runs on the page that `open_ui` serves."""
-    return f"http://127.0.0.1:{port}/#/experiments/{connect(uri, experiment)[1]}/runs"
-
-
-def open_ui(uri: str, port: int) -> int:
-    """Serve mlflow's page on this machine alone until it is stopped, and return its exit status."""
-    from sucre_bench.machine.sigterm import terminated_as_interrupt
-
-    serving = [sys.executable, "-m", "mlflow", "ui", "--backend-store-uri", _resolved(uri), "--host", "127.0.0.1"]
-    quiet = {
-        "MLFLOW_DISABLE_TELEMETRY": "true",
-        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
-        "PYTHONWARNINGS": "ignore",
-    }
-    log = ["--uvicorn-opts", "--log-level warning"]
-    with subprocess.Popen([*serving, "--port", str(port), *log], env={**os.environ, **quiet}) as server:
-        try:
-            with terminated_as_interrupt():
-                return server.wait()
-        finally:  # a kill of ours alone would leave it running
-            server.terminate()

@@ -14,8 +14,11 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import plugins, results
 from sucre_bench.compare import text as tables
 from sucre_bench.machine import provenance
+from sucre_bench.machine.secrets import masked
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.reports.mlflow.connection import connect
+from sucre_bench.reports.mlflow.logged import remember
+from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout
 from sucre_bench.results.layout import file_name
@@ -47,8 +50,10 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
     jobs = [(str(d), str(m), own) for (d, m), own in named.groupby(["dataset", "method"], sort=False)]
     new = [job for job in jobs if not store.has(job[2])]
     if not new:
+        remember(out, uri, experiment)
         return 0
     older = store.latest()
+    client.set_experiment_tag(experiment_id, VIEW_TAG, view_of(comparisons))
     with store.run(out.resolve().name, rows, {"jobs": str(len(jobs)), **_source(out)}) as parent:
         client.set_tag(parent, "mlflow.note.content", _note(rows, comparisons))
         store.log_table(parent, rows)
@@ -61,6 +66,7 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
         store.succeed(parent, older.get(("", ""), []))
         for dataset, method, own in new:
             _log_job(store, parent, dataset, method, own, older.get((dataset, method), []))
+    remember(out, uri, experiment)
     return len(new)
 
 
@@ -281,7 +287,7 @@ def _source(out: Path) -> dict[str, str]:
     environment = provenance.read(out / "environment.json") or {}
     tags = {
         "mlflow.source.git.commit": environment.get("git_commit"),
-        "command": " ".join(environment.get("command", [])),
+        "command": masked(" ".join(environment.get("command", []))),
         "sucre_bench": environment.get("sucre_bench"),
     }
     return {name: str(value)[:5000] for name, value in tags.items() if value}

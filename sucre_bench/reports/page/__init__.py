@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.compare.text import NUMBERS
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.secrets import masked
 from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
@@ -52,7 +53,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
 
     loader = PackageLoader("sucre_bench.reports.page", "")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    pages.filters["shell"] = shlex.join
+    pages.filters["shell"] = lambda words: masked(shlex.join(words))
     gallery = Gallery(out, _most_pictures(rows), widths)
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
@@ -129,7 +130,7 @@ def _plugins(config: str) -> tuple[str, ...]:
 
 
 def _read(path: Path) -> str:
-    return path.read_text(encoding="utf-8", errors="replace") if path.is_file() else ""
+    return masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
 
 
 def _source(name: str) -> str:

@@ -1,0 +1,114 @@
+"""mlflow's own page: served on this machine, and opened on a table of methods with the columns that decide."""
+
+from __future__ import annotations
+
+import json
+import os
+import socket
+import subprocess
+import sys
+import tempfile
+import time
+import urllib.error
+import urllib.request
+from collections.abc import Callable, Sequence
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.compare.deciding import deciding
+from sucre_bench.errors import InputError, OutputError
+from sucre_bench.reports.mlflow.connection import connect, resolved
+
+if TYPE_CHECKING:
+    from sucre_bench.compare import Column, Comparison
+
+__all__ = ["VIEW_TAG", "check_port", "open_ui", "runs_page", "view_of"]
+
+# mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
+_KEY = "sucre_bench"
+VIEW_TAG = f"mlflow.sharedViewState.{_KEY}"
+_HOST = "127.0.0.1"
+
+
+def view_of(comparisons: Sequence[Comparison]) -> str:
+    """Return the tag's value: the newest run of each method and the columns that decide, best first.
+
+    It is what mlflow's own button "share" writes, as JSON.
+    """
+    chosen = [deciding(comparison) for comparison in comparisons]
+    columns = dict.fromkeys(column for one in chosen for column in one.columns)
+    main = next((one.main for one in chosen if one.main), None)
+    keys = [_key(column) for column in columns]
+    state: dict[str, Any] = {
+        "selectedColumns": keys,
+        "columnOrder": ["attributes.`Run Name`", *keys],
+        "searchFilter": "tags.latest = 'yes' and tags.method LIKE '%'",
+    }
+    if main is not None:
+        state |= {"orderByKey": _key(main), "orderByAsc": main.better == "lower"}
+    return json.dumps(state)
+
+
+def _key(column: Column) -> str:
+    return f"metrics.`{column.metric}.{column.variant}`"
+
+
+def runs_page(uri: str, experiment: str, port: int) -> str:
+    """Return the address of an experiment's runs: on the page that `open_ui` serves, or on the server of the URI."""
+    place = uri.rstrip("/") if uri.startswith(("http://", "https://")) else f"http://{_HOST}:{port}"
+    runs = f"{place}/#/experiments/{connect(uri, experiment)[1]}/runs"
+    return f"{runs}?viewStateShareKey={_KEY}&workflowType=machine_learning"
+
+
+def check_port(port: int) -> None:
+    """Raise InputError if a port of this machine cannot be served."""
+    with socket.socket() as probe:
+        probe.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)  # as servers do: of one that has just ended
+        try:
+            probe.bind((_HOST, port))
+        except OSError as fault:
+            raise InputError(f"--port {port}: {fault.strerror}; give another, for example --port {port + 1}") from None
+
+
+def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
+    """Serve mlflow's page on this machine alone until it is stopped, and return its exit status.
+
+    ready: called when the page can be opened. Raises OutputError if the server ends before that.
+    """
+    from sucre_bench.machine.sigterm import terminated_as_interrupt
+
+    serving = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST]
+    settings = {
+        "MLFLOW_BACKEND_STORE_URI": resolved(uri),  # not as arguments, which all users of the machine can read
+        "MLFLOW_REGISTRY_STORE_URI": resolved(uri),
+        "MLFLOW_DISABLE_TELEMETRY": "true",
+        "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
+        "PYTHONWARNINGS": "ignore",
+    }
+    more = ["--port", str(port), "--uvicorn-opts", "--log-level warning"]
+    environment = {**os.environ, **settings}
+    with (
+        tempfile.TemporaryFile() as said,
+        subprocess.Popen([*serving, *more], env=environment, stdout=said, stderr=said) as server,
+    ):
+        try:
+            with terminated_as_interrupt():
+                if _answers(port, server):
+                    ready()
+                    return server.wait()
+                said.seek(0)
+                last = said.read().decode(errors="replace").strip().rpartition("\n")[2]
+                raise OutputError(f"mlflow's page has ended before it could be opened: {last or 'without a word'}")
+        finally:  # a kill of ours alone would leave it running
+            server.terminate()
+
+
+def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
+    """Wait until the server answers; whether it does, rather than end."""
+    here = urllib.request.build_opener(urllib.request.ProxyHandler({}))
+    while server.poll() is None:
+        try:
+            with here.open(f"http://{_HOST}:{port}/health", timeout=5):
+                return True
+        except OSError:
+            time.sleep(0.2)
+    return False
