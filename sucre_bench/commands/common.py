@@ -37,10 +37,25 @@ def load_plugins(files: Sequence[str]) -> None:
 
 
 def refuse_options(words: Sequence[str], command: str) -> None:
-    """Raise click.UsageError if one of a command's words looks like an option, which click would pass on as a word."""
-    for word in words:
+    """Raise click.UsageError if one of a command's words looks like an option, which click would pass on as a word.
+
+    What is a key of `sucre-bench run` is answered with the word to write.
+    """
+    for place, word in enumerate(words):
         if word.startswith("-"):
-            raise click.UsageError(f"no option {word}; see sucre-bench {command} --help")
+            name, equals, value = word.lstrip("-").partition("=")
+            following = words[place + 1 : place + 2]
+            if not equals and following and not following[0].startswith("-") and "=" not in following[0]:
+                word, value = f"{word} {following[0]}", following[0]
+            remedy = f"write {name}={value or 'VALUE'}" if _is_key(name) else f"see sucre-bench {command} --help"
+            raise click.UsageError(f"no option {word}; {remedy}")
+
+
+def _is_key(name: str) -> bool:
+    from sucre_bench.jobs.schema import RunConfig
+    from sucre_bench.plugins.options import options_of
+
+    return name.partition(".")[0] in {"experiment", *(option.name for option in options_of(RunConfig))}
 
 
 def say(text: str, colour: str) -> None:

@@ -6,7 +6,7 @@ import re
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Literal, get_args
 
 from click.shell_completion import CompletionItem
 
@@ -15,7 +15,7 @@ if TYPE_CHECKING:
 
     from sucre_bench.plugins.options import Option
 
-__all__ = ["complete_datasets", "complete_metrics", "complete_views", "complete_words", "places"]
+__all__ = ["complete_datasets", "complete_metrics", "complete_run", "complete_views", "complete_words", "places"]
 
 # Words of `sucre-bench run` whose values are these alone; booleans are known by their type.
 _VALUES = {
@@ -24,26 +24,52 @@ _VALUES = {
 
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
-    """Complete an override: its key, or its value, given the overrides before it."""
-    given = dict(word.partition("=")[::2] for word in ctx.params.get(param.name or "") or () if "=" in word)
+    """Complete an override: its key, or its value, given the words before it."""
+    before = ctx.params.get(param.name or "") or ()
+    given = dict(word.partition("=")[::2] for word in before if "=" in word)
+    given |= dict(("", word) for word in before if "=" not in word)  # a line-up
     key, equals, value = incomplete.partition("=")
     if not equals:
         return list(_starting(incomplete, _keys(key.rpartition(".")[0], given)))
+    if key in ("dataset", "method", "experiment", "metrics", "baseline"):
+        return list(_named(key, value, given))
     head, list_ = f"{key}=", re.fullmatch(r"(\[?)(.*,)?([^,]*)", value)
     assert list_ is not None
-    done = f"{list_[1]}{list_[2] or ''}"
-    if key in ("dataset", "method", "experiment", "metrics"):
-        taken = set(done.strip("[").split(","))
-        names = [(name, said) for name, said in _names(key) if name not in taken]
-        if key == "metrics" and list_[1] == "":
-            head, done = f"{head}[", ""
-        return list(_starting(list_[3], names, head + done, "]" if key == "metrics" else ""))
     option = _option(key, given)
     words = _VALUES.get(key, ()) if option is None else _words_of(option)
-    found = list(_starting(list_[3], ((word, "") for word in words), head + done))
+    found = list(_starting(list_[3], ((word, "") for word in words), f"{head}{list_[1]}{list_[2] or ''}"))
     if key == "out" or key == "views" or (option is not None and Path in (option.type, *get_args(option.type))):
         found += places(value, prefix=head)
     return found
+
+
+def complete_run(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
+    """Complete as `complete_words`, and else the path of a line-up."""
+    is_path = "/" in incomplete or incomplete.startswith(".")
+    there = [] if "=" in incomplete else places(incomplete)
+    files = [item for item in there if item.value.endswith((".yaml", ".yml")) or (is_path and item.value[-1] == "/")]
+    return [*complete_words(ctx, param, incomplete), *files]
+
+
+def _named(key: str, value: str, given: Mapping[str, str]) -> Iterator[CompletionItem[str]]:
+    """The names that may stand for a key, the last of several: of plugins and presets, of folders, of variants."""
+    list_ = re.fullmatch(r"(\[?)(.*,)?([^,]*)", value)
+    assert list_ is not None
+    last, head = list_[3], f"{key}={list_[1]}{list_[2] or ''}"
+    if key == "dataset" and (last.startswith(".") or "/" in last):
+        yield from places(last, folders_only=True, prefix=head)
+        return
+    if key == "baseline":
+        yield from _starting(last, ((name, "") for name in _chosen("method", given)), head)
+        return
+    if key == "metrics" and ":" in last:
+        name = last.partition(":")[0]
+        yield from _starting(last, ((f"{name}:{variant}", said) for variant, said in _variants(name)), head, "]")
+        return
+    taken = set(f"{list_[2] or ''}".split(","))
+    names = [(name, said) for name, said in _names(key) if name not in taken]
+    opening = "[" if key == "metrics" and list_[1] == "" else ""
+    yield from _starting(last, names, f"{key}=[" if opening else head, "]" if key == "metrics" else "")
 
 
 def complete_datasets(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:
@@ -63,9 +89,15 @@ def complete_metrics(ctx: click.Context, param: click.Parameter, incomplete: str
     name, colon, variant = last.partition(":")
     if not colon:
         return list(_starting(name, _names("metrics"), before + comma))
-    plugin = _plugin("metrics", name)
-    variants = {**plugin.variants, "all": "every variant"} if plugin else {}
-    return list(_starting(variant, variants.items(), f"{before}{comma}{name}:"))
+    return list(_starting(variant, _variants(name), f"{before}{comma}{name}:"))
+
+
+def _variants(metric: str) -> Iterator[tuple[str, str]]:
+    """The variants of a metric, with what sets each apart."""
+    from sucre_bench.jobs.presets import plugin_of
+
+    if plugin := plugin_of("metric", metric):
+        yield from {**plugin.variants, "all": "every variant"}.items()
 
 
 def _starting(
@@ -78,12 +110,14 @@ def _starting(
 
 def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """What may stand before "=": in a group (before its last dot), or at the top."""
+    from sucre_bench.jobs.lineup import KINDS
     from sucre_bench.jobs.schema import RunConfig
 
     if group:
         yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
         return
-    groups = ("dataset", "method", "metrics", "degrade", "shard", "tracking")
+    groups = ["dataset", "method", "metrics", "degrade", "shard", "tracking"]
+    groups += [name for kind in KINDS if kind in given or "" in given for name in _chosen(kind, given)]
     plain = (f.name for f in fields(RunConfig) if f.name not in (*groups, "study"))
     yield from ((f"{name}=", "") for name in ("dataset", "method", "metrics", "experiment", *plain, *_VALUES))
     yield from ((f"{name}.", "") for name in groups)
@@ -104,25 +138,33 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
         yield preset.name, preset.description
 
 
-def _plugin(group: str, name: str) -> Any:
-    """A group's plugin of this name, or that a preset of this name is of; None where there is none."""
-    from sucre_bench import plugins
-    from sucre_bench.jobs.presets import presets
-    from sucre_bench.jobs.schema import GROUPS
-    from sucre_bench.plugins.plugin import Plugin
+def _chosen(kind: Literal["dataset", "method"], given: Mapping[str, str]) -> dict[str, str]:
+    """What words or a line-up choose, else what runs by default: names, and labels of a line-up, each with its name."""
+    from sucre_bench.jobs.presets import default_choice
 
-    known = plugins.discover(GROUPS[group])
-    if name not in known:
-        bases = (base for preset in presets(group) if preset.name == name for base in preset.builds_on)
-        name = next((base for base in bases if base in known), name)
-    plugin = known.get(name)
-    return plugin if isinstance(plugin, Plugin) else None
+    if kind in given:
+        return {name: name for name in given[kind].split(",")}
+    in_file = _names_in(Path(given[""]), kind) if "" in given else {}
+    return in_file or {default_choice(kind): default_choice(kind)}
+
+
+def _names_in(line_up: Path, kind: str) -> dict[str, str]:
+    """The names and labels of a line-up's datasets or methods, each with the name; none where it cannot be read."""
+    import yaml
+
+    try:
+        entries = yaml.safe_load(line_up.read_text(encoding="utf-8"))[f"{kind}s"]
+        said = [entry if isinstance(entry, dict) else {"name": entry} for entry in entries]
+        return {str(one[key]): str(one["name"]) for one in said for key in ("name", "label") if key in one}
+    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+        return {}
 
 
 def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
-    """The options of the method, dataset or metric that was chosen before (the first of several), or of the engine."""
+    """The options of chosen methods or datasets, of all or of the one that is named; of a metric, or of the engine."""
     from sucre_bench.degrade import Degradation
-    from sucre_bench.jobs.presets import default_choice
+    from sucre_bench.jobs.lineup import KINDS
+    from sucre_bench.jobs.presets import plugin_of
     from sucre_bench.jobs.schema import Tracking
     from sucre_bench.jobs.shard import Shard
     from sucre_bench.plugins.options import options_of
@@ -131,12 +173,14 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     if group in engine:
         return options_of(engine[group])
     kind, _, name = group.partition(".")
-    if kind in ("dataset", "method") and not name:
-        name = given.get(kind, default_choice(kind)).split(",")[0]
-    elif kind != "metrics":
-        return ()
-    plugin = _plugin(kind, name)
-    return options_of(plugin.cls) if plugin else ()
+    if kind == "metrics":
+        owners = [plugin_of("metric", name)]
+    elif kind in KINDS:
+        owners = [plugin_of(kind, chosen) for chosen in _chosen(kind, given).values()]
+    else:
+        owners = [plugin_of(kind, name) for kind in KINDS if (name := _chosen(kind, given).get(group, ""))]
+    every = (option for plugin in owners if plugin for option in options_of(plugin.cls))
+    return tuple({option.name: option for option in every}.values())
 
 
 def _option(key: str, given: Mapping[str, str]) -> Option | None:

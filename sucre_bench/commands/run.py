@@ -16,7 +16,7 @@ __all__ = ["run"]
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(
-    "overrides", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...", shell_complete=complete.complete_words
+    "overrides", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...", shell_complete=complete.complete_run
 )
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @plugin_option

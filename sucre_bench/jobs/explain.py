@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
@@ -47,7 +48,7 @@ def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> Inp
             before = [kind] if len(chosen) == 1 else [*owners]
             return InputError(f"{text}: is an option of a {kind}; write {' or '.join(f'{b}.{text}' for b in before)}")
         if dot and plugin_of(kind, head):
-            return InputError(f"{text}: '{head}' is not among the {kind}s; add it: {kind}={names},{head}")
+            return InputError(f"{text}: '{head}' is not among the {kind}s; add it: -m {kind}={names},{head}")
     if dot and plugin_of("metric", head):
         return InputError(f"{text}: is an option of a metric; write metrics.{text}")
     return unknown_name(key, head, [*known, *(entry.name for chosen in entries.values() for entry in chosen)])
@@ -95,6 +96,9 @@ def check_names(group: str, value: Any) -> None:
         known = plugins.discover(kind)
         if isinstance(known.get(name), Broken):
             plugins.find(kind, name)  # raises with the reason
+        if kind == "dataset" and name not in known and Path(name).exists():
+            remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
+            raise InputError(f"no dataset is called '{name}', but there is a path of this name; write {remedy}")
         if name not in known:
             raise plugins.unknown(kind, name, {*known, *presets})
 

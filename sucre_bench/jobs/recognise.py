@@ -40,19 +40,25 @@ def recognised(folder: Path) -> Entry:
 
     Raises InputError when it is no folder, when no dataset fits, with what was looked for, or when several fit.
     """
+    place = f"dataset={_typed(folder)}"
     if not folder.is_dir():
         fault = "is a file; give its folder" if folder.exists() else "no such folder; correct the path"
-        raise InputError(f"dataset={folder}: {fault}")
+        raise InputError(f"{place}: {fault}")
     fits = _likely(folder)
     root = f"dataset.root={quoted(str(folder))}"
     if len(fits) > 1:
         either = " or ".join(f"{fit.command} (for {fit.sign.relative_to(folder)})" for fit in fits)
-        raise InputError(f"dataset={folder}: fits several datasets; give {root} and {either}")
+        raise InputError(f"{place}: fits several datasets; give {root} and {either}")
     if not fits:
-        raise InputError(f"dataset={folder}: {_nothing_in(folder)}")
+        raise InputError(f"{place}: {_nothing_in(folder)}")
     (fit,) = fits
     progress.say(f"{folder} is {fit.command} {root}, for it holds {fit.sign.relative_to(folder)}")
     return Entry(fit.plugin.name, {"root": str(folder)})
+
+
+def _typed(folder: Path) -> str:
+    """A folder as the value of `dataset=` that is read as a path."""
+    return quoted(str(folder) if is_path(str(folder)) else f"./{folder}")
 
 
 def _likely(folder: Path) -> list[_Fit]:
@@ -75,8 +81,9 @@ def _with_signs() -> list[Plugin]:
 
 def _nothing_in(folder: Path) -> str:
     """What was looked for, and a folder below that fits."""
-    looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in _with_signs())
+    of_users = [plugin for plugin in _with_signs() if not plugin.licence]  # those with a licence are published data
+    looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
     below = sorted(path for path in folder.iterdir() if path.is_dir())[:_MOST_FOLDERS]
     inner = next((path for path in below if _likely(path)), None)
-    hint = f"; give dataset={quoted(f'{inner}')}" if inner else "; name the dataset: dataset=NAME dataset.root=DIR"
-    return f"fits no dataset, there is none of {looked_for}{hint}"
+    remedy = f"give dataset={_typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
+    return f"holds none of {looked_for}, and no published dataset; {remedy}"

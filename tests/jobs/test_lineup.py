@@ -65,7 +65,10 @@ def test_options_of_one_method_leave_the_stored_results_of_others_alone(tmp_path
     [
         (["method=gain,halved", "method.gian=2"], "method.gian: no option 'gian'; did you mean 'gain'"),
         (["method=gain,halved", "gain.gian=2"], "gain.gian: no option 'gian'; did you mean 'gain'"),
-        (["method=gain,halved", "gain2.gain=2"], "'gain2' is not among the methods; add it: method=gain,halved,gain2"),
+        (
+            ["method=gain,halved", "gain2.gain=2"],
+            "'gain2' is not among the methods; add it: -m method=gain,halved,gain2",
+        ),
         (["method=gain,gain2", "gain=2"], "write gain.gain=2 or gain2.gain=2"),
         (["method=gain", "gain=2"], "write method.gain=2"),
         (["method=gain", "redness.factor=2"], "write metrics.redness.factor=2"),
