@@ -27,7 +27,8 @@ def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) 
     """Complete an override: its key, or its value, given the words before it."""
     before = ctx.params.get(param.name or "") or ()
     given = dict(word.partition("=")[::2] for word in before if "=" in word)
-    given |= dict(("", word) for word in before if "=" not in word)  # a line-up
+    line_up = [word for word in before if "=" not in word]
+    given |= {"": line_up[0]} if line_up else {}
     key, equals, value = incomplete.partition("=")
     if not equals:
         return list(_starting(incomplete, _keys(key.rpartition(".")[0], given)))

@@ -19,7 +19,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg")
     "words",
     nargs=-1,
     type=click.UNPROCESSED,
-    metavar="[DATASET] [KEY=VALUE]...",
+    metavar="[DATASET|FOLDER] [KEY=VALUE]...",
     shell_complete=complete.complete_datasets,
 )
 @json_option
@@ -49,10 +49,12 @@ def describe(
     """Say what a dataset holds, write a contact sheet, and list faults with their remedies.
 
     \b
+    sucre-bench describe ./dive
     sucre-bench describe colmap dataset.root=dive/
     sucre-bench describe dataset=demo dataset.water=turbid every=4 --json
 
-    Words are those of `sucre-bench run`: dataset=, its options, views=, every=, first=, degrade.
+    A folder is recognised by its files. Words are those of `sucre-bench run`: dataset=, its options, views=, every=,
+    first=, degrade.
     The exit code is 0 unless no view could be read.
     """
     from sucre_bench.engine.tasks import select

@@ -77,9 +77,9 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
     if plugin.kind == "metric":
         direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
         lines += _wrapped("", f"{direction}{', in ' + plugin.unit if plugin.unit else ''}")
-    for key in ("needs", "has", "source", "licence", "cites"):
-        text = ", ".join(about[key]) if key in ("needs", "has") else about[key]
-        lines += _wrapped(f"{key}  ", text) if text else []
+    for key in ("needs", "has", "signs", "source", "licence", "cites"):
+        text = ", ".join(about[key]) if key in ("needs", "has", "signs") else about[key]
+        lines += _wrapped(f"{'known by' if key == 'signs' else key}  ", text) if text else []
     for name, said in plugin.variants.items():
         lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
     for option in options_of(plugin.cls):

@@ -16,7 +16,11 @@ __all__ = ["run"]
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(
-    "overrides", nargs=-1, type=click.UNPROCESSED, metavar="[KEY=VALUE]...", shell_complete=complete.complete_run
+    "overrides",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    metavar="[LINE-UP.yaml] [KEY=VALUE]...",
+    shell_complete=complete.complete_run,
 )
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @plugin_option
@@ -30,17 +34,22 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre views=[a.png]
     sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
     sucre-bench run -m method.pairing=mutual,depth hydra/launcher=joblib
-    sucre-bench run -m experiment=table1
+    sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx
+    sucre-bench run lineup.yaml out=results
+    sucre-bench run experiment=table1
     sucre-bench run --json dataset=demo method=gray_world | jq .table
 
     Words are Hydra's key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their options
-    follow a dot: method.pairing=depth. With -m, values parted by commas are all run.
+    follow a dot: method.pairing=depth. With -m, values parted by commas are all run, and an option after a method's
+    name is for that method alone. A line-up is a file with all of this; words after it prevail.
 
     \b
     out=FOLDER              where results go; the same one again adds to it
     views=[NAME,...]        only these, or those of a .txt list
     every=N first=N         each Nth view, the first N
-    metrics=[psnr,psi]      only these; metrics.uciqe.variants=[all]
+    metrics=[psnr,psi]      only these; metrics=[uciqe:all] with every variant
+    dataset=./FOLDER        finds out what the folder is
+    baseline=LABEL          compare the others with this method
     degrade.noise=0.02      worse data: `sucre-bench list degradations`
     save=full               also J, B, beta, gamma (.npz), for metrics of later on
     overwrite=always        again what is there; never: keep whatever there is

@@ -29,6 +29,7 @@ def entry(plugin: Plugin | Broken) -> dict[str, Any]:
         "description": plugin.summary,
         "needs": sorted(plugin.needs),
         "has": sorted(plugin.has),
+        "signs": list(plugin.signs),
         "source": plugin.source,
         "licence": plugin.licence,
         "cites": plugin.cites,

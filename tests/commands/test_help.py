@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import re
 import shlex
+from pathlib import Path
 
 import click
 import pytest
 from click.testing import CliRunner
 from support.command_line import commands
+from support.documented_lineup import write_line_ups
 
 from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.jobs import command as config
@@ -27,7 +29,11 @@ def test_help_fits_the_terminal(name: str, command: click.Command, width: int):
 
 
 @pytest.mark.parametrize(("name", "command"), helps(), ids=lambda value: value if isinstance(value, str) else "")
-def test_help_begins_with_examples_that_name_real_options(name: str, command: click.Command):
+def test_help_begins_with_examples_that_name_real_options(
+    name: str, command: click.Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+):
+    write_line_ups(tmp_path)
+    monkeypatch.chdir(tmp_path)
     text = command.help or ""
     lines = [line.strip() for line in text.split("\b")[1].split("\n\n")[0].splitlines()]
     examples = [line for line in lines if line.startswith("sucre-bench ")]

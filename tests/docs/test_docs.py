@@ -11,6 +11,7 @@ from typing import Any
 
 import pytest
 from support.command_line import commands as commands_by_name
+from support.documented_lineup import write_line_ups
 from support.places import ROOT
 
 from sucre_bench import plugins
@@ -50,7 +51,9 @@ def check_options(words: list[str]) -> None:
 
 
 @pytest.mark.parametrize("line", [c for c in commands() if not any(p in c for p in PLUGINS_OF_EXAMPLES)])
-def test_a_documented_command_exists_with_its_options(line: str):
+def test_a_documented_command_exists_with_its_options(line: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    write_line_ups(tmp_path)
+    monkeypatch.chdir(tmp_path)
     words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
     if words[0] == "run":
         overrides = [word for word in words[1:] if not word.startswith("-")]
