@@ -109,6 +109,7 @@ SECTIONS: dict[str, dict[str, _Command]] = {
         "report": _in("report", "Write the page of tables and pictures."),
         "texture": _in("texture", "Write a scene as points or a mesh in restored colours."),
         "video": _in("video", "Write a video of the views before and after."),
+        "study": _in("study", "Ask people which pictures they prefer, without names."),
         "track": _in("track", "Log a results folder in mlflow; open mlflow's page."),
     },
     "Share results": {

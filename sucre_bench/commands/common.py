@@ -7,7 +7,7 @@ from typing import Any, TypeVar
 
 import click
 
-__all__ = ["KINDS", "json_option", "load_plugins", "plugin_option", "refuse_options", "say"]
+__all__ = ["KINDS", "json_option", "labels_of", "load_plugins", "plugin_option", "refuse_options", "say"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
@@ -56,6 +56,17 @@ def _is_key(name: str) -> bool:
     from sucre_bench.plugins.options import options_of
 
     return name.partition(".")[0] in {"experiment", *(option.name for option in options_of(RunConfig))}
+
+
+def labels_of(text: str) -> list[str]:
+    """Return labels with commas between them, each once. A part with "=" belongs to the label before it."""
+    labels: list[str] = []
+    for word in (part.strip() for part in text.split(",")):
+        if "=" in word and labels:
+            labels[-1] += f",{word}"
+        elif word and word not in labels:
+            labels.append(word)
+    return labels
 
 
 def say(text: str, colour: str) -> None:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import load_plugins, plugin_option
+from sucre_bench.commands.common import labels_of, load_plugins, plugin_option
 
 if TYPE_CHECKING:
     from sucre_bench.programs.video.flicker import Flicker
@@ -63,7 +63,7 @@ def video(
 
     if out.suffix.lower() not in SUFFIXES:
         raise InputError(f"{out}: has no suffix of a video; end it in {' or '.join(SUFFIXES)}")
-    labels = _labels(methods)
+    labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
     load_plugins(plugin_files)
@@ -81,17 +81,6 @@ def video(
     numbers = out.with_name(f"{out.name}.json")
     write_atomically(numbers, (json.dumps(told, indent=1) + "\n").encode())
     click.echo(f"video    {out}\nnumbers  {numbers}")
-
-
-def _labels(text: str) -> list[str]:
-    """Labels with commas between them; a label may hold commas: a part with "=" belongs to the one before."""
-    labels: list[str] = []
-    for word in (part.strip() for part in text.split(",")):
-        if "=" in word and labels:
-            labels[-1] += f",{word}"
-        elif word and word not in labels:
-            labels.append(word)
-    return labels
 
 
 def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:

@@ -144,6 +144,12 @@ class Browser:
         """Write into the focused element."""
         self._page.keyboard.insert_text(text)
 
+    def download(self, selector: str, path: Path) -> None:
+        """Click what saves a file, and keep that file."""
+        with self._page.expect_download() as saved:
+            self.click(selector)
+        saved.value.save_as(path)
+
     def picture(self, path: Path, whole: bool = False) -> None:
         """Store a picture of the window, or of the whole page."""
         self._page.screenshot(path=path, full_page=whole)

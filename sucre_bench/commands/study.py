@@ -1,0 +1,217 @@
+"""`sucre-bench study`: ask people which restored images they prefer, and evaluate their votes."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sucre_bench.commands.common import json_option, labels_of, say
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.people.evaluate import Evaluated
+
+__all__ = ["study"]
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--methods", default="", metavar="A,B", help="Labels of the methods to compare.")
+@click.option("--out", type=click.Path(path_type=Path), metavar="FILE.html", help="The page to write.")
+@click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
+@click.option("--question", default="", metavar="TEXT", help="What the page asks.")
+@click.option("--pairs", default=20, show_default=True, type=click.IntRange(2, 500), help="Pairs of a sitting.")
+@click.option(
+    "--views", default=12, show_default=True, type=click.IntRange(1, 200), help="Views at most, evenly chosen."
+)
+@click.option(
+    "--width",
+    default=1200,
+    show_default=True,
+    type=click.IntRange(100, 8000),
+    help="Pixels of a picture's width at most.",
+)
+@click.option("--votes", is_flag=True, help="Evaluate the files of votes that follow FOLDER.")
+@click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="[VOTES.json]...")
+@json_option
+def study(
+    folder: Path,
+    methods: str,
+    out: Path | None,
+    dataset: str,
+    question: str,
+    pairs: int,
+    views: int,
+    width: int,
+    votes: bool,
+    files: Sequence[Path],
+    as_json: bool,
+) -> None:
+    """Ask people which restored images they prefer: pairs, without names.
+
+    \b
+    sucre-bench study results --methods sucre,fusion_2018,gray_world --out study.html
+    sucre-bench study results --votes votes-*.json
+
+    Send study.html to people. It opens from disk in any browser, and saves a file of votes. It does not name
+    methods; the key stays in results/people/.
+
+    --votes prints how strongly people prefer each method (Bradley-Terry scores with 95 % intervals), whether they agree
+    with each other, and which metrics agree with them. It adds the metric `preference` to the score table.
+    """
+    if votes:
+        _evaluate(folder, files, as_json)
+    elif files:
+        raise click.UsageError(f"{files[0]}: give files of votes behind --votes")
+    elif out is None:
+        raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
+    else:
+        _write(folder, labels_of(methods), out, dataset, question, (pairs, views, width))
+
+
+def _write(
+    folder: Path, methods: Sequence[str], out: Path, dataset: str, question: str, sizes: tuple[int, int, int]
+) -> None:
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.people import design, page
+
+    pairs, views, width = sizes
+    key = design.design(folder, methods, dataset, views)
+    with terminal.live():
+        page.write_page(out, folder, key, question or page.QUESTION, pairs, width)
+    path = design.write_key(folder, key)
+    n_views = len(key.pictures) // len(key.methods)
+    click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
+    click.echo(f"key      {path}: keep it, and do not send it")
+
+
+def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
+    from sucre_bench.programs.people import evaluate
+
+    if not files:
+        raise click.UsageError("--votes: no files; give those that the page saved")
+    found = evaluate.evaluate(folder, files)
+    for line in found.skipped:
+        say(line, "yellow")
+    n = evaluate.store(folder, found)
+    if as_json:
+        click.echo(json.dumps(_as_object(found), indent=1))
+    else:
+        _print(folder, found)
+        click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
+
+
+def _print(folder: Path, found: Evaluated) -> None:
+    from sucre_bench.machine import terminal
+
+    own = found.numbered
+    ties = int((own.votes.won == 0.5).sum())
+    click.echo(
+        f"{found.dataset}: {len(own.votes)} votes of {len(own.observers)} observers on {len(own.views)} views, "
+        f"{ties} for equal\n"
+    )
+    terminal.out.print(_preferences(found))
+    click.echo()
+    for line in _sentences(found):
+        click.echo(line)
+    if found.metrics:
+        click.echo()
+        terminal.out.print(_metrics(found))
+        click.echo("tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]")
+        click.echo("predicted: votes for the picture with the better score, without votes for equal")
+    click.echo()
+
+
+def _order(found: Evaluated) -> list[int]:
+    return sorted(range(len(found.numbered.methods)), key=lambda n: -found.people.scores[n])
+
+
+def _preferences(found: Evaluated) -> Any:
+    """A line a method, the preferred one first."""
+    from sucre_bench.compare.text import signed
+
+    people, wins = found.people, found.numbered.votes.wins
+    shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
+    table = _table("method", "preference", "95 % interval", "votes won")
+    for n in _order(found):
+        interval = f"{signed(people.low[n])} to {signed(people.high[n])}"
+        table.add_row(found.numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
+    return table
+
+
+def _sentences(found: Evaluated) -> list[str]:
+    """What the numbers mean: the lead, over what intervals are, and how far observers agree."""
+    from sucre_bench.compare.text import number
+    from sucre_bench.programs.people.bradley_terry import FEWEST_OBSERVERS
+
+    methods, people = found.numbered.methods, found.people
+    first, second, *_ = _order(found)
+    gap, low, high = people.difference(first, second)
+    chance = "which may be chance" if low <= 0 else "more than chance"
+    lead = f"{methods[first]} leads {methods[second]} by {number(gap)} [{number(low)}, {number(high)}], {chance}"
+    of_few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
+    over = f"intervals: bootstrap over {'observers' if people.over_observers else of_few}"
+    alpha, n = found.observers.alpha, found.observers.n
+    if math.isnan(alpha):
+        agree = "agreement of observers: unknown, no pair was judged by several with different answers"
+    else:
+        meaning = "1: full, 0: as by tossing coins"
+        agree = f"agreement of observers: Krippendorff's alpha {number(alpha)} on {n} pairs ({meaning})"
+    return [lead, over, agree, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
+
+
+def _metrics(found: Evaluated) -> Any:
+    """A line a metric's variant, the one that agrees best first."""
+    from sucre_bench.compare.text import number
+
+    table = _table("metric", "tau", "95 % interval", "predicted", "votes")
+    ranked = sorted(found.metrics.items(), key=lambda item: -_known(item[1].predicted))
+    for (metric, variant), own in ranked:
+        interval = f"{number(own.low)} to {number(own.high)}" if math.isfinite(own.low) else "-"
+        predicted = f"{100 * own.predicted:.0f} %" if math.isfinite(own.predicted) else "-"
+        table.add_row(f"{metric} ({variant})", number(own.tau), interval, predicted, str(own.n))
+    return table
+
+
+def _known(value: float) -> float:
+    return value if math.isfinite(value) else -1.0
+
+
+def _table(first: str, *names: str) -> Any:
+    from rich.table import Table
+
+    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    table.add_column(first, overflow="fold")
+    for name in names:
+        table.add_column(name, justify="right", no_wrap=True)
+    return table
+
+
+def _as_object(found: Evaluated) -> dict[str, Any]:
+    """As plain data for JSON, which has no NaN."""
+    from dataclasses import asdict
+
+    own, people = found.numbered, found.people
+    scores = zip(own.methods, people.scores, people.low, people.high, strict=True)
+    return {
+        "dataset": found.dataset,
+        "votes": len(own.votes),
+        "observers": len(own.observers),
+        "views": len(own.views),
+        "over_observers": people.over_observers,
+        "preference": [_plain({"method": m, "score": s, "low": a, "high": b}) for m, s, a, b in scores],
+        "agreement": _plain(asdict(found.observers)),
+        "metrics": [_plain({"metric": m, "variant": v, **asdict(a)}) for (m, v), a in found.metrics.items()],
+        "skipped": list(found.skipped),
+    }
+
+
+def _plain(values: dict[str, Any]) -> dict[str, Any]:
+    return {
+        name: (float(value) if math.isfinite(value) else None) if isinstance(value, float) else value
+        for name, value in values.items()
+    }

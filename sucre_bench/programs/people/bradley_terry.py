@@ -1,0 +1,127 @@
+"""Bradley-Terry scores of methods from pairwise votes, with bootstrap intervals.
+
+The model: a person prefers method i to j with probability 1 / (1 + exp(s_j - s_i)) (Bradley and Terry 1952). Scores are
+log-odds with mean 0. A tie counts half a vote each way. The fit is that of the library choix (iterative Luce spectral
+ranking, Maystre and Grossglauser 2015), regularised as if each pair had a tenth of a vote more each way, so that a
+method that won or lost every vote has a finite score.
+
+An interval is the score +- 1.96 bootstrap standard errors. In simulations of 60 to 200 votes it held the true score in
+95 to 98 % of studies, percentiles of the bootstrap in 90 to 95 %. From six observers on, whole observers are drawn:
+their votes are not independent, and the interval is for people like them. With fewer, votes are drawn, and the interval
+is for these observers alone.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array, Mask
+
+__all__ = ["FEWEST_OBSERVERS", "Preferences", "Votes", "fit", "preferences"]
+
+Numbers = npt.NDArray[np.intp]
+
+FEWEST_OBSERVERS = 6  # to draw whole observers
+_PRIOR = 0.1
+_RESAMPLES = 500
+_LEVEL = 0.95
+
+
+@dataclass(frozen=True, eq=False)
+class Votes:
+    """Votes of all observers, an entry a vote.
+
+    methods: how many there are; first, second: (N,) numbers of the two methods; won: (N,) 1 if the first was preferred,
+    0 if the second, 0.5 for a tie; view: (N,) number of the view; observer: (N,) number of the observer.
+    """
+
+    methods: int
+    first: Numbers
+    second: Numbers
+    won: Array
+    view: Numbers
+    observer: Numbers
+
+    def __len__(self) -> int:
+        return len(self.first)
+
+    def of(self, chosen: Numbers | Mask) -> Votes:
+        """Return some of the votes, by number or mask."""
+        return Votes(
+            self.methods,
+            self.first[chosen],
+            self.second[chosen],
+            self.won[chosen],
+            self.view[chosen],
+            self.observer[chosen],
+        )
+
+    @property
+    def wins(self) -> Array:
+        """(M, M): how often method i was preferred to j, ties half."""
+        counts = np.zeros((self.methods, self.methods))
+        np.add.at(counts, (self.first, self.second), self.won)
+        np.add.at(counts, (self.second, self.first), 1 - self.won)
+        return counts
+
+
+@dataclass(frozen=True, eq=False)
+class Preferences:
+    """Scores (M,) in log-odds, mean 0; low, high: (M,) ends of their 95 % intervals.
+
+    resampled: (R, M) scores of the bootstrap; over_observers: whether it drew observers, else votes; widening: how many
+    standard errors half an interval has.
+    """
+
+    scores: Array
+    low: Array
+    high: Array
+    resampled: Array
+    over_observers: bool
+    widening: float
+
+    def difference(self, i: int, j: int) -> tuple[float, float, float]:
+        """Return the score of i less that of j, and the ends of its 95 % interval."""
+        gap = float(self.scores[i] - self.scores[j])
+        half = self.widening * float((self.resampled[:, i] - self.resampled[:, j]).std())
+        return gap, gap - half, gap + half
+
+
+def fit(votes: Votes, start: Array | None = None) -> Array:
+    """Return the scores (M,) of votes, log-odds with mean 0. start: scores to begin at."""
+    import choix
+
+    begin = None if start is None else np.array(start, dtype=np.float64)
+    wins = votes.wins.astype(np.float64)
+    scores = choix.ilsr_pairwise_dense(wins, alpha=_PRIOR, initial_params=begin, tol=1e-6)
+    return np.asarray(scores - scores.mean())
+
+
+def preferences(votes: Votes, resamples: int = _RESAMPLES) -> Preferences:
+    """Return scores with intervals; always the same draws. There must be a vote, and at least two methods."""
+    scores = fit(votes)
+    rng = np.random.default_rng(0)
+    observers = np.unique(votes.observer)
+    over_observers = len(observers) >= FEWEST_OBSERVERS
+    groups = [np.flatnonzero(votes.observer == one) for one in observers]
+    resampled = np.empty((resamples, votes.methods))
+    for r in range(resamples):
+        if over_observers:
+            drawn = np.concatenate([groups[g] for g in rng.integers(len(groups), size=len(groups))])
+        else:
+            drawn = rng.integers(len(votes), size=len(votes))
+        resampled[r] = fit(votes.of(drawn), scores)
+    widening = _widening(len(observers) if over_observers else len(votes))
+    half = widening * resampled.std(axis=0)
+    return Preferences(scores, scores - half, scores + half, resampled, over_observers, widening)
+
+
+def _widening(n: int) -> float:
+    """Standard errors of half an interval: Student's for n independent units, and the bootstrap's own bias undone."""
+    from scipy.special import stdtrit
+
+    return float(stdtrit(n - 1, (1 + _LEVEL) / 2)) * math.sqrt(n / (n - 1)) if n > 1 else math.nan

@@ -1,0 +1,135 @@
+"""What a people's study shows: which views, which restored images, and the key that tells whose a picture is.
+
+The page has pictures under random names and knows no method. The key stays in the results folder, as
+people/<study>.json.
+"""
+
+from __future__ import annotations
+
+import json
+import re
+import secrets
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench import results
+from sucre_bench.arrays import evenly
+from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.results import layout
+from sucre_bench.results.restorations import restorations
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Key", "Shown", "design", "keys", "write_key"]
+
+_FORMAT, _VERSION = "sucre_bench people's study", 1
+
+
+@dataclass(frozen=True)
+class Shown:
+    """A picture of a study: whose it is, and what it was when the page was made.
+
+    of: options_id, data_id and code of the restoration.
+    """
+
+    scene: str
+    view: str
+    method: str
+    of: tuple[str, str, str]
+
+
+@dataclass(frozen=True)
+class Key:
+    """Tells whose the pictures of a page are. pictures: by the name that the page gives them."""
+
+    study: str
+    dataset: str
+    methods: tuple[str, ...]
+    pictures: Mapping[str, Shown]
+
+
+def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int = 12) -> Key:
+    """Choose what a study shows: at most so many views, evenly over those that all methods restored.
+
+    Raises InputError if a method or dataset is not in the results, or the methods share no view.
+    """
+    rows = restorations(results.read(folder))
+    rows = rows[rows["dataset"] == _dataset(rows, methods, dataset, folder)]
+    own = rows[rows["method"].isin(methods)]
+    shared = own.groupby(["scene", "view"])["method"].nunique() == len(methods)
+    places = list(shared.index[shared])
+    if not places:
+        raise InputError(f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views")
+    chosen = [places[n] for n in evenly(len(places), views)]
+    wanted = own[[place in set(chosen) for place in zip(own["scene"], own["view"], strict=True)]]
+    pictures = {
+        secrets.token_hex(5): Shown(r.scene, r.view, r.method, (r.options_id, r.data_id, r.code))
+        for r in wanted.itertuples()
+    }
+    return Key(secrets.token_hex(4), str(own["dataset"].iloc[0]), tuple(methods), pictures)
+
+
+def _dataset(rows: pd.DataFrame, methods: Sequence[str], given: str, folder: Path) -> str:
+    """The dataset that is given, or the only one that the methods restored."""
+    if len(set(methods)) < 2:
+        raise InputError("--methods: fewer than two labels; give at least two, with commas between them")
+    for name in methods:
+        if name not in set(rows["method"]):
+            raise InputError(f"--methods: no restored images of '{name}'; {did_you_mean(name, set(rows['method']))}")
+    known = list(dict.fromkeys(rows.loc[rows["method"].isin(methods), "dataset"]))
+    if given and given not in known:
+        raise InputError(f"--dataset: no '{given}' in {folder}; {did_you_mean(given, known)}")
+    if not given and len(known) > 1:
+        raise InputError(f"{folder}: several datasets; choose one with --dataset, of {', '.join(known)}")
+    return given or known[0]
+
+
+def picture_path(folder: Path, key: Key, shown: Shown) -> Path:
+    """Return the file of a picture. Raises InputError if it is gone."""
+    place = layout.find(key.dataset, shown.scene, shown.view, folder)
+    path = place.restored(folder, shown.method) if place else folder / "restored"
+    if not path.is_file():
+        raise InputError(f"{path}: the restored image of {shown.view} is gone; give the run's command again")
+    return path
+
+
+# -- the key as a file -------------------------------------------------------------------------------------
+
+
+def write_key(folder: Path, key: Key) -> Path:
+    """Write a study's key into a results folder, and return its path."""
+    path = folder / "people" / f"{key.study}.json"
+    told = {"format": _FORMAT, "version": _VERSION, **asdict(key)}
+    write_atomically(path, (json.dumps(told, indent=1) + "\n").encode())
+    return path
+
+
+def keys(folder: Path) -> dict[str, Key]:
+    """Return the keys of all studies of a results folder, by study. Raises InputError for a damaged one."""
+    found = {}
+    for path in sorted((folder / "people").glob("*.json")):
+        try:
+            key = _key(json.loads(path.read_text(encoding="utf-8")))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError) as fault:
+            raise InputError(f"{path}: is no key of a study ({one_line(fault)}); restore a copy of it") from fault
+        found[key.study] = key
+    return found
+
+
+def _key(told: dict[str, Any]) -> Key:
+    if (told["format"], told["version"]) != (_FORMAT, _VERSION) or not re.fullmatch(r"[0-9a-f]{8}", told["study"]):
+        raise ValueError("another format")
+    pictures = {
+        str(name): Shown(str(one["scene"]), str(one["view"]), str(one["method"]), _three(one["of"]))
+        for name, one in told["pictures"].items()
+    }
+    return Key(told["study"], str(told["dataset"]), tuple(map(str, told["methods"])), pictures)
+
+
+def _three(words: Sequence[str]) -> tuple[str, str, str]:
+    first, second, third = map(str, words)
+    return first, second, third

@@ -1,0 +1,107 @@
+"""The page of a people's study: one file that opens from disk, needs no network and names no method."""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+import io
+import json
+import random
+from importlib.resources import files
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_files import decode
+from sucre_bench.machine import progress
+from sucre_bench.machine.files import write_atomically
+from sucre_bench.programs.people.design import Key, picture_path
+
+__all__ = ["QUESTION", "write_page"]
+
+QUESTION = "Which picture shows the scene better?"
+_QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
+
+
+def write_page(path: Path, folder: Path, key: Key, question: str, pairs: int, width: int) -> None:
+    """Write the page. pairs: of a sitting; width: most pixels of a picture's width.
+
+    Raises InputError if the pictures of a view differ in size, OutputError if the page cannot be written.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from markupsafe import Markup
+
+    pages = Environment(
+        loader=PackageLoader("sucre_bench.programs.people", ""), autoescape=True, undefined=StrictUndefined
+    )
+    style, script = _source("page.css"), _source("page.js")
+    page = pages.get_template("page.html.j2").render(
+        question=question,
+        style=Markup(style),
+        script=Markup(script),
+        style_hash=_policy_hash(style),
+        script_hash=_policy_hash(script),
+        content=Markup(_content(key, pairs)),
+        pictures=_pictures(folder, key, width),
+    )
+    write_atomically(path, page.encode())
+
+
+def _source(name: str) -> str:
+    return files("sucre_bench.programs.people").joinpath(name).read_text(encoding="utf-8")
+
+
+def _policy_hash(text: str) -> str:
+    """What a Content-Security-Policy says of an inline style or script."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+def _content(key: Key, pairs: int) -> str:
+    """What the page's script reads: pictures by view, methods as numbers in random order, and common orders of views.
+
+    orders: for each pair of methods, the order in which every observer is shown views of it, so that several observers
+    judge the same pairs of pictures.
+    """
+    rng = random.SystemRandom()
+    arms = list(key.methods)
+    rng.shuffle(arms)
+    places = list(dict.fromkeys((one.scene, one.view) for one in key.pictures.values()))
+    rng.shuffle(places)
+    views: list[list[str]] = [[""] * len(arms) for _ in places]
+    for name, one in key.pictures.items():
+        views[places.index((one.scene, one.view))][arms.index(one.method)] = name
+    possible = len(views) * len(arms) * (len(arms) - 1) // 2
+    orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in combinations(range(len(arms)), 2)}
+    return json.dumps({"study": key.study, "pairs": min(pairs, possible), "views": views, "orders": orders})
+
+
+def _pictures(folder: Path, key: Key, width: int) -> list[tuple[str, str]]:
+    """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
+    sizes: dict[tuple[str, str], tuple[int, ...]] = {}
+    made = []
+    for name, shown in progress.track(sorted(key.pictures.items()), "pictures"):
+        path = picture_path(folder, key, shown)
+        image = _read(path)
+        if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
+            raise InputError(f"{path}: is not of the size of the other methods' pictures; run this method again")
+        made.append((name, base64.b64encode(_jpeg(image, width)).decode()))
+    return made
+
+
+def _read(path: Path) -> np.ndarray:
+    import cv2
+
+    return decode(path, cv2.IMREAD_COLOR)[..., ::-1]
+
+
+def _jpeg(image: np.ndarray, width: int) -> bytes:
+    """image: (H, W, 3) uint8 RGB."""
+    from PIL import Image
+
+    picture = Image.fromarray(np.ascontiguousarray(image))
+    picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
+    buffer = io.BytesIO()
+    picture.save(buffer, "JPEG", quality=_QUALITY, subsampling=0)
+    return buffer.getvalue()
