@@ -36,7 +36,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
     from sucre_bench.programs.bundle.write import bundle_results
 
     with terminal.live():
-        made = bundle_results(folder, file, pictures, by)
+        made = bundle_results(folder, file, pictures, by, _line_up(folder))
     size = file.stat().st_size / 1e6
     click.echo(f"bundle   {file}, {size:.1f} MB")
     click.echo(f"id       {made.id}")
@@ -44,3 +44,20 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
     click.echo(f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash")
     if made.local_paths:
         say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")
+
+
+def _line_up(folder: Path) -> dict[str, str]:
+    """The line-up file that runs these results again; none, with the reason said, where it cannot be made."""
+    from sucre_bench import results
+    from sucre_bench.errors import SucreBenchError
+    from sucre_bench.jobs.lineup_of_results import line_up_of
+
+    results.read(folder)  # a folder without results is an error of its own
+    try:
+        line_up = line_up_of(folder, folder).line_up
+    except SucreBenchError as fault:
+        say(f"no lineup.yaml in the bundle: {fault}", "yellow")
+        return {}
+    return {
+        "lineup.yaml": line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
+    }

@@ -54,7 +54,7 @@ def study(
     """Ask people which restored images they prefer: pairs, without names.
 
     \b
-    sucre-bench study results --methods sucre,fusion_2018,gray_world --out study.html
+    sucre-bench study results --methods sucre,mlle,gray_world --out study.html
     sucre-bench study results --votes votes-*.json
 
     Send study.html to people. It opens from disk in any browser, and saves a file of votes. It does not name
