@@ -21,7 +21,6 @@ from sucre_bench.jobs.rerun import given
 from sucre_bench.jobs.study import Study
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -148,13 +147,13 @@ def _relative(path: str, folder: Path) -> str:
 
 
 def _metrics(jobs: Sequence[Job], rows: pd.DataFrame) -> Iterator[Entry]:
-    """The metrics of the last command, then those that only rows have."""
+    """The metrics of the last command, then those that only rows have, but for scores that no run computes."""
     last = {choice.plugin.name: choice for job in jobs for choice in job.metrics}
     for choice in last.values():
         yield from _metric(choice)
     scored = results.score_rows(rows)
     for name, variants in scored.groupby("metric", sort=False)["variant"].unique().items():
-        if name not in last and name not in COSTS:
+        if name not in last and name in plugins.discover("metric"):
             yield from (Entry(f"{name}:{variant}") for variant in variants)
 
 
