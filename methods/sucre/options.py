@@ -117,7 +117,8 @@ class ColourOptions:
     water, which separates the effect of either."""
 
     prior: bool = False
-    """Shrink colours that are mostly noise towards the image's mean colour, in proportion to their noise."""
+    """Shrink colours that are mostly noise towards the image's mean colour at their own brightness, in proportion to
+    their noise; the three channels help one another."""
 
 
 @dataclass(frozen=True)

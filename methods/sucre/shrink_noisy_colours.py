@@ -1,41 +1,102 @@
-"""Shrink noisy colours towards the mean colour of the image (empirical Bayes).
+"""Shrink noisy colours towards the image's mean colour at their own brightness (empirical Bayes).
 
-Little light arrives from far away, and dividing by a small transmission magnifies the noise. If the colours of a
-channel are normal with mean mu and variance S^2, the posterior mean of a colour with variance v is (Efron & Morris
-1973)
+Little light arrives from far away, and dividing by a small transmission magnifies the noise. Water takes red first, so
+red is lost where green and blue are still known. Three means, one a channel, would then paint dark places red: the mean
+of red beside a green and a blue near 0. The three channels of a surface are alike, so they are shrunk together.
 
-    (J / v + mu / S^2) / (1 / v + 1 / S^2),    with variance 1 / (1 / v + 1 / S^2).
+A colour is its brightness s times a reflectance that differs little from the image's mean w (mean of channels 1):
 
-mu and S^2 come from the image itself. Each pixel counts with its reliability S^2 / (S^2 + v).
+    J = s (w + e),    e normal with deviation SPREAD in each channel,    s normal with mean s0 and deviation S.
+
+With the variance v of J and c = (SPREAD s)^2, the best brightness and colour are
+
+    s = (sum w J / (v + c)) / (sum w^2 / (v + c)),    J' = s' w + c / (c + v) (J - s w),
+
+where s' is s, shrunk towards s0 by its own variance (Efron & Morris 1973). What channels say well gives the brightness,
+and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, s0 and S come
+from the image itself.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["posterior"]
+__all__ = ["SPREAD", "posterior"]
 
-_ROUNDS = 30
+# Deviation of reflectances, as a share of brightness. Of .15, .25 and .4 the best on views 3 and 8 of the made scenes.
+SPREAD = 0.25
 
-# Least variance of an image's colours, .01 squared: with less, all colours would become one.
+_ROUNDS, _ROUNDS_OF_S = 30, 4
+
+# Pixels that the mean colour is estimated from, and pixels that are worked on at a time.
+_SAMPLE, _BLOCK = 20_000, 1 << 15
+
+# Least variance of the brightness of an image, .01 squared: with less, all pixels would become equally bright.
 _LEAST = 1e-4
 
-# The variance of a colour without any information.
-_ENDLESS = 1e12
+# Variances of a colour that is known as well as can be, and of one without any information.
+_EXACT, _ENDLESS = 1e-7, 1e12
 
 
 def posterior(J: Array, deviation: Array) -> tuple[Array, Array]:
     """Return the posterior mean and standard deviation (3, P) float32 of colours J with standard deviations, (3, P)."""
     if not np.isfinite(deviation).any():  # the noise is unknown
         return J, deviation
+    few = np.s_[:, :: max(1, J.shape[1] // _SAMPLE)]
+    prior = _prior_of(J[few].astype(np.float64), _variance(deviation[few]))
+    shrunk, known = np.empty_like(J), np.empty_like(deviation)
+    for start in range(0, J.shape[1], _BLOCK):
+        part = np.s_[:, start : start + _BLOCK]
+        shrunk[part], known[part] = prior.shrunk(J[part].astype(np.float64), _variance(deviation[part]))
+    return shrunk, known
+
+
+def _variance(deviation: Array) -> Array:
     v = np.where(np.isfinite(deviation), np.square(deviation, dtype=np.float64), _ENDLESS)
-    mean, variance = np.median(J, axis=1, keepdims=True).astype(np.float64), np.full((3, 1), 0.05)
+    return np.asarray(v.clip(min=_EXACT))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _ImagePrior:
+    """The mean colour w (3,) of an image, and mean and variance of its brightness."""
+
+    w: Array
+    mean: float
+    variance: float
+
+    def brightness(self, J: Array, v: Array) -> tuple[Array, Array, Array]:
+        """Return of each colour (3, P) its brightness s at least 0, the variance of s, and s shrunk to the mean."""
+        shrunk = np.full(J.shape[1], self.mean)
+        for _ in range(_ROUNDS_OF_S):
+            inverse = 1 / (v + (SPREAD * shrunk) ** 2)
+            weight = self.w**2 @ inverse
+            s = ((self.w @ (J * inverse)) / weight).clip(min=0)
+            own = (self.w**2 @ (v * inverse)) / (self.w @ self.w) / weight
+            shrunk = self.mean + self.variance / (self.variance + own) * (s - self.mean)
+        return s, own, shrunk
+
+    def shrunk(self, J: Array, v: Array) -> tuple[Array, Array]:
+        """Return colours (3, P) and their standard deviations."""
+        s, own, bright = self.brightness(J, v)
+        c = (SPREAD * bright) ** 2
+        chroma = c / (c + v)
+        left = np.outer(self.w**2, self.variance * own / (self.variance + own)) + chroma * v
+        return np.outer(self.w, bright) + chroma * (J - np.outer(self.w, s)), np.sqrt(left)
+
+
+def _prior_of(J: Array, v: Array) -> _ImagePrior:
+    """Estimate the prior of an image from colours (3, P) with variances; each counts as far as it is known."""
+    prior = _ImagePrior(np.ones(3), float(np.median(J)), 0.05)
     for _ in range(_ROUNDS):
-        trust = variance / (variance + v)
-        total = trust.sum(axis=1, keepdims=True)
-        mean = (trust * J).sum(axis=1, keepdims=True) / total
-        variance = ((trust * ((J - mean) ** 2 - v)).sum(axis=1, keepdims=True) / total).clip(min=_LEAST)
-    trust = variance / (variance + v)
-    return (mean + trust * (J - mean)).astype(np.float32), np.sqrt(trust * v).astype(np.float32)
+        s, own, bright = prior.brightness(J, v)
+        trust = prior.variance / (prior.variance + own)
+        mean = float((trust * s).sum() / trust.sum())
+        variance = max(float((trust * ((s - mean) ** 2 - own)).sum() / trust.sum()), _LEAST)
+        weight = 1 / (v + (SPREAD * bright) ** 2)
+        w = (bright * J * weight).sum(axis=1) / (bright**2 * weight).sum(axis=1)
+        prior = _ImagePrior(w.clip(min=0) / w.clip(min=0).mean(), mean, variance) if (w > 0).any() else prior
+    return prior

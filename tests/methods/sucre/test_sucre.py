@@ -248,17 +248,42 @@ def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly() -> None:
 # -- colours -----------------------------------------------------------------------------------------------
 
 
-def test_a_prior_draws_noisy_colours_to_the_mean_and_leaves_sure_ones() -> None:
+def coloured_surfaces(rng: np.random.Generator, n: int) -> np.ndarray:
+    """Reflectances (3, n) that spread by a quarter around one colour, each at a brightness of its own."""
+    brightness = rng.normal(0.5, 0.15, n).clip(0.02)
+    return np.array([1.1, 1.0, 0.9])[:, None] * brightness + 0.25 * brightness * rng.standard_normal((3, n))
+
+
+def test_the_prior_halves_the_error_of_noisy_colours_and_says_how_much_is_left() -> None:
     rng = np.random.default_rng(0)
-    truth = rng.normal(0.4, 0.15, (3, 40_000))
-    deviation = np.where(rng.random(truth.shape) < 0.5, 0.01, 0.4)
+    truth = coloured_surfaces(rng, 40_000)
+    deviation = np.where(rng.random(truth.shape[1]) < 0.5, 0.003, 0.3) * np.array([1.5, 1.0, 1.0])[:, None]
     J = truth + deviation * rng.standard_normal(truth.shape)
     shrunk, left = posterior(J.astype(np.float32), deviation.astype(np.float32))
-    sure = deviation == 0.01
-    assert np.abs(shrunk - J)[sure].max() < 0.01
-    expected = 1 / np.sqrt(1 / 0.4**2 + 1 / 0.15**2)  # of a normal posterior
-    assert np.std((shrunk - truth)[~sure]) == pytest.approx(expected, rel=0.03)
-    np.testing.assert_allclose(left[~sure], expected, rtol=0.03)
+    sure = deviation[0] < 0.01
+    assert np.abs(shrunk - J)[:, sure].max() < 0.01
+    error = shrunk - truth
+    assert error[:, ~sure].std() < 0.5 * (J - truth)[:, ~sure].std()
+    np.testing.assert_allclose(left[:, ~sure].mean(axis=1), error[:, ~sure].std(axis=1), rtol=0.15)
+
+
+def test_red_that_is_lost_follows_the_channels_that_are_known() -> None:
+    rng = np.random.default_rng(1)
+    truth = coloured_surfaces(rng, 40_000)
+    truth[:, :10_000] *= 0.02  # deep shade
+    deviation = np.full(truth.shape, 0.01)
+    deviation[0] = 0.5
+    J = truth + deviation * rng.standard_normal(truth.shape)
+    shrunk, _ = posterior(J.astype(np.float32), deviation.astype(np.float32))
+    alone = 1 / np.sqrt(1 / 0.5**2 + 1 / truth[0].std() ** 2)  # the best that red can do by itself
+    assert (shrunk - truth)[0].std() < 0.7 * alone
+    assert np.abs(shrunk[0, :10_000]).mean() < 0.05
+
+
+def test_a_prior_without_known_noise_changes_nothing() -> None:
+    J = coloured_surfaces(np.random.default_rng(2), 100).astype(np.float32)
+    shrunk, _ = posterior(J, np.full_like(J, np.inf))
+    assert (shrunk == J).all()
 
 
 def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
