@@ -12,9 +12,9 @@ With the variance v of J and c = (SPREAD s)^2, the best brightness and colour ar
 
     s = (sum w J / (v + c)) / (sum w^2 / (v + c)),    J' = s' w + c / (c + v) (J - s w),
 
-where s' is s, shrunk towards s0 by its own variance (Efron & Morris 1973). What channels say well gives the brightness,
-and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, s0 and S come
-from the image itself.
+where s' is s, shrunk towards s0 by its own variance (Efron & Morris 1973). Channels that are known give the brightness,
+and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, s0 and S
+come from the image itself.
 """
 
 from __future__ import annotations

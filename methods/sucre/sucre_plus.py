@@ -14,16 +14,17 @@ __all__ = ["SucrePlus"]
 @method(
     needs={"depth", "poses"},
     requires=("numba", "torch"),
-    display="white-99",
+    display="black-1-white-99",
     cites=CITES,
     reads=("water", "water_from"),
 )
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
-    """SUCRe with colours held above zero, less noise, and a white point set by a gain without an offset.
+    """SUCRe with colours held above zero, less noise, and one black for all channels.
 
     The veil can absorb an offset of all colours without changing any residual, so an offset is the least known quantity
-    of the model. Black is therefore J = 0, as the model has it, and not a percentile of the image.
+    of the model. A black of each channel would make up for it by turning hues; one black for all channels cannot. White
+    is a gain of each channel.
     """
 
     physical: bool = True

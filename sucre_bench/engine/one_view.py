@@ -59,7 +59,7 @@ class Restored(Restoration):
     @property
     def shown(self) -> Array:
         """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = a hole: the restored image that is scored and saved."""
-        return display(self.image, self.display, self.encoding)
+        return display(self.image, self.display, self.encoding, water=self.water)
 
     def save(self, path: str | Path) -> None:
         """Write the restored image with 8 bits, holes black; as .npz the arrays: image (H, W, 3), B, beta, gamma.
@@ -159,7 +159,7 @@ def score(
     info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
     how = how or info.get("display", "none")
     options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
-    shown = display(result.image, how, view.encoding)
+    shown = display(result.image, how, view.encoding, water=result.water)
     base = results.Row(
         dataset=dataset,
         scene=info.get("scene", ""),

@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace
 from typing import Any
 
+import numpy as np
+
 from sucre_bench import plugins
+from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import NotApplicableError, OutputError, one_line, raise_if_stop
-from sucre_bench.imaging.display import display
+from sucre_bench.imaging.display import display, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.log import keep_traceback, now
@@ -45,6 +48,8 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
         return
     done = Done.of(job, earlier_start())
     todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
+    if is_of_scene(job.method.display):  # one more view changes how all are shown
+        todo = [task for task in every if task.base.scene in {other.base.scene for other in todo}]
     for _ in range(len(every) - len(todo)):
         after_view()
     if not todo:
@@ -61,8 +66,9 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
         return
     try:
         with _shared_pairs(job):
+            over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
             for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
-                part.add(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now()))))
+                part.add(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
                 after_view()
     finally:
         part.flush()
@@ -76,25 +82,13 @@ def _shared_pairs(job: Job) -> AbstractContextManager[None]:
 # -- doing it ----------------------------------------------------------------------------------------------
 
 
-def _rows(job: Job, method: Any, metrics: Sequence[Scorer], task: Task) -> list[Row]:
-    """Restore, keep and score one view."""
-    scene, view = task.scene, task.view
-    if absent := plugins.missing_needs(job.method.plugin, scene.has):
-        return [row_without_value(task.base, "skipped", absent)]
+def _rows(
+    job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: Mapping[str, Array] | None = None
+) -> list[Row]:
+    """Restore, keep and score one view. over: colours of each scene, where all views of a scene are shown alike."""
     try:
-        if "depth" in job.method.plugin.needs and not view.has_depth:
-            return [row_without_value(task.base, "skipped", f"{view.name} has no depth map")]
-        whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
-        if job.overwrite != "always" and (kept := read_full(whole, task.base)):
-            return _scored(job, metrics, task, replace(kept, restoration=with_truth(kept.restoration, scene, view)))
-        at, limit_s = f"method '{job.method.label}' on view '{_name_of(task)}'", job.view_timeout_s
-        with step(at, limit_s), limited(limit_s), unharmed():
-            measured = measured_restore(method, scene, view)
-        if job.save == "full":
-            write_full(whole, measured, task.base)
-        else:
-            whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
-        return _scored(job, metrics, task, measured)
+        measured = _measured(job, method, task, afresh=job.overwrite == "always" and over is None)
+        return _scored(job, metrics, task, measured, None if over is None else over.get(task.base.scene))
     except OutputError:
         raise
     except NotApplicableError as reason:
@@ -109,10 +103,58 @@ def _name_of(task: Task) -> str:
     return "/".join(name for name in (task.base.dataset, task.base.scene, task.view.name) if name)
 
 
-def _scored(job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured) -> list[Row]:
+def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
+    """Return the restoration of one view, stored with save=full. afresh: also where it is stored already.
+
+    Raises NotApplicableError where the method needs more than the view has, and what the method raises.
+    """
+    scene, view = task.scene, task.view
+    if absent := plugins.missing_needs(job.method.plugin, scene.has):
+        raise NotApplicableError(absent)
+    if "depth" in job.method.plugin.needs and not view.has_depth:
+        raise NotApplicableError(f"{view.name} has no depth map")
+    whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
+    if not afresh and (kept := read_full(whole, task.base)):
+        return replace(kept, restoration=with_truth(kept.restoration, scene, view))
+    at, limit_s = f"method '{job.method.label}' on view '{_name_of(task)}'", job.view_timeout_s
+    with step(at, limit_s), limited(limit_s), unharmed():
+        measured = measured_restore(method, scene, view)
+    if job.save == "full":
+        write_full(whole, measured, task.base)
+    else:
+        whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
+    return measured
+
+
+# Pixels of each view that a scene's percentiles and means are taken of.
+_PIXELS_OF_A_VIEW = 50_000
+
+
+def _scene_colours(job: Job, method: Any, todo: Sequence[Task]) -> dict[str, Array]:
+    """Restore all views, and return colours (N, 1, 3) of each scene, evenly from its views.
+
+    A view that cannot be restored is left out; it gets its row when it is to be shown.
+    """
+    colours: dict[str, list[Array]] = {}
+    for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}, before showing"):
+        try:
+            image = _measured(job, method, task, afresh=job.overwrite == "always").restoration.image
+        except OutputError:
+            raise
+        except BaseException as fault:
+            raise_if_stop(fault)
+            continue
+        pixels = image[coloured(image)]
+        colours.setdefault(task.base.scene, []).append(pixels[:: max(1, len(pixels) // _PIXELS_OF_A_VIEW)])
+    return {scene: np.concatenate(kept)[:, None] for scene, kept in colours.items()}
+
+
+def _scored(
+    job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured, over: Array | None = None
+) -> list[Row]:
     """Keep the picture, and score it."""
     restoration, view = measured.restoration, task.view
-    shown = display(restoration.image, job.method.display, view.encoding)
+    shown = display(restoration.image, job.method.display, view.encoding, water=restoration.water, over=over)
     write_pictures(job.out, task.place, job.method.label, view, restoration, shown)
     return score_rows(measured, shown, view, metrics, task.base, log_path(job.out), job.view_timeout_s)
 

@@ -4,7 +4,13 @@ A display normalisation has a name that is kept with each score: "none" clips to
 every channel at its percentiles 1 and 99 and maps those to 0 and 1 (SUCRe, sec. 4.2; any two percentiles may be
 named); "linear-stretch-1-99" does so in linear light; "gray-world" scales every channel to the mean of all
 (Buchsbaum 1980); "white-99" scales every channel so that its percentile 99 becomes 1 (the white patch of Land 1977),
-and leaves black where it is.
+and leaves black where it is; "black-1-white-99" first subtracts one black from all channels, percentile 1 of all their
+values: a black of each channel would change hues. "linear-white-veil" scales linear light by 1 / (B gamma) of the
+water: backscatter near the camera is lit by the light that falls on the scene, so its colour is that of the light. One
+more gain for all channels takes percentile 99 of all their values to 1.
+
+"@scene" behind a name, as in "stretch-1-99@scene", takes percentiles and means over all views of a scene, so that
+mosaics and videos have one tone.
 """
 
 from __future__ import annotations
@@ -20,23 +26,47 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.machine.compiling import compiled
-from sucre_bench.scene import Encoding
+from sucre_bench.scene import Encoding, Water
 
-__all__ = ["check_display", "display", "gray_world_gain", "stretch"]
+__all__ = ["check_display", "display", "gray_world_gain", "is_of_scene", "stretch"]
 
 
-def display(image: Array, how: str, encoding: Encoding = "gamma") -> Array:
+def display(
+    image: Array, how: str, encoding: Encoding = "gamma", *, water: Water | None = None, over: Array | None = None
+) -> Array:
     """Return the picture to show and to score: (H, W, 3) float32 in [0, 1], gamma-encoded, NaN where no colour.
 
-    image: (H, W, 3), any range, NaN = no colour, encoded as `encoding` says; how: a normalisation's name.
-    Raises InputError for an unknown name.
+    image: (H, W, 3), any range, NaN = no colour, encoded as `encoding` says; how: a normalisation's name; water: the
+    estimated one, for "linear-white-veil"; over: (H, W, 3) or (N, 1, 3) colours to take percentiles and means of,
+    default the image's own. Raises InputError for an unknown name, for "linear-white-veil" without a water,
+    and for "@scene" without `over`.
     """
     check_display(how)
-    if how.startswith("linear-") and encoding == "gamma":
-        image, encoding = _by_rows(srgb_decode, image), "linear"
+    name, _, scope = how.partition("@")
+    if scope and over is None:
+        raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
+    over = image if over is None else over
+    if name.startswith("linear-") and encoding == "gamma":
+        image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
     shown = np.empty(image.shape, dtype=np.float32)
-    compiled(_rescale)(locked(image), *_limits(image, how), shown)
+    limits = _veil_limits(over, water) if name == "linear-white-veil" else _limits(over, name)
+    compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
+
+
+def is_of_scene(how: str) -> bool:
+    """Return whether a normalisation takes percentiles and means over all views of a scene."""
+    return how.endswith("@scene")
+
+
+def _veil_limits(image: Array, water: Water | None) -> tuple[Array, Array]:
+    """Return no offset, and the divisors (3,) of "linear-white-veil"."""
+    if water is None or not (np.isfinite(veil := water.veiling_light * water.backscatter) & (veil > 0)).all():
+        raise InputError("display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99")
+    valid = coloured(image)
+    gain = veil.mean() / veil
+    top = float(np.percentile(image[valid] * gain, 99)) if valid.any() else 1.0
+    return np.zeros(3), np.asarray((top if top > 1e-6 else 1.0) / gain)
 
 
 def _limits(image: Array, how: str) -> tuple[Array, Array]:
@@ -45,6 +75,11 @@ def _limits(image: Array, how: str) -> tuple[Array, Array]:
     valid = coloured(image)
     if how == "none" or not valid.any():
         return nothing, one
+    if how.startswith("black-"):
+        _, black, _, white = how.split("-")
+        (top,) = channel_percentiles(image, [float(white)], valid)
+        lowest = float(np.percentile(image[valid], float(black)))
+        return np.full(3, lowest), np.where(top - lowest > 1e-6, top - lowest, 1)
     if how == "gray-world":
         return nothing, 1 / _gain_of_means(np.array([image[valid, c].mean(dtype=np.float64) for c in range(3)]))
     if how.startswith("white-"):
@@ -78,13 +113,19 @@ def _by_rows(curve: Callable[[Array], Array], image: Array, rows: int = 64) -> A
 
 def check_display(how: str) -> None:
     """Raise InputError unless `how` names a display normalisation."""
-    white = re.fullmatch(r"white-(\d+(?:\.\d+)?)", how)
+    name = how.removesuffix("@scene")
+    white = re.fullmatch(r"white-(\d+(?:\.\d+)?)", name)
     if white and 0 < float(white[1]) <= 100:
         return
-    parts = re.fullmatch(r"(?:linear-)?stretch-(\d+(?:\.\d+)?)-(\d+(?:\.\d+)?)", how)
-    if how in ("none", "gray-world") or (parts and 0 <= float(parts[1]) < float(parts[2]) <= 100):
+    number = r"(\d+(?:\.\d+)?)"
+    parts = re.fullmatch(rf"(?:linear-)?stretch-{number}-{number}|black-{number}-white-{number}", name)
+    low, high = (float(part) for part in parts.groups() if part) if parts else (0.0, 0.0)
+    if name in ("none", "gray-world", "linear-white-veil") or 0 <= low < high <= 100:
         return
-    known = "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99"
+    known = (
+        "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
+        "black-1-white-99, linear-white-veil; @scene behind it takes all views of a scene"
+    )
     raise InputError(f"display '{how}': unknown; use {known}")
 
 

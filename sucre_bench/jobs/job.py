@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, one_line, unknown_name
-from sucre_bench.imaging.display import check_display
+from sucre_bench.imaging.display import check_display, is_of_scene
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.labels import plain_value, swept_label
 from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
@@ -158,6 +158,7 @@ class Job:
 
         run = RunConfig.of(values)
         dataset, method = _choice("dataset", run.dataset, swept), _choice("method", run.method, swept)
+        _check_scene_display(method.display, run)
         for kind, choice in (("dataset", dataset), ("method", method)):
             if choice.label != choice.plugin.name:  # `read` knows no sweep
                 values = {**values, kind: {**values[kind], "label": choice.label}}
@@ -207,6 +208,14 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
     check_options(plugin, options)
     return Choice(plugin, label or swept_label(plugin, {**options, "display": display}, swept), options, display)
+
+
+def _check_scene_display(display: str, run: RunConfig) -> None:
+    """Raise InputError where views are to be shown alike, and not all restorations will be there."""
+    if is_of_scene(display) and run.save != "full":
+        raise InputError(f"method.display: {display} reads all stored restorations of a scene; add save=full")
+    if is_of_scene(display) and run.shard.count > 1:
+        raise InputError(f"method.display: {display} needs all views of a scene in one job; leave out shard.count")
 
 
 def _plain_tree(value: Any) -> Any:

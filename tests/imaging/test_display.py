@@ -8,6 +8,7 @@ import pytest
 from sucre_bench import InputError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.scene import Water
 
 IMAGE = np.random.default_rng(0).uniform(-0.1, 1.3, (40, 50, 3))
 
@@ -31,6 +32,39 @@ def test_white_leaves_a_channel_without_light_alone() -> None:
     np.testing.assert_allclose(display(image, "white-99")[0, 0], [0, 1, 0])
 
 
+def test_one_black_for_all_channels_is_subtracted_before_each_is_scaled() -> None:
+    image = IMAGE * [0.2, 0.5, 1.0] + 0.1
+    shown = display(image, "black-5-white-99")
+    low = np.percentile(image, 5)
+    expected = ((image - low) / (np.percentile(image.reshape(-1, 3), 99, axis=0) - low)).clip(0, 1)
+    np.testing.assert_allclose(shown, expected, atol=1e-6)
+
+
+def test_white_by_the_veil_undoes_the_colour_of_the_light() -> None:
+    light = np.array([0.2, 0.7, 0.9])
+    gray = np.random.default_rng(1).uniform(0.1, 0.9, (30, 40, 1)) * light  # linear light on gray things
+    rate = np.array([0.3, 0.2, 0.1])
+    water = Water(light / rate, np.full(3, 0.2), rate)  # whose veil near the camera has the colour of the light
+    shown = display(srgb_encode(gray), "linear-white-veil", water=water)
+    np.testing.assert_allclose(shown, shown[..., :1].repeat(3, axis=-1), atol=1e-5)
+    top = np.percentile(gray[..., 0] / 0.2, 99)
+    np.testing.assert_allclose(shown, srgb_encode((gray / light / top).clip(0, 1)), atol=1e-5)
+
+
+def test_white_by_the_veil_needs_a_water() -> None:
+    with pytest.raises(InputError, match="'linear-white-veil': the method estimates no veil"):
+        display(IMAGE, "linear-white-veil")
+
+
+@pytest.mark.parametrize("how", ["stretch-1-99", "white-99", "gray-world", "black-1-white-99"])
+def test_views_of_one_scene_are_shown_alike(how: str) -> None:
+    dark, bright = IMAGE[:20] * 0.5, IMAGE[20:]
+    whole = display(np.concatenate([dark, bright]), how)
+    over = np.concatenate([dark, bright]).reshape(-1, 1, 3)
+    np.testing.assert_allclose(display(dark, f"{how}@scene", over=over), whole[:20], atol=1e-6)
+    np.testing.assert_allclose(display(bright, f"{how}@scene", over=over), whole[20:], atol=1e-6)
+
+
 def test_a_linear_stretch_is_a_stretch_of_light() -> None:
     light = srgb_decode(IMAGE)
     low, high = np.percentile(light.reshape(-1, 3), [1, 99], axis=0)
@@ -39,7 +73,19 @@ def test_a_linear_stretch_is_a_stretch_of_light() -> None:
     np.testing.assert_allclose(display(light, "linear-stretch-1-99", "linear"), expected, atol=1e-6)
 
 
-@pytest.mark.parametrize("how", ["white", "white-0", "white-101", "linear-stretch", "linear-white-99", "stretch-99-1"])
+@pytest.mark.parametrize(
+    "how",
+    [
+        "white",
+        "white-0",
+        "white-101",
+        "linear-stretch",
+        "linear-white-99",
+        "stretch-99-1",
+        "black-99-white-1",
+        "white-99@dive",
+    ],
+)
 def test_other_names_are_refused_with_those_there_are(how: str) -> None:
     with pytest.raises(InputError, match=f"^display '{how}': unknown; use none, gray-world or stretch-LOW-HIGH"):
         display(IMAGE, how)

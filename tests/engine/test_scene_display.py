@@ -1,0 +1,61 @@
+"""`display=...@scene`: all views of a scene are shown with the same percentiles."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support.toy_runs import calls, run
+
+from sucre_bench import InputError
+
+pytestmark = pytest.mark.short
+
+NAMES = ("v0", "v1", "v2")
+
+
+@pytest.fixture
+def out(tmp_path: Path, toys: str) -> Path:
+    return tmp_path / "out"
+
+
+def shown(out: Path, name: str) -> np.ndarray:
+    return cv2.imread(str(out / "restored" / "toy" / "gain" / f"{name}.png"))[..., ::-1].astype(float)
+
+
+def test_all_views_are_shown_with_percentiles_of_the_scene(out: Path, tmp_path: Path) -> None:
+    log = tmp_path / "log"
+    outcome = run(out, "save=full", "method.display=stretch-5-95@scene", f"method.log={log}")
+    assert (outcome.ok, outcome.exit_code) == (3, 0)
+    assert calls(log) == ["v0.png", "v1.png", "v2.png"], "each view is restored once"
+    J = {name: np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float) for name in NAMES}
+    low, high = np.percentile(np.concatenate([J[name].reshape(-1, 3) for name in NAMES]), [5, 95], axis=0)
+    for name in NAMES:
+        expected = 255 * ((J[name] - low) / (high - low)).clip(0, 1)
+        np.testing.assert_allclose(shown(out, name), expected, atol=0.51)
+
+
+def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
+    command = ("save=full", "method.display=white-90@scene")
+    run(out, *command, "views=[v0.png]")
+    alone = shown(out, "v0")
+    outcome = run(out, *command)
+    assert (outcome.ok, outcome.exit_code) == (3, 0)
+    J = [np.load(out / "restored" / "toy" / "gain" / f"{name}.npz")["image"].astype(float) for name in NAMES]
+    top = np.percentile(np.concatenate([image.reshape(-1, 3) for image in J]), 90, axis=0)
+    assert np.abs(shown(out, "v0") - alone).max() >= 1
+    np.testing.assert_allclose(shown(out, "v0"), 255 * (J[0] / top).clip(0, 1), atol=0.51)
+
+
+@pytest.mark.parametrize(
+    ("words", "fault"),
+    [
+        ((), r"^method.display: white-99@scene reads all stored restorations of a scene; add save=full$"),
+        (("save=full", "shard.count=2"), r"needs all views of a scene in one job; leave out shard.count$"),
+    ],
+)
+def test_it_is_refused_where_not_all_restorations_will_be_there(out: Path, words: tuple[str, ...], fault: str) -> None:
+    with pytest.raises(InputError, match=fault):
+        run(out, "method.display=white-99@scene", *words)
