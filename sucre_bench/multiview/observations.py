@@ -17,6 +17,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
+from sucre_bench.multiview.slots import Slots
 
 __all__ = ["Observations", "Seen", "arrange", "compact", "in_memory"]
 
@@ -165,36 +166,22 @@ def arrange(
     free: empty `seen` on the way, to free its memory while the result's is filled; empty: makes the arrays with a value
     an observation, from a field's name, a shape and a type.
     """
-    counts = np.zeros(shape[0] * shape[1], dtype=np.int32)
-    for one in seen:
-        counts[one.pixels] += 1
-    pixels = np.flatnonzero(counts)
-    pixels = pixels[np.argsort(-counts[pixels], kind="stable")]
-    place = np.empty(len(counts), dtype=np.int32)  # the place of each pixel in that order
-    place[pixels] = np.arange(len(pixels))
-    slot_sizes = len(pixels) - np.cumsum(np.bincount(counts[pixels], minlength=1))[:-1]  # pixels with more than k
-    starts = np.concatenate([[0], np.cumsum(slot_sizes)]).astype(np.int64)
-
-    n = int(starts[-1])
+    slots = Slots(shape[0] * shape[1], (one.pixels for one in seen))
+    n = len(slots)
     finest = np.result_type(np.uint8, *(one.colour.dtype if one.colour.dtype.kind == "u" else "f4" for one in seen))
     distance, colour = empty("distance", (n,), np.float32), empty("colour", (3, n), finest)
     view = empty("view", (n,), np.uint16) if with_view else None
     ray = empty("ray", (2, n), np.float32) if seen and all(one.ray is not None for one in seen) else None
-    filled = np.zeros(len(counts), dtype=np.int32)  # the next slot of each pixel
     names = tuple(one.name for one in seen)
     parts = seen if free else list(seen)
     for index in range(len(parts)):
         one = parts.pop(0)
-        at = starts[filled[one.pixels]] + place[one.pixels]
-        filled[one.pixels] += 1
-        distance[at] = one.distance
-        for channel in range(3):
-            colour[channel, at] = _refined(one.colour[:, channel], finest)
+        at = slots.fill(one.pixels, one.distance, _refined(one.colour, finest), distance, colour)
         if view is not None:
             view[at] = index
         if ray is not None:
             ray[:, at] = one.ray
-    return Observations(shape, names, pixels, counts[pixels], starts, distance, colour, view=view, ray=ray)
+    return Observations(shape, names, slots.pixels, slots.counts, slots.starts, distance, colour, view=view, ray=ray)
 
 
 def _refined(colour: npt.NDArray[Any], finest: np.dtype[Any]) -> npt.NDArray[Any]:
