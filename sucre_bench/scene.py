@@ -14,6 +14,7 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol
 
 import numpy as np
+import numpy.typing as npt
 from cachetools import LRUCache, cached
 
 from sucre_bench.arrays import Array, Mask, coloured
@@ -152,6 +153,12 @@ class View:
         return rgb
 
     @property
+    def levels(self) -> npt.NDArray[np.uint8] | None:
+        """The image (H, W, 3) in 8 bits, 255 = 1, where it lies on the disk like that; else None. `rgb` is the same."""
+        levels = getattr(self.pixels, "levels", None)
+        return levels() if levels is not None else None
+
+    @property
     def has_depth(self) -> bool:
         """Whether the view has a depth map (reads it)."""
         return _plane(self.pixels, "depth") is not None
@@ -188,7 +195,7 @@ class View:
 @cached(LRUCache(_KEPT_BYTES, getsizeof=lambda a: 0 if a is None else a.nbytes), lock=threading.Lock())
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
-    if values is not None and plane == "depth":  # what is no distance is unknown
+    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # what is no distance is unknown
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
     if values is not None:
         values.setflags(write=False)  # what one method may not do to the next

@@ -11,6 +11,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
+from sucre_bench.engine.decoded import sharing_decoded
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.restore import make_ready, measured_restore
@@ -19,6 +20,7 @@ from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import NotApplicableError, OutputError, one_line, raise_if_stop
 from sucre_bench.imaging.display import display, is_of_scene
 from sucre_bench.jobs.job import Job
+from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.machine import progress
 from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.machine.steps import earlier_start, step
@@ -40,7 +42,7 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
     """
     part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), flush_s)
     try:
-        every = list(tasks(job, open_scenes(job.dataset)))
+        every = list(tasks(job, [with_shared_pixels(scene) for scene in open_scenes(job.dataset)]))
     except BaseException as fault:
         raise_if_stop(fault)
         part.add([failed_row(job, fault)])
@@ -65,7 +67,7 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
         part.flush()
         return
     try:
-        with _shared_pairs(job):
+        with _shared_pairs(job), sharing_decoded(job):
             over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
             for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
                 part.add(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import compare, results
 from sucre_bench.engine.common_pixels import score_on_common_pixels
+from sucre_bench.engine.decoded import remove_decoded, share_decoded
 from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
@@ -48,6 +49,7 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
         _write_provenance(command, planned)
         started = note_start(now())
         interrupted = crashed = False
+        share_decoded(planned)
         try:
             with terminated_as_interrupt():
                 ended = launch(command, sum(len(plan.tasks) for plan in planned))
@@ -58,6 +60,8 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
             interrupted = True
         finally:
             rows = results.merge(out)
+            if not crashed:
+                remove_decoded(command.jobs[0])
             if command.shared_pairs and not crashed:  # else jobs may still be at work on a cluster
                 shutil.rmtree(pairs_path(out) / command.shared_pairs, ignore_errors=True)
                 with suppress(OSError):  # another command shares there

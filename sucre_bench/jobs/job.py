@@ -118,6 +118,8 @@ class Job:
     baseline: str
     plugin_files: tuple[str, ...]
     pairs_gb: float
+    cache_gb: float
+    cache_keep: bool
     tracking: Tracking
     config: str
     shared_pairs: str = ""
@@ -182,6 +184,8 @@ class Job:
             baseline=run.baseline,
             plugin_files=tuple(map(str, run.plugins)),
             pairs_gb=run.pairs_gb,
+            cache_gb=run.cache_gb,
+            cache_keep=run.cache_keep,
             tracking=run.tracking,
             config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
         )

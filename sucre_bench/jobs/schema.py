@@ -152,6 +152,10 @@ class RunConfig:
     """Python files with more plugins."""
     pairs_gb: float = 8.0
     """GB of disk that the jobs of a sweep may use to share pairs while it runs; 0: they share none."""
+    cache_gb: float = 8.0
+    """GB of disk for images and depth maps that a run decodes once; 0: methods and targets decode them each time."""
+    cache_keep: bool = False
+    """Whether decoded images and depth maps stay in the results folder for the next run."""
     tracking: Tracking = field(default_factory=Tracking)
     """Where results are logged besides the table."""
     degrade: Degradation = field(default_factory=Degradation)
@@ -167,7 +171,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
-        check_ranges(self, "", view_timeout_s="(0, inf)")
+        check_ranges(self, "", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
         if not self.out.strip():
             raise InputError("out: is empty; name a folder, for example out=results")
 

@@ -14,9 +14,10 @@ from contextlib import ExitStack, closing
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
-from typing import Literal, TypedDict, TypeVar, get_args
+from typing import Any, Literal, TypedDict, TypeVar, get_args
 
 import numpy as np
+import numpy.typing as npt
 import psutil
 
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
@@ -167,7 +168,7 @@ def _see(
     matches = own_matches(surface) if view.name == target else match(surface, view, rule, tolerance)
     if matches is None or len(matches.pixels) <= least:
         return None, read_s
-    rgb, seconds = _timed(lambda: view.rgb)
+    rgb, seconds = _timed(lambda: _image(view, rule, encoding))
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
         sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
@@ -177,6 +178,12 @@ def _see(
         return None, read_s + seconds
     ray = rays_at(matches, view.camera) if with_ray else None
     return Seen(view.name, matches.pixels, matches.distance, colour, ray), read_s + seconds
+
+
+def _image(view: View, rule: Rule, encoding: Kept) -> npt.NDArray[Any]:
+    """The image, as mapped 8-bit levels where they are there and no colour is computed of them."""
+    levels = view.levels if rule == "mutual" and encoding == "view" else None
+    return view.rgb if levels is None else levels
 
 
 @dataclass(slots=True)

@@ -11,6 +11,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera
 from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.multiview.observations import compact
 from sucre_bench.multiview.pairing import Matches
@@ -20,11 +21,14 @@ __all__ = ["colours_at", "rays_at"]
 Indices = npt.NDArray[np.integer[Any]]
 
 
-def colours_at(matches: Matches, rgb: Array, decode: bool) -> tuple[Matches, npt.NDArray[Any]]:
+def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[Matches, npt.NDArray[Any]]:
     """Return the matches with a finite colour, and their colours (M, 3), uint8, uint16 or float32 (see `compact`).
 
-    rgb: (H, W, 3) float32 in [0, 1], the view's; decode: convert sRGB to linear light, as uint16.
+    rgb: (H, W, 3) float32 in [0, 1], the view's; decode: convert sRGB to linear light, as uint16. Instead, for matches
+    of pixels and without `decode`, rgb may hold the levels as uint8.
     """
+    if rgb.dtype == np.uint8:
+        return matches, _gathered(rgb, matches.others)
     nearest = rgb.reshape(-1, 3)[matches.others]
     if matches.at is None or matches.smooth is None:
         colours = srgb_decode(nearest) if decode else nearest
@@ -39,6 +43,19 @@ def colours_at(matches: Matches, rgb: Array, decode: bool) -> tuple[Matches, npt
         return matches, compact(colours)
     source = compact(nearest).dtype.type
     return matches, colours if source is np.float32 else _levels(colours, source)
+
+
+def _gathered(levels: npt.NDArray[Any], others: Indices) -> npt.NDArray[Any]:
+    """The levels (M, 3) of pixels of an image (H, W, 3)."""
+    colours = np.empty((len(others), 3), levels.dtype)
+    compiled(_gather)(locked(np.ascontiguousarray(levels).reshape(-1, 3)), locked(others), colours)
+    return colours
+
+
+def _gather(levels: npt.NDArray[Any], others: Indices, colours: npt.NDArray[Any]) -> None:
+    for i in range(len(others)):
+        pixel = others[i]
+        colours[i, 0], colours[i, 1], colours[i, 2] = levels[pixel, 0], levels[pixel, 1], levels[pixel, 2]
 
 
 def _levels(colours: Array, kind: type[np.unsignedinteger[Any]]) -> npt.NDArray[Any]:

@@ -26,6 +26,7 @@ from sucre_bench.scene import Scene
 __all__ = [
     "Place",
     "at_work_path",
+    "decoded_path",
     "file_name",
     "find",
     "log_path",
@@ -62,6 +63,11 @@ def pairs_path(out: Path) -> Path:
 def at_work_path(out: Path, config: str) -> Path:
     """The note of the process that is at work on a job (`machine.steps`). config: of the job."""
     return out / ".at-work" / hashlib.blake2b(config.encode(), digest_size=8).hexdigest()
+
+
+def decoded_path(out: Path) -> Path:
+    """The folder of decoded images and depth maps that the processes of a run share."""
+    return out / ".decoded"
 
 
 @dataclass(frozen=True)
