@@ -97,3 +97,28 @@ def test_colours_go_back_to_their_pixels() -> None:
     image = observations.image(TARGET.rgb.reshape(-1, 3)[observations.pixels].T)
     assert np.array_equal(np.isnan(image).any(axis=-1), TARGET.depth == 0)
     assert np.array_equal(image[TARGET.valid], TARGET.rgb[TARGET.valid])
+
+
+def test_many_observations_lie_where_a_plain_sort_puts_them() -> None:
+    """Against a stable sort by pixel and view; large enough that threads share the work."""
+    rng = np.random.default_rng(0)
+    shape, seen = (700, 900), []
+    for k in range(3):
+        pixels = rng.permutation(700 * 900)[: 500_000 - 150_000 * k].astype(np.int32)
+        colour = rng.integers(0, 256, (len(pixels), 3), dtype=np.uint8)
+        seen.append(Seen(str(k), pixels, rng.random(len(pixels), dtype=np.float32), colour))
+    found = arrange(shape, seen, with_view=True)
+    pixels, distance, colour = (
+        np.concatenate([getattr(one, name) for one in seen]) for name in ("pixels", "distance", "colour")
+    )
+    view = np.repeat(np.arange(3), [len(one.pixels) for one in seen])
+    counts = np.bincount(pixels, minlength=700 * 900)
+    slot = np.zeros(len(pixels), int)
+    by_pixel = np.lexsort((view, pixels))
+    starts = np.append(0, np.cumsum(counts))[:-1]
+    slot[by_pixel] = np.arange(len(pixels)) - np.repeat(starts, counts)
+    order = np.lexsort((pixels, -counts[pixels], slot))
+    assert np.array_equal(found.pixels, np.lexsort((np.arange(len(counts)), -counts))[: (counts > 0).sum()])
+    assert np.array_equal(found.distance, distance[order])
+    assert np.array_equal(found.colour.T, colour[order])
+    assert np.array_equal(found.view, view[order])

@@ -1,0 +1,87 @@
+"""Pixels from a store are those of the files, to the last bit."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+
+from sucre_bench import View
+from sucre_bench.camera import Camera
+from sucre_bench.errors import InputError
+from sucre_bench.loading.shared_pixels import with_shared_pixels
+from sucre_bench.loading.view_files import Files
+from sucre_bench.machine.array_store import ArrayStore, storing
+from sucre_bench.multiview.observe import Options, observe
+from sucre_bench.scene import Scene
+
+W, H = 400, 300
+
+
+@pytest.fixture(params=[np.uint8, np.uint16])
+def files(request: pytest.FixtureRequest, tmp_path: Path) -> Files:
+    rng = np.random.default_rng(0)
+    most = np.iinfo(request.param).max
+    cv2.imwrite(str(tmp_path / "a.png"), rng.integers(0, most, (H, W, 3), endpoint=True, dtype=request.param))
+    cv2.imwrite(str(tmp_path / "depth.png"), rng.integers(0, 5000, (H, W), dtype=np.uint16))
+    return Files(tmp_path / "a.png", (W, H), depth=tmp_path / "depth.png")
+
+
+def _shared(files: Files) -> View:
+    return with_shared_pixels(Scene("reef", [View("a.png", files)], frozenset(), data_id="1")).views[0]
+
+
+def test_stored_planes_equal_decoded_ones_bit_by_bit(files: Files, tmp_path: Path):
+    plain, stored = View("a.png", files), _shared(files)
+    with storing(ArrayStore(tmp_path / "store", 1e9)):
+        for _ in range(2):  # made, then found
+            assert np.array_equal(plain.rgb, stored.rgb)
+            assert np.array_equal(plain.depth, stored.depth)
+            assert stored.rgb.dtype == stored.depth.dtype == np.float32
+            assert stored.reference is None
+            stored = _shared(files)
+        levels = stored.levels
+        if cv2.imread(str(files.image), cv2.IMREAD_UNCHANGED).dtype == np.uint8:
+            assert levels is not None
+            assert np.array_equal(levels, cv2.imread(str(files.image))[..., ::-1])
+        else:
+            assert levels is None
+    assert _shared(files).levels is None
+    assert np.array_equal(_shared(files).rgb, plain.rgb)
+
+
+def test_faults_of_files_are_raised_each_time(tmp_path: Path):
+    view = _shared(Files(tmp_path / "none.png", (W, H)))
+    with storing(ArrayStore(tmp_path / "store", 1e9)):
+        for _ in range(2):
+            with pytest.raises(InputError, match=r"none\.png"):
+                _ = view.rgb
+
+
+def test_a_scene_that_cannot_be_known_again_is_left_as_it_is(files: Files):
+    scene = Scene("reef", [View("a.png", files)], frozenset())
+    assert with_shared_pixels(scene) is scene
+
+
+@pytest.mark.parametrize("options", [{}, {"rule": "depth"}, {"encoding": "linear"}])
+def test_observations_are_the_same_with_a_store(tmp_path: Path, options: Options):
+    rng = np.random.default_rng(1)
+    camera, views = Camera(np.array([[300.0, 0, W / 2], [0, 300, H / 2], [0, 0, 1]]), W, H), []
+    for n in range(3):
+        image, depth = tmp_path / f"{n}.png", tmp_path / f"depth_{n}.png"
+        cv2.imwrite(str(image), rng.integers(0, 256, (H, W, 3), dtype=np.uint8))
+        cv2.imwrite(str(depth), np.full((H, W), 2000, np.uint16))
+        pose = np.eye(4)
+        pose[0, 3] = -0.301 * n
+        views.append(View(image.name, Files(image, (W, H), depth), camera, pose))
+    scene = with_shared_pixels(Scene("reef", views, frozenset(), data_id="1"))
+    plain = observe(views[1], views, **options)
+    with storing(ArrayStore(tmp_path / "store", 1e9)):
+        stored = observe(scene.views[1], scene.views, **options)
+    assert plain.views == stored.views == ("0.png", "1.png", "2.png")
+    assert len(plain) > 2 * W * H
+    for name in ("pixels", "counts", "starts", "distance", "colour"):
+        assert np.array_equal(getattr(plain, name), getattr(stored, name)), name
+        assert getattr(plain, name).dtype == getattr(stored, name).dtype, name
