@@ -6,7 +6,7 @@ import itertools
 import re
 import textwrap
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
@@ -105,7 +105,16 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
     best = Counter(own[0] for own in ranked)
     line = f"best {mains[0].metric}: {', '.join(f'{name} in {n}' for name, n in best.most_common())} of {len(titles)}"
     parts = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, apart)]
-    return Group(*parts, _wrapped(signs, width, "dim"), _wrapped(line, width))
+    said = [_wrapped(text, width, "dim") for text in (signs, *_pixels(comparisons, mains))]
+    return Group(*parts, *said, _wrapped(line, width))
+
+
+def _pixels(comparisons: Sequence[Comparison], mains: Sequence[Column]) -> Iterator[str]:
+    """On which pixels the main scores of several datasets are, if methods fill different ones."""
+    noted = [{note.kind for note in one.notes if {*note.columns} & {*mains}} for one in comparisons]
+    for kind, where in (("common pixels", "on the pixels that all methods fill"), ("own pixels", "on own pixels")):
+        if n := sum(kind in kinds for kinds in noted):
+            yield f"in {n} of {len(comparisons)} datasets methods fill different pixels; scores are {where}"
 
 
 def _shared_start(titles: Sequence[str]) -> str:

@@ -141,6 +141,21 @@ def test_many_datasets_are_one_block_with_the_main_score_of_each():
     assert len(block.lines) < 8
 
 
+def test_many_datasets_say_on_which_pixels_their_scores_are():
+    holed = replace(SECONDS, method="holed", coverage=0.5)
+    rows = [
+        replace(row, dataset=f"sea{n}", view="v0", options=PHOTOGRAPH)
+        for n in range(4)
+        for row in (
+            replace(PSNR, method="whole", value=1.0),
+            replace(PSNR, method="holed", value=2.0),
+            replace(SECONDS, method="whole"),
+            holed if n < 3 else replace(holed, coverage=1.0),
+        )
+    ]
+    assert "in 3 of 4 datasets methods fill different pixels" in printed(compare.compare(frame(rows))).text
+
+
 def test_against_a_baseline_each_side_is_named():
     base = [20.0, 25, 30, 27, 22]
     scores = {"psnr": {"base": base, "more": [x + 1 for x in base], "less": [x - 1 for x in base]}}

@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+import json
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
+import pytest
+from support import toy_runs
 from support.toy_plugins import Toy
-from support.toy_runs import calls, run
+from support.toy_runs import calls
 
 from sucre_bench import compare, results
 from sucre_bench.engine.outcome import Outcome
 from sucre_bench.results.common_scores import COMMON_TABLE, read_common
 
 
+def run(out: Path, *overrides: str) -> Outcome:
+    return toy_runs.run(out, "report=false", *overrides)
+
+
 def sweep(out: Path, methods: str, *overrides: str) -> Outcome:
-    return run(out, f"method={methods}", *overrides, multirun=True)
+    return toy_runs.run(out, "report=false", f"method={methods}", *overrides, multirun=True)
 
 
 def scores(out: Path, pixels: compare.Pixels, metric: str = "psnr") -> pd.DataFrame:
@@ -108,10 +115,10 @@ def test_a_restoration_made_anew_is_scored_anew(tmp_path: Path, toys: str):
     np.testing.assert_allclose(scores(tmp_path, "common")["gain"], psnr(slice(0, 15)), rtol=1e-6)
 
 
-def test_shards_in_other_processes_give_the_same(tmp_path: Path, toys: str):
+def test_shards_give_the_same(tmp_path: Path, toys: str):
     sweep(tmp_path / "whole", "gain,left_half")
-    processes = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "shard.count=2", "shard.index=0,1"]
-    sweep(tmp_path / "shards", "gain,left_half", f"plugins=[{toys}]", *processes)
+    for index in (1, 0):
+        sweep(tmp_path / "shards", "gain,left_half", "shard.count=2", f"shard.index={index}")
     both = [scores(tmp_path / out, "common") for out in ("whole", "shards")]
     pd.testing.assert_frame_equal(*both)
 
@@ -152,6 +159,18 @@ def test_a_damaged_mask_or_picture_is_named_and_other_views_go_on(tmp_path: Path
     assert "1 of 3 images" in said
     assert str(masks / "v0.png") in said
     assert str(masks / "v1.png") in said
+
+
+def test_a_picture_that_is_gone_is_named_and_other_views_go_on(tmp_path: Path, toys: str, bench):
+    run(tmp_path, "method=gain")
+    gone = tmp_path / "restored" / "toy" / "gain" / "v1.png"
+    gone.unlink()
+    run(tmp_path, "method=left_half")
+    own, common = scores(tmp_path, "own"), scores(tmp_path, "common")
+    assert (own["gain"] == common["gain"]).tolist() == [False, True, False]
+    assert str(gone) in bench("compare", str(tmp_path)).stdout
+    run(tmp_path, "method=gain")  # makes it again
+    assert not (scores(tmp_path, "own")["gain"] == scores(tmp_path, "common")["gain"]).any()
 
 
 def test_a_mask_that_is_gone_is_read_off_a_picture_without_black(tmp_path: Path, toys: str):
@@ -195,3 +214,32 @@ def test_folders_with_a_method_each_are_compared_on_own_pixels_with_the_reason(t
     done = bench("compare", str(tmp_path / "one"), str(tmp_path / "two"))
     assert "own pixels" in done.stdout
     assert "all methods in one folder" in done.stdout
+
+
+# -- what tables say ---------------------------------------------------------------------------------------
+
+
+def test_tables_say_which_pixels_were_used_and_how_much_each_method_fills(tmp_path: Path, toys: str, bench):
+    sweep(tmp_path, "gain,left_half")
+    for pixels, words in (("common", "that all methods fill: 50.0 %"), ("own", "each method's own pixels")):
+        for how in ("terminal", "md", "latex"):
+            said = bench("compare", str(tmp_path), "--metric", "psnr", "--pixels", pixels, "--format", how).stdout
+            assert words in said.replace("\\", "")
+            assert "filled" in said
+        told = json.loads(bench("compare", str(tmp_path), "--pixels", pixels, "--json").stdout)
+        psnrs = {record["method"]: record for record in told if record["metric"] == "psnr"}
+        assert {name: record["filled"] for name, record in psnrs.items()} == {"gain": 1, "left_half": 0.5}
+        assert {record["pixels"] for record in psnrs.values()} == {pixels}
+    assert "that all methods fill" in bench("compare", str(tmp_path)).stdout
+
+
+def test_the_page_and_the_run_take_common_pixels_by_default(tmp_path: Path, toys: str, bench):
+    outcome = sweep(tmp_path, "gain,left_half")
+    (table,) = compare.compare(outcome.rows)
+    (column,) = [column for column in table.columns if column.metric == "psnr"]
+    (mean,) = {table.cells[name, column].mean for name in ("gain", "left_half")}
+    assert mean == pytest.approx(np.mean(psnr(slice(0, 30))), rel=1e-6)
+    assert bench("report", str(tmp_path)).returncode == 0
+    page = (tmp_path / "report" / "index.html").read_text()
+    assert '"pixels":"common"' in page
+    assert "that all methods fill: 50.0 %" in page

@@ -192,10 +192,11 @@ class Section:
         if row.status != "ok":
             return {"status": row.status, "reason": row.reason}
         own = _record(row, self.out)
+        mask = place.mask(self.out, name) if place and row.coverage < 1 else None
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
         return {
             "status": "ok",
-            "picture": self.gallery.picture(place.restored(self.out, name), kept, row.coverage < 1) if place else None,
+            "picture": self.gallery.picture(place.restored(self.out, name), kept, mask) if place else None,
             "coverage": row.coverage,
             "device": row.device,
             "scores": {key_of(FILLED, "image"): row.coverage} | {key: value for key, (value, _) in scores.items()},

@@ -12,10 +12,14 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
+import numpy as np
+
+from sucre_bench.arrays import Mask, Picture, coloured
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.reports.page.hole_maps import Block, maps, narrowed, webp
+from sucre_bench.results.masks import read_mask
 from sucre_bench.results.restorations import read_full_arrays
 
 __all__ = ["WIDTHS", "Gallery", "Widths"]
@@ -42,10 +46,10 @@ class Gallery:
         self._pool = ThreadPoolExecutor(usable_cores())
         self._encoded: list[Future[list[Block]]] = []
 
-    def picture(self, path: Path, kept: bool, has_holes: bool = False) -> dict[str, Any] | None:
+    def picture(self, path: Path, kept: bool, mask: Path | None = None) -> dict[str, Any] | None:
         """Return what the page needs to show a picture; None where there is none.
 
-        kept: whether the page holds a thumbnail of it; has_holes: whether pixels without a colour are to be marked.
+        kept: whether the page holds a thumbnail of it; mask: where the mask is stored of a picture with holes.
         """
         if not path.is_file():
             return None
@@ -53,7 +57,7 @@ class Gallery:
         if not kept:
             return {"link": link}
         name = f"p{len(self._encoded)}"
-        self._encoded.append(self._pool.submit(_blocks, name, path, self.width, has_holes))
+        self._encoded.append(self._pool.submit(_blocks, name, path, self.width, mask))
         return {"id": name, "link": link}
 
     def blocks(self) -> Iterator[Block]:
@@ -63,7 +67,7 @@ class Gallery:
         self._pool.shutdown()
 
 
-def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
+def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]:
     import cv2
 
     try:
@@ -71,6 +75,15 @@ def _blocks(name: str, path: Path, width: int, has_holes: bool) -> list[Block]:
     except InputError:  # the page says that there is no picture
         return []
     small = webp(narrowed(image, width))
-    wanted = ("confidence", *(["image"] if has_holes else []))
-    arrays = read_full_arrays(path.with_suffix(".npz"), *wanted) if path.suffix == ".png" else {}
-    return [Block(name, "image/webp", small), *maps(name, image, arrays, has_holes)]
+    arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
+    holes = None if mask is None else ~_filled(mask, path, image)
+    return [Block(name, "image/webp", small), *maps(name, holes, arrays.get("confidence"))]
+
+
+def _filled(mask: Path, path: Path, image: Picture) -> Mask:
+    """The pixels (H, W) with a colour: by the mask, else by the stored arrays, else all that are not black."""
+    try:
+        return read_mask(mask)
+    except InputError:
+        kept = read_full_arrays(path.with_suffix(".npz"), "image").get("image")
+        return np.asarray(image.any(axis=-1)) if kept is None else coloured(kept)

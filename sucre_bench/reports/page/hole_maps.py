@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import base64
 import io
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.arrays import Mask
 from sucre_bench.imaging.image_files import encode_png
 
 __all__ = ["Block", "maps", "narrowed", "webp"]
@@ -31,13 +32,12 @@ class Block:
     about: dict[str, str] = field(default_factory=dict)
 
 
-def maps(name: str, image: Any, arrays: Mapping[str, Any], has_holes: bool) -> Iterable[Block]:
-    """Yield the map of a restoration's holes, and that of its confidence if it was stored."""
-    if has_holes:
-        kept = arrays.get("image")
-        yield _holes(name, (image == 0).all(axis=-1) if kept is None else ~np.isfinite(kept).all(axis=-1))
-    if "confidence" in arrays:
-        yield from _confidence(name, arrays["confidence"])
+def maps(name: str, holes: Mask | None, confidence: Any) -> Iterable[Block]:
+    """Yield the map of a restoration's holes (H, W), and that of its confidence (H, W), unless they are None."""
+    if holes is not None:
+        yield _holes(name, holes)
+    if confidence is not None:
+        yield from _confidence(name, confidence)
 
 
 def _holes(name: str, holes: npt.NDArray[np.bool_]) -> Block:

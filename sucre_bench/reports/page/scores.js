@@ -95,7 +95,7 @@ function drawScores() {
   $("scores-note").textContent =
     state.rows === "mean"
       ? [data.legend, ...data.notes].join(". ") + "."
-      : "A score of charts is the mean over the view's charts. Where a masked score does not cover the whole, its coverage stands below it.";
+      : "A score of charts is the mean over the view's charts. Where a masked score does not cover the whole, its coverage stands below it. Common pixels are those that all methods fill.";
 }
 
 function heading(c, value, cell) {
@@ -103,7 +103,7 @@ function heading(c, value, cell) {
   return {
     key: c.key,
     head: [c.metric, ARROWS[c.better], c.unit && `(${c.unit})`].filter(Boolean).join(" "),
-    sub: [c.variant, state.rows === "mean" ? n : ""],
+    sub: [c.variant, state.rows === "mean" ? n : "", c.pixels === "common" ? "common pixels" : ""],
     better: c.better,
     chosen: c.key === state.metric,
     value,

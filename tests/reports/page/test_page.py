@@ -24,6 +24,7 @@ from sucre_bench.engine import sweep
 from sucre_bench.jobs import command
 from sucre_bench.jobs.rerun import Command
 from sucre_bench.reports import page as report
+from sucre_bench.results.masks import write_mask
 from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
@@ -206,6 +207,17 @@ def test_holes_are_marked_where_pixels_are_black_and_nothing_was_kept(tmp_path: 
     assert holes[:, :24].all()
     assert not holes[:, 24:].any()
     assert f"{ids[0]}-holes" not in page.blocks("image/png")  # its coverage is 1
+
+
+def test_a_stored_mask_tells_holes_from_black_pixels(tmp_path: Path):
+    rows = made_results(tmp_path)
+    mask = np.ones((64, 96), np.bool_)
+    mask[:, :10] = False  # of the 24 columns that are black
+    write_mask(tmp_path / "masks/reef/clever/v0.png", mask)
+    page = Page(write_page(tmp_path, rows))
+    name = page.datasets[0]["views"][0]["results"][1]["picture"]["id"]
+    holes = page.picture(f"{name}-holes")[..., 3] > 0
+    np.testing.assert_array_equal(holes, ~mask)
 
 
 def test_kept_numbers_tell_holes_and_confidence_exactly(tmp_path: Path):
