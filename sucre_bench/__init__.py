@@ -26,6 +26,7 @@ _HOME = {
         "restore",
         "score",
     ),
+    "sucre_bench.engine.compare_methods": ("Compared", "compare_methods"),
     "sucre_bench.results.wide": ("wide",),
     "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
@@ -43,6 +44,8 @@ if TYPE_CHECKING:
     from sucre_bench.camera import Camera as Camera
     from sucre_bench.degrade import Degradation as Degradation
     from sucre_bench.degrade import degraded as degraded
+    from sucre_bench.engine.compare_methods import Compared as Compared
+    from sucre_bench.engine.compare_methods import compare_methods as compare_methods
     from sucre_bench.engine.one_view import Restored as Restored
     from sucre_bench.engine.one_view import list_datasets as list_datasets
     from sucre_bench.engine.one_view import list_experiments as list_experiments

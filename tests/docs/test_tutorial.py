@@ -23,7 +23,7 @@ def test_it_runs_without_a_screen_and_its_own_method_is_in_the_table(tmp_path: P
     notebook = nbformat.read(NOTEBOOK, as_version=4)
     NotebookClient(notebook, timeout=240, resources={"metadata": {"path": str(tmp_path)}}).execute()
     outputs = [output for cell in notebook.cells if cell.cell_type == "code" for output in cell.outputs]
-    assert sum("image/png" in output.get("data", {}) for output in outputs) == 3
+    assert sum("image/png" in output.get("data", {}) for output in outputs) == 4
     said = [output.text for output in outputs if output.output_type == "stream" and output.name == "stdout"]
     by_method = {line.split("|")[1].strip(): line for line in said[-1].splitlines() if line.startswith("| ")}
     assert {"gray_world", "sucre", "known_water"} <= set(by_method)

@@ -1,0 +1,209 @@
+"""Several methods on the views of a scene, from Python: restored, scored and compared in one call."""
+
+from __future__ import annotations
+
+import contextlib
+import sys
+from collections.abc import Iterable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sucre_bench import compare, plugins, results
+from sucre_bench.arrays import Picture
+from sucre_bench.compare import Comparison
+from sucre_bench.compare.text import as_text, number
+from sucre_bench.engine.one_view import restore, score
+from sucre_bench.engine.score import row_without_value
+from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line
+from sucre_bench.imaging.caption import captioned
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.jobs.job import metric_choices
+from sucre_bench.jobs.presets import presets
+from sucre_bench.machine import progress, terminal
+from sucre_bench.plugins.options import create
+from sucre_bench.results.wide import wide
+from sucre_bench.scene import Scene, View
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from PIL.Image import Image
+
+__all__ = ["Compared", "compare_methods"]
+
+Methods = Sequence[Any] | Mapping[str, Any]
+_GAP = 4  # pixels between the pictures of a plot
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class Compared:
+    """What `compare_methods` returns; printed, a table of the methods' means with 95 % intervals.
+
+    rows: the long table, a row a score; pictures: the restored images (H, W, 3) uint8 RGB by view and label, holes
+    black; what failed or was skipped is in `rows` alone, with the reason.
+
+    >>> compared = compare_methods(Scene("reef", [], frozenset()), ["gray_world"])
+    >>> compared.pictures
+    {}
+    """
+
+    scene: Scene
+    labels: tuple[str, ...]
+    rows: pd.DataFrame
+    pictures: Mapping[tuple[str, str], Picture] = field(default_factory=dict)
+
+    @property
+    def table(self) -> pd.DataFrame:
+        """One row a view and method, one column a metric: see `sucre_bench.wide`."""
+        return wide(self.rows)
+
+    @property
+    def comparison(self) -> Comparison | None:
+        """The means, paired differences, ranks and ties; None if there are no scores."""
+        return next(iter(compare.compare(self.rows, order=self.labels)), None) if len(self.rows) else None
+
+    def __repr__(self) -> str:
+        found = self.comparison
+        return as_text([found], "md") if found else "no scores"
+
+    def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "psnr", height: int = 360) -> Image:
+        """Return a view before and after, side by side: the photograph, each method, the reference if there is one.
+
+        view: its name or place; labels: default all; metric: the column of `table` whose score stands below a name,
+        where there is one; height: of the picture, pixels. In a notebook, the picture shows itself.
+        Raises InputError for a label or view that there is not.
+        """
+        from PIL import Image
+
+        shown = self.scene[view]
+        unknown = [label for label in labels if label not in self.labels]
+        if unknown:
+            raise InputError(f"labels: no method '{unknown[0]}'; there are {', '.join(self.labels)}")
+        made = {label: self.pictures.get((shown.name, label)) for label in labels or self.labels}
+        panels = {"photograph": _eight_bit(shown, shown.rgb)}
+        panels |= {self._title(shown.name, name, metric): each for name, each in made.items() if each is not None}
+        if shown.reference is not None:
+            panels["reference"] = _eight_bit(shown, shown.reference)
+        named = [captioned(_resized(picture, height), name) for name, picture in panels.items()]
+        gap = np.full((height, _GAP, 3), 255, np.uint8)
+        return Image.fromarray(np.hstack([part for panel in named for part in (gap, panel)][1:]))
+
+    def _title(self, view: str, label: str, metric: str) -> str:
+        """The label, with its score if there is one."""
+        name, _, variant = metric.partition(":")
+        of = (self.rows["view"] == view) & (self.rows["method"] == label) & (self.rows["metric"] == name)
+        own = self.rows[of & (self.rows["status"] == "ok") & (self.rows["region"] == "image")]
+        own = own[own["variant"] == variant] if variant else own
+        if own.empty:
+            return label
+        return " ".join(filter(None, [f"{label}, {name}", number(own["value"].iloc[0]), str(own["unit"].iloc[0])]))
+
+
+def compare_methods(
+    scene: Scene,
+    methods: Methods,
+    metrics: Sequence[str] = (),
+    views: Iterable[str | int | View] | None = None,
+    show_progress: bool | None = None,
+) -> Compared:
+    """Restore views of a scene with several methods, and score and compare the restorations.
+
+    methods: names or method objects; to name configurations, a mapping from label to a name, an object, or options with
+    the name: {"few": {"name": "sucre", "max_observations": 10}}. metrics: as in `score`, default those of `run`.
+    views: names, places or views, default all. show_progress: True shows it on stderr, False does not, None does in a
+    terminal. A view that cannot be restored is a row with the reason, and the others go on.
+    Raises InputError for an unknown method, option, metric or view before any work.
+
+    >>> from sucre_bench.engine.one_view import load_scenes
+    >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
+    >>> compared = compare_methods(scene, ["underwater", "gray_world"], metrics=["psnr"])
+    >>> compared.table["psnr"].groupby("method").mean().idxmax()
+    'gray_world'
+    >>> compared.plot(0, height=120).size
+    (652, 120)
+    """
+    made = _made(methods)
+    chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
+    metrics = list(metrics) or _default_metrics()
+    metric_choices(metrics)  # a typo is told before anything is restored
+    tables, pictures = [], {}
+    with _shown(show_progress):
+        for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):
+            for view in progress.track(chosen, label):
+                rows, picture = _one(scene, view, label, method, metrics)
+                tables.append(rows)
+                if picture is not None:
+                    pictures[view.name, label] = picture
+    return Compared(scene, tuple(made), _joined(tables), pictures)
+
+
+def _made(methods: Methods) -> dict[str, Any]:
+    """Method objects by label. Raises InputError for an unknown name or option, or a label that is there twice."""
+    if isinstance(methods, str):
+        raise InputError(f"methods: '{methods}' is one word; give a list, ['{methods}']")
+    given = methods.items() if isinstance(methods, Mapping) else ((_name(each), each) for each in methods)
+    made: dict[str, Any] = {}
+    for label, what in given:
+        if label in made:
+            raise InputError(f"methods: '{label}' is there twice; give a mapping from labels to methods")
+        options = dict(what) if isinstance(what, Mapping) else {"name": what}
+        name = options.pop("name", label)
+        made[label] = create(plugins.find("method", name), options) if isinstance(name, str) else name
+    return made
+
+
+def _name(method: Any) -> str:
+    if isinstance(method, Mapping):
+        return str(method.get("name", ""))
+    return method if isinstance(method, str) else str(method.__plugin__.name)
+
+
+def _default_metrics() -> list[str]:
+    """The metrics of a `run` that names none."""
+    return [name for preset in presets("metrics") if preset.name == "default" for name in preset.builds_on]
+
+
+def _shown(wanted: bool | None) -> AbstractContextManager[None]:
+    is_wanted = sys.stderr.isatty() if wanted is None else wanted
+    return terminal.live() if is_wanted and not progress.is_watched() else contextlib.nullcontext()
+
+
+def _one(
+    scene: Scene, view: View, label: str, method: Any, metrics: Sequence[str]
+) -> tuple[pd.DataFrame, Picture | None]:
+    """Restore and score one view: its rows, and its picture if there is one."""
+    dataset = scene.name
+    try:
+        result = restore(method, scene, view)
+    except SucreBenchError as fault:
+        is_skipped = isinstance(fault, NotApplicableError) or _lacks(method, scene)
+        status: results.Status = "skipped" if is_skipped else "failed"
+        row = results.Row(dataset=dataset, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
+        return results.frame([row_without_value(row, status, one_line(fault))]), None
+    rows = score(result, view, metrics, dataset=dataset)
+    return rows.assign(method=label), to_8bit(result.shown)
+
+
+def _lacks(method: Any, scene: Scene) -> bool:
+    return bool(plugins.missing_needs(method.__plugin__, scene.has))
+
+
+def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+    import pandas as pd
+
+    return pd.concat(tables, ignore_index=True) if tables else results.frame([])
+
+
+def _eight_bit(view: View, image: Any) -> Picture:
+    return to_8bit(display(image, "none", view.encoding))
+
+
+def _resized(picture: Picture, height: int) -> Picture:
+    import cv2
+
+    size = (round(picture.shape[1] * height / picture.shape[0]), height)
+    is_smaller = height < picture.shape[0]
+    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA if is_smaller else cv2.INTER_LINEAR))
