@@ -34,6 +34,7 @@ _HOME = {
     "sucre_bench.plugins": ("dataset", "method", "metric", "load_file"),
     "sucre_bench.machine.progress": ("track",),
     "sucre_bench.camera": ("Camera",),
+    "sucre_bench.restored_pair": ("RestoredPair",),
     "sucre_bench.scene": ("Arrays", "Chart", "Pixels", "Restoration", "Scene", "Score", "View", "Water"),
 }
 _MODULE = {name: module for module, names in _HOME.items() for name in names}
@@ -65,6 +66,7 @@ if TYPE_CHECKING:
     from sucre_bench.plugins.decorators import metric as metric
     from sucre_bench.plugins.registry import load_file as load_file
     from sucre_bench.programs.contract import breaches as breaches
+    from sucre_bench.restored_pair import RestoredPair as RestoredPair
     from sucre_bench.results.wide import wide as wide
     from sucre_bench.scene import Arrays as Arrays
     from sucre_bench.scene import Chart as Chart

@@ -301,13 +301,15 @@ class Score:
     """One number a metric gives.
 
     region: "image", a chart's name, or "<chart>/<patch>"; n_pixels: how many pixels it is made of;
-    coverage: the share of the region's pixels that it is made of, 0 to 1.
+    coverage: the share of the region's pixels that it is made of, 0 to 1; weight: of a score of a pair of views, in the
+    mean over a view's pairs.
 
     >>> Score(0.93, region="near/red", n_pixels=120)
-    Score(value=0.93, region='near/red', n_pixels=120, coverage=1.0)
+    Score(value=0.93, region='near/red', n_pixels=120, coverage=1.0, weight=1.0)
     """
 
     value: float
     region: str = "image"
     n_pixels: int = 0
     coverage: float = 1.0
+    weight: float = 1.0

@@ -150,7 +150,7 @@ def _variants(rows: pd.DataFrame) -> Iterator[str]:
 def _versions(rows: pd.DataFrame) -> Iterator[str]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), own in rows.groupby(["metric", "variant"], sort=False):
-        made_by = own["code"].map({code: code.partition(".")[2] for code in own["code"].unique()})
+        made_by = own["code"].map({code: "".join(code.split(".")[1:2]) for code in own["code"].unique()})
         last = own["time"].groupby(made_by).max().sort_values().index[-1]
         if (made_by == last).all():
             continue

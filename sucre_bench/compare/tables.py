@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import Array
 from sucre_bench.compare import ranks
-from sucre_bench.compare.bootstrap import Units
+from sucre_bench.compare.bootstrap import Units, pseudo_values
 from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.missing import notes
 from sucre_bench.compare.model import Cell, Column, Comparison, Measured, Note
@@ -225,6 +226,12 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
     return column, values
 
 
+def _is_of_pairs(metric: str) -> bool:
+    """Whether a view's score is a mean over pairs of views; False if the metric is not installed."""
+    plugin = plugins.discover("metric").get(metric)
+    return isinstance(plugin, Plugin) and plugin.is_of_pairs
+
+
 def _range(metric: str) -> tuple[float, float]:
     """The range of a metric's values; unlimited if the metric is not installed."""
     plugin = plugins.discover("metric").get(metric)
@@ -242,5 +249,14 @@ def _measured(column: Column, values: pd.DataFrame) -> Measured:
         std = complete.to_numpy().std(axis=0)
     per_view = complete.groupby(level=_VIEW).mean()
     views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
-    independent = Units.of(views, scenes) if column.n_views > 1 and column.metric != FILLED else None
+    independent = _independent(column, views, scenes)
     return Measured(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)
+
+
+def _independent(column: Column, views: Array, scenes: list[int]) -> Units | None:
+    """The independent units, None where there are too few. views: (V, M); scenes: how many views each has."""
+    if column.metric == FILLED:
+        return None
+    if len(scenes) > 1 or not _is_of_pairs(column.metric):
+        return Units.of(views, scenes) if len(views) > 1 else None
+    return Units.of(pseudo_values(views), scenes) if len(views) > 2 else None

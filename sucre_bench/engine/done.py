@@ -89,6 +89,7 @@ class Done:
         wanted = {
             (metric.plugin.name, variant, score_code(base, code))
             for metric, code in zip(self.job.metrics, self.metric_codes, strict=True)
+            if not metric.plugin.is_of_pairs  # these are scored when all views are there
             for variant in metric.variants
         }
         suffixes = [".png", *([".npz"] if self.job.save == "full" else [])]

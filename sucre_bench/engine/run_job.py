@@ -58,7 +58,7 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
         return
     try:
         with step(f"the start of method '{job.method.label}'"):
-            method, metrics = job.method.make(), scorers(job.metrics)
+            method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
             make_ready(method)
     except BaseException as fault:
         raise_if_stop(fault)

@@ -7,6 +7,7 @@ import math
 from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -41,11 +42,11 @@ __all__ = [
 
 @dataclass(frozen=True)
 class Scorer:
-    """A metric that is made once for all views of a job. code: see `metric_code`."""
+    """A metric that is made once for all views of a job, a `Metric` or a `PairMetric`. code: see `metric_code`."""
 
     plugin: Plugin
     variants: tuple[str, ...]
-    metric: Metric
+    metric: Any
     code: str
 
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import compare, results
+from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
 from sucre_bench.engine.decoded import remove_decoded, share_decoded
 from sucre_bench.engine.launch import Ended, launch, rescue
@@ -56,6 +57,8 @@ def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = 
                 crashed = ended is Ended.CRASHED
                 if ended is Ended.WORKER_DIED:
                     rescue(planned, started)
+                if not crashed:
+                    score_across_views(planned)
         except KeyboardInterrupt:
             interrupted = True
         finally:

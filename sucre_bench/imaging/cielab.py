@@ -17,7 +17,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 
-__all__ = ["ciede2000", "colour_science", "lab_d50", "lab_d50_from", "lab_d50_of_linear", "srgb_of_lab_d50"]
+__all__ = ["ciede2000", "colour_science", "contrast", "lab_d50", "lab_d50_from", "lab_d50_of_linear", "srgb_of_lab_d50"]
 
 _XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 _RGB_OF_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
@@ -73,6 +73,11 @@ def ciede2000(a: npt.NDArray[Any], b: npt.NDArray[Any]) -> Array:
     from skimage.color import deltaE_ciede2000
 
     return np.asarray(deltaE_ciede2000(a, b))
+
+
+def contrast(lab: Array) -> float:
+    """Return the mean CIEDE2000 between colours (P, 3) in CIE Lab and others, half of the list away."""
+    return float(ciede2000(lab, np.roll(lab, len(lab) // 2, axis=0)).mean())
 
 
 def _lab_of_xyz(relative: Array) -> Array:

@@ -15,7 +15,7 @@ from sucre_bench.machine.provenance import distribution_of, version_of
 __all__ = ["engine_hash", "hash_of"]
 
 # The rooms whose code decides a result, each with all its files. A hash adds the code of the plugins.
-_NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "scene")
+_NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "restored_pair", "scene")
 
 
 # Libraries that the numerics compute with, or plugins for some value of an option. Those in `requires` come on top.

@@ -9,7 +9,7 @@ are named in ``requires`` and imported where they are used.
 from __future__ import annotations
 
 from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
-from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, Plugin
+from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, PairMetric, Plugin
 from sucre_bench.plugins.registry import Registry, current, discover, find, load_file, set_aside, unknown, using
 from sucre_bench.plugins.requirements import missing_needs, missing_packages
 
@@ -22,6 +22,7 @@ __all__ = [
     "Kind",
     "Method",
     "Metric",
+    "PairMetric",
     "Plugin",
     "Registry",
     "current",

@@ -17,13 +17,15 @@ _C = TypeVar("_C", bound=type[Any])
 
 
 def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
-    needs, known = frozenset(needs), NEEDS if kind == "metric" else NEEDS - {"restoration"}
+    needs, known = frozenset(needs), NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
     if needs - known:
         raise PluginError(f"{kind}: unknown needs {sorted(needs - known)}; {did_you_mean(min(needs - known), known)}")
 
     def attach(cls: _C) -> _C:
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
             raise PluginError(f"{cls.__qualname__}: not a frozen dataclass; put @dataclass(frozen=True) under @{kind}")
+        if kind == "metric" and not hasattr(cls, wanted := "score_pair" if "restored_views" in needs else "score"):
+            raise PluginError(f"{cls.__qualname__}: has no {wanted}(); see docs/plugins.md, A metric")
         cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
             kind, name or snake_case(cls.__name__), cls, needs, **about
         )
@@ -134,8 +136,9 @@ def metric(
 
     variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
     unit: as printed; better: "higher", "lower", or "none" for a metric that only describes; range: of possible values;
-    name: default the class's in snake_case; needs: what a scene must offer, and "restoration" for a metric that does
-    not apply to just any picture; requires: import names of packages it uses; cites, licence: of its definition;
+    name: default the class's in snake_case; needs: what a scene must offer, "restoration" for a metric that does
+    not apply to just any picture, "restored_views" for one of pairs of views, which has ``score_pair(pair, variant)``;
+    requires: import names of packages it uses; cites, licence: of its definition;
     role: what figures and the page use it for, besides its column in tables (`Role` in plugin.py); symbol: its name on
     the axis of a figure, TeX between dollars, default name and unit.
 

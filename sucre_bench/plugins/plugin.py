@@ -9,9 +9,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, get_args
 
 from sucre_bench.arrays import Array
+from sucre_bench.restored_pair import RestoredPair
 from sucre_bench.scene import Restoration, Scene, Score, View
 
-__all__ = ["Better", "Broken", "Dataset", "Method", "Metric", "Plugin", "Role"]
+__all__ = ["Better", "Broken", "Dataset", "Method", "Metric", "PairMetric", "Plugin", "Role"]
 
 Better = Literal["higher", "lower", "none"]
 
@@ -19,6 +20,7 @@ Better = Literal["higher", "lower", "none"]
 Role = Literal[
     "",
     "chart-distance",  # of each chart from the camera, m
+    "change-with-distance",  # of a point's colour between views: regions "image/0.5-1 m", of the difference in distance
     "chart-error",  # of a chart's patches against the expected colours, and their mean
     "colour-difference",  # the same, as a difference between colours that swatches show
     "coverage",  # share of pixels with a colour
@@ -40,8 +42,9 @@ Kind = Literal["method", "dataset", "metric"]
 KINDS: tuple[Kind, ...] = get_args(Kind)
 
 
-# What a scene may offer; "restoration" is what a metric needs that makes no sense on just any picture.
-NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth", "restoration"})
+# What a scene may offer, and what only metrics need: "restoration", where just any picture makes no sense;
+# "restored_views", where two restored views of a scene are scored together, see `PairMetric`.
+NEEDS = frozenset({"depth", "poses", "reference", "charts", "truth", "restoration", "restored_views"})
 
 
 class Method(Protocol):
@@ -64,6 +67,17 @@ class Metric(Protocol):
     """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterable[Score]: ...
+
+
+class PairMetric(Protocol):
+    """Scores two restored views of a scene together; a metric with needs={"restored_views"}.
+
+    It is called once for each pair of views that share points, in one order of the two. The score of a view is the mean
+    over its pairs by `Score.weight`. Yields nothing for a pair that does not count; raises NotApplicableError with the
+    reason why a method cannot be scored.
+    """
+
+    def score_pair(self, pair: RestoredPair, variant: str) -> Iterable[Score]: ...
 
 
 @dataclass(frozen=True)
@@ -106,6 +120,11 @@ class Plugin:
         """
         ranks = self.kind == "metric" and self.better != "none"
         return ranks and self.needs <= {"reference", "depth", "poses"}
+
+    @property
+    def is_of_pairs(self) -> bool:
+        """Whether it is a metric that scores pairs of restored views, see `PairMetric`."""
+        return "restored_views" in self.needs
 
     @property
     def summary(self) -> str:

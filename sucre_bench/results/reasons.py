@@ -17,6 +17,8 @@ class Reason(Enum):
     NOT_STORED = "the computed image is not stored; save=full stores it"
     FILLS_LITTLE = "fills less than 1 % of the image"
     NO_SHARED_PIXELS = "no pixel that all methods fill"
+    ONE_VIEW = "only one view of the scene is restored; two are needed"
+    NO_OVERLAP = "no other restored view shows the same points"
     LACK = ""
     OTHER = "?"
 

@@ -18,6 +18,7 @@ from sucre_bench import (
     Camera,
     NotApplicableError,
     Restoration,
+    RestoredPair,
     Scene,
     Score,
     View,
@@ -37,6 +38,8 @@ class Toy:
     """How many views."""
     tag: str = ""
     """Part of the data's identity: data of another tag are other data."""
+    apart: bool = False
+    """Whether the views look at places kilometres apart."""
 
     def scenes(self) -> Iterator[Scene]:
         rng = np.random.default_rng(0)
@@ -44,7 +47,9 @@ class Toy:
         for number in range(self.views):
             reference = rng.random((40, 60, 3), dtype=np.float32)
             pixels = Arrays(reference * np.float32([0.3, 0.8, 0.9]), np.full((40, 60), 2.0), reference)
-            views.append(View(f"v{number}.png", pixels, Camera(np.diag([50.0, 50, 1]), 60, 40), np.eye(4)))
+            pose = np.eye(4)
+            pose[0, 3] = 1000 * number * self.apart
+            views.append(View(f"v{number}.png", pixels, Camera(np.diag([50.0, 50, 1]), 60, 40), pose))
         water = Water(np.full(3, 0.1), np.full(3, 0.2), np.full(3, 0.3))
         has = frozenset({"depth", "poses", "reference", "truth"})
         yield Scene("toy", views, has, water, data_id=f"toy{self.views}{self.tag}")
@@ -253,3 +258,28 @@ class Middle(LeftHalf):
 
     start: float = 0.25
     stop: float = 0.75
+
+
+@metric(
+    variants={"shown": "of the pictures", "computed": "of what was computed"},
+    needs={"restored_views", "depth", "poses"},
+    unit="",
+    better="lower",
+    range=(0, 9),
+    default=["shown"],
+)
+@dataclass(frozen=True)
+class Apart:
+    """How far the mean colours of two views' common points are from each other; some pairs are too much for it."""
+
+    fails: bool = False
+    """Whether it fails."""
+
+    def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
+        if self.fails:
+            raise RuntimeError("no score of a pair")
+        here, there = ((v.shown if variant == "shown" else v.image) for v in (pair.here, pair.there))
+        if here is None or there is None:
+            raise NotApplicableError("not stored")
+        one, other = pair.means(here, there)
+        yield Score(float(np.nanmean(np.abs(one - other))), n_pixels=len(one))

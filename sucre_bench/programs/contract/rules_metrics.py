@@ -21,9 +21,14 @@ from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Restoration, View, Water
 
-__all__: list[str] = []
+__all__ = ["faults"]
 
 _JUDGED = frozenset({"reference", "charts", "truth"})  # needs that define a perfect restoration
+
+
+def _is_of_one_view(plugin: Plugin) -> bool:
+    """Metrics of pairs have rules of their own, rules_pair_metrics.py."""
+    return not plugin.is_of_pairs
 
 
 def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATER) -> list[Row]:
@@ -42,8 +47,8 @@ def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATE
     return [row for row in rows if row.metric == subject.plugin.name]
 
 
-def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
-    """Faults of rows. heard: faults already reported, which are not repeated; new ones are added."""
+def faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
+    """Yield the faults of rows. heard: faults already reported, which are not repeated; new ones are added."""
     low, high = subject.plugin.range
     heard = set() if heard is None else heard
     for row in rows:
@@ -68,37 +73,39 @@ def _remedy(reason: str) -> str:
     return "mend it; where there is nothing to score, yield nothing"
 
 
-@rule("stays in its range, whatever the image", "metric")
+@rule("stays in its range, whatever the image", "metric", applies=_is_of_one_view)
 def stays_in_range(subject: Subject) -> Iterator[Finding]:
     chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
         holes = np.random.default_rng(1).random((*rgb.shape[:2], 1)) < 0.3
         view = wall(rgb, charts=[chart])[TARGET]
-        yield from _faults(subject, _rows(subject, np.where(holes, np.nan, rgb).astype(np.float32), view), name, heard)
+        yield from faults(subject, _rows(subject, np.where(holes, np.nan, rgb).astype(np.float32), view), name, heard)
 
 
-@rule("gives no value where nothing has a colour", "metric", applies=lambda p: p.better != "none")
+@rule(
+    "gives no value where nothing has a colour", "metric", applies=lambda p: p.better != "none" and _is_of_one_view(p)
+)
 def scores_no_holes(subject: Subject) -> Iterator[Finding]:
     view = charted()[TARGET]
     rows = _rows(subject, np.full_like(view.rgb, np.nan), view, water=None)
-    yield from _faults(subject, rows, "all NaN")
+    yield from faults(subject, rows, "all NaN")
     for row in rows:
         if row.status == "ok" and not (row.n_pixels and row.coverage):
             yield breach(f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none")
 
 
-@rule("runs with no more than it says it needs", "metric")
+@rule("runs with no more than it says it needs", "metric", applies=_is_of_one_view)
 def runs_with_least(subject: Subject) -> Iterator[Finding]:
     scene = least(charted(), subject.plugin.needs, cameras="depth" in subject.plugin.needs)
     rows = _rows(subject, scene[TARGET].rgb, scene[TARGET])
-    yield from _faults(subject, rows, f"a view with {' and '.join(sorted(subject.plugin.needs)) or 'an image'}")
+    yield from faults(subject, rows, f"a view with {' and '.join(sorted(subject.plugin.needs)) or 'an image'}")
     is_of_a_method = "restoration" in subject.plugin.needs  # what that told of its work is not here
     if not is_of_a_method and not any(row.status == "ok" for row in rows):
         yield breach(f"no variant gives a score there, {rows[0].reason}; add what it uses to needs=")
 
 
 def _is_judged(plugin: Plugin) -> bool:
-    return plugin.better != "none" and bool(plugin.needs & _JUDGED)
+    return plugin.better != "none" and bool(plugin.needs & _JUDGED) and _is_of_one_view(plugin)
 
 
 @rule("says truly which direction is better", "metric", applies=_is_judged)
@@ -126,7 +133,7 @@ def _values(subject: Subject, rows: list[Row]) -> dict[tuple[str, str], float]:
     return {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
 
 
-@rule("gives the same twice, and leaves its input and the process as they were", "metric")
+@rule("gives the same twice, and leaves its input and the process as they were", "metric", applies=_is_of_one_view)
 def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
     view = charted()[TARGET]
     image = view.rgb.copy()
@@ -146,7 +153,7 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
         yield breach("writes into what it is given; work on a copy")
 
 
-@rule("scores images in linear light", "metric")
+@rule("scores images in linear light", "metric", applies=_is_of_one_view)
 def bears_linear_images(subject: Subject) -> Iterator[Finding]:
     view = replace(charted()[TARGET], encoding="linear")
-    yield from _faults(subject, _rows(subject, view.rgb, view), "linear")
+    yield from faults(subject, _rows(subject, view.rgb, view), "linear")

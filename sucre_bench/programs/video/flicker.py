@@ -21,10 +21,10 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Picture
 from sucre_bench.engine.reopen import INPUT, Frame
-from sucre_bench.imaging.cielab import ciede2000, lab_d50
+from sucre_bench.imaging.cielab import ciede2000, contrast, lab_d50
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.progress import track
-from sucre_bench.multiview.pairing import lift, match
+from sucre_bench.multiview.common_points import matched, surface_of
 from sucre_bench.scene import View
 
 __all__ = ["FORMULAE", "Flicker", "flicker", "gain_of"]
@@ -90,10 +90,8 @@ def _point_differences(
     view: View, pictures: Mapping[str, Picture], following: View, following_pictures: Mapping[str, Picture]
 ) -> Iterator[tuple[str, str, float]]:
     """Colour differences of points that both views show and that have colours in all their pictures."""
-    if view.camera is None or view.cam_from_world is None or not view.has_depth or not view.valid.any():
-        return
-    matches = match(lift(view), following, "depth")
-    if matches is None or not len(matches.pixels):
+    matches = matched(surface_of(view), following)
+    if matches is None:
         return
     here = {name: picture.reshape(-1, 3)[matches.pixels] for name, picture in pictures.items()}
     there = {name: picture.reshape(-1, 3)[matches.others] for name, picture in following_pictures.items()}
@@ -102,16 +100,11 @@ def _point_differences(
     if not len(chosen):
         return
     for name in here:
-        own = here[name][chosen]
-        difference = float(_differences(own, there[name][chosen]).mean())
+        own = lab_d50(here[name][chosen] / 255)
+        difference = float(ciede2000(own, lab_d50(there[name][chosen] / 255)).mean())
         yield name, "points", difference
-        if contrast := float(_differences(own, np.roll(own, len(own) // 2, axis=0)).mean()):
-            yield name, "relative", difference / contrast
-
-
-def _differences(a: Picture, b: Picture) -> Array:
-    """CIEDE2000 (P,) between two pictures' colours (P, 3), uint8 sRGB."""
-    return ciede2000(lab_d50(a / 255), lab_d50(b / 255))
+        if between_points := contrast(own):
+            yield name, "relative", difference / between_points
 
 
 def _mean(values: Sequence[float]) -> Flicker:

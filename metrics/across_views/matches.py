@@ -1,0 +1,148 @@
+"""Do restored views match better than the photographs? What surveys restore for.
+
+SIFT (Lowe 2004) finds keypoints in both views. The nearest descriptor is a match if it is nearer than 0.8 of the second
+nearest, and if the same holds for the nearest from the other side. A match is verified if its keypoints lie where depth
+and poses put the point, within 1 % of the image's diagonal. The geometry is known, so nothing is drawn at random.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array
+from sucre_bench.camera import depth_at, project, relative_pose, unproject
+from sucre_bench.imaging.display import display
+from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.once import locked, once
+from sucre_bench.plugins.decorators import metric
+from sucre_bench.restored_pair import RestoredPair
+from sucre_bench.scene import Encoding, Score, View
+
+__all__ = ["Matches"]
+
+# Keypoints are sought in images of at most so many pixels a side, and so many are kept, the strongest.
+_SIDE_PX, _MOST = 1280, 4000
+
+# A keypoint so near to a hole, px, is the hole's.
+_RIM_PX = 5
+
+_RATIO = 0.8
+_NEAR = 0.01  # of the diagonal
+
+
+@metric(
+    needs={"restored_views", "depth", "poses"},
+    requires=["cv2"],
+    unit="",
+    better="higher",
+    range=(-np.inf, np.inf),
+    symbol="verified matches, restored / photograph",
+    cites="Summers, Sensors 2025, 25(22) 6966; Lowe 2004",
+    default=["ratio", "doublings"],
+    variants={
+        "ratio": "verified matches restored over before; of several pairs the ratio of the sums",
+        "doublings": "log2 of (matches restored + 1) / (matches before + 1), the mean over pairs",
+    },
+)
+@dataclass(frozen=True)
+class Matches:
+    """Verified matches between neighbouring views, restored over before.
+
+    A view's neighbours are the two that overlap most with it. Ratios differ between views by orders of magnitude, where
+    hazy photographs hardly match: compare methods by their doublings.
+    """
+
+    def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
+        """Yield the score if the two are neighbours."""
+        if not pair.are_neighbours:
+            return
+        views = (pair.here.view, pair.there.view)
+        first, second = (_of_photograph(view.rgb, view.encoding) for view in views)
+        before = _verified(views, (first, second))
+        after = _verified(views, (_keypoints(pair.here.shown), _keypoints(pair.there.shown)))
+        share = float(np.mean([np.isfinite(own.shown).all(axis=-1).mean() for own in (pair.here, pair.there)]))
+        if variant == "ratio":
+            yield Score(after / before if before else np.nan, n_pixels=after, coverage=share, weight=before)
+        else:
+            value = float(np.log2((after + 1) / (before + 1))) if share else np.nan
+            yield Score(value, n_pixels=after, coverage=share)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Keypoints:
+    """xy: (N, 2) float64 pixel coordinates, pixel centres at +0.5; descriptors: (N, 128) float32."""
+
+    xy: Array
+    descriptors: npt.NDArray[np.float32]
+
+
+@once
+def _of_photograph(rgb: Array, encoding: Encoding) -> _Keypoints:
+    """The keypoints of a view as it was taken (H, W, 3)."""
+    return _keypoints(locked(display(rgb, "none", encoding)))
+
+
+@once
+def _keypoints(shown: Array) -> _Keypoints:
+    """The keypoints of a picture (H, W, 3) in [0, 1], NaN = no colour."""
+    import cv2
+
+    coloured = np.isfinite(shown).all(axis=-1)
+    # With black around it, so that the border of the image is a rim, too.
+    usable = cv2.erode(np.pad(coloured, 1).astype(np.uint8), np.ones((2 * _RIM_PX + 1,) * 2))[1:-1, 1:-1]
+    gray = cv2.cvtColor(to_8bit(shown), cv2.COLOR_RGB2GRAY)
+    height, width = gray.shape
+    scale = min(1.0, _SIDE_PX / max(height, width))
+    size = (max(1, round(width * scale)), max(1, round(height * scale)))
+    if size != (width, height):
+        gray = cv2.resize(gray, size, interpolation=cv2.INTER_AREA)
+        usable = cv2.resize(usable, size, interpolation=cv2.INTER_NEAREST)
+    points, descriptors = cv2.SIFT.create(nfeatures=_MOST).detectAndCompute(gray, usable)
+    if descriptors is None:
+        return _Keypoints(np.empty((0, 2)), np.empty((0, 128), np.float32))
+    xy = (np.array([point.pt for point in points]) + 0.5) * (width / size[0], height / size[1])
+    return _Keypoints(xy, np.asarray(descriptors, dtype=np.float32))
+
+
+def _verified(views: tuple[View, View], found: tuple[_Keypoints, _Keypoints]) -> int:
+    """The number of matches that depth and poses confirm."""
+    here, there = _matched(*found)
+    ahead = _errors(views[0], views[1], found[0].xy[here], found[1].xy[there])
+    back = _errors(views[1], views[0], found[1].xy[there], found[0].xy[here])
+    return int(np.count_nonzero(np.fmin(ahead, back) <= _NEAR))  # at an outline, one depth may be another surface's
+
+
+def _matched(first: _Keypoints, second: _Keypoints) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+    """The keypoints that match, by their places in the two lists."""
+    import cv2
+
+    if min(len(first.xy), len(second.xy)) < 2:
+        return np.empty(0, np.int64), np.empty(0, np.int64)
+    matcher = cv2.BFMatcher(cv2.NORM_L2)
+
+    def nearest(one: _Keypoints, other: _Keypoints) -> dict[int, int]:
+        pairs = matcher.knnMatch(one.descriptors, other.descriptors, k=2)
+        return {best.queryIdx: best.trainIdx for best, second in pairs if best.distance < _RATIO * second.distance}
+
+    back = nearest(second, first)
+    both = [(i, j) for i, j in nearest(first, second).items() if back.get(j) == i]
+    places = np.array(both, dtype=np.int64).reshape(-1, 2)
+    return places[:, 0], places[:, 1]
+
+
+def _errors(source: View, target: View, xy: Array, matched: Array) -> Array:
+    """How far matches lie from where they should, (N,) in diagonals of the target; NaN without depth."""
+    assert source.camera is not None
+    assert target.camera is not None
+    assert source.cam_from_world is not None
+    assert target.cam_from_world is not None
+    depth = depth_at(source.depth, xy)
+    points = unproject(source.camera, xy[:, 0], xy[:, 1], depth)  # (3, N)
+    moved = relative_pose(target.cam_from_world, source.cam_from_world) @ np.vstack([points, np.ones_like(depth)])
+    expected, _ = project(target.camera, moved[:3].T)
+    errors = np.linalg.norm(expected - matched, axis=1) / np.hypot(target.camera.width, target.camera.height)
+    return np.where(depth > 0, errors, np.nan)

@@ -1,0 +1,107 @@
+"""Two restored views of one scene and the points that both show: what a metric of several restored views scores."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+import numpy.typing as npt
+
+from sucre_bench.arrays import Array
+from sucre_bench.scene import View
+
+__all__ = ["CommonPoints", "RestoredPair", "RestoredView"]
+
+Indices = npt.NDArray[np.integer[Any]]
+
+
+@dataclass(frozen=True, eq=False)
+class RestoredView:
+    """A view and what one method made of it; pictures are read when they are asked for.
+
+    view: the photograph, with camera, pose and depth; read_shown, read_image: return `shown` and `image`.
+    """
+
+    view: View
+    read_shown: Callable[[], Array] = field(repr=False)
+    read_image: Callable[[], Array | None] = field(default=lambda: None, repr=False)
+
+    @cached_property
+    def shown(self) -> Array:
+        """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour: the restored image. Stored ones have 8 bits."""
+        return _locked(self.read_shown())
+
+    @cached_property
+    def image(self) -> Array | None:
+        """(H, W, 3) float32 in the view's encoding, NaN = no colour: J; None if it was not stored (save=full does)."""
+        image = self.read_image()
+        return None if image is None else _locked(image)
+
+
+def _locked(image: Array) -> Array:
+    image.setflags(write=False)  # what one metric may not do to the next
+    return image
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class CommonPoints:
+    """The pixels of two views that show the same P patches of the scene.
+
+    here, there: (M,) and (N,) int32 flat pixel indices in the two views; here_patch, there_patch: (M,) and (N,) int32
+    in [0, P), the patch of each; distance: (2, P) float64 metres, of each patch from the first and the second camera.
+    """
+
+    here: Indices
+    there: Indices
+    here_patch: Indices
+    there_patch: Indices
+    distance: Array
+
+    def __len__(self) -> int:
+        """P."""
+        return self.distance.shape[1]
+
+    def turned(self) -> CommonPoints:
+        """Return the same with the views in the other order."""
+        return CommonPoints(self.there, self.here, self.there_patch, self.here_patch, self.distance[::-1])
+
+
+@dataclass(frozen=True, eq=False)
+class RestoredPair:
+    """Two views that one method restored, and the patches of the scene that both show.
+
+    are_neighbours: whether one of them overlaps more with the other than with all but one of the scene's views.
+    """
+
+    here: RestoredView
+    there: RestoredView
+    points: CommonPoints
+    are_neighbours: bool = True
+
+    def means(self, here: Array, there: Array) -> tuple[Array, Array]:
+        """Return the mean colours (P, 3) float64 of the common patches in images (H, W, 3) of the two views.
+
+        Both are NaN for a patch of which less than three quarters have a colour in one of the images.
+        """
+        points = self.points
+        first = _means(here, points.here, points.here_patch, len(points))
+        second = _means(there, points.there, points.there_patch, len(points))
+        absent = np.isnan(first).any(axis=1) | np.isnan(second).any(axis=1)
+        first[absent] = second[absent] = np.nan
+        return first, second
+
+
+_LEAST = 0.75  # of a patch's pixels
+
+
+def _means(image: Array, pixels: Indices, patch: Indices, n: int) -> Array:
+    colours = image.reshape(-1, 3)[pixels]
+    known = np.isfinite(colours).all(axis=1)
+    own = patch[known]
+    counted = np.bincount(own, minlength=n)
+    sums = np.stack([np.bincount(own, column, n) for column in colours[known].T], axis=1)
+    enough = counted >= np.maximum(1, _LEAST * np.bincount(patch, minlength=n))
+    return np.where(enough[:, None], sums / np.maximum(counted, 1)[:, None], np.nan)

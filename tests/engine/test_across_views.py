@@ -1,0 +1,138 @@
+"""Metrics of pairs of restored views: scored once the views are there, from what the results folder holds."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.command_line import Started
+from support.toy_runs import calls, run
+
+from sucre_bench import results
+from sucre_bench.engine.outcome import Outcome
+from sucre_bench.errors import Lack
+from sucre_bench.imaging.image_files import decode
+from sucre_bench.results import Reason
+
+pytestmark = pytest.mark.short
+
+
+@pytest.fixture
+def out(tmp_path: Path, toys: str) -> Path:
+    return tmp_path / "out"
+
+
+def apart(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
+    return run(out, "metrics=[apart]", *overrides, multirun=multirun)
+
+
+def scores(rows: pd.DataFrame) -> pd.DataFrame:
+    return rows[rows["metric"] == "apart"].set_index("view").sort_index()
+
+
+def test_a_views_score_is_the_mean_over_its_pairs_of_stored_pictures(out: Path):
+    rows = scores(apart(out).rows)
+    assert set(rows["status"]) == {"ok"}
+    pictures = [decode(out / "restored" / "toy" / "gain" / f"v{n}.png", 1)[..., ::-1] / 255 for n in range(3)]
+    # All toy views have one camera, so that patches are blocks of 8 x 8 pixels: 5 x 7 of them are whole.
+    patches = [p[:, :56].reshape(5, 8, 7, 8, 3).mean(axis=(1, 3)) for p in pictures]
+    between = {(i, j): np.abs(patches[i] - patches[j]).mean() for i in range(3) for j in range(3)}
+    for n in range(3):
+        own = [between[n, other] for other in range(3) if other != n]
+        assert rows.loc[f"v{n}.png", "value"] == pytest.approx(np.mean(own), rel=1e-4)
+
+
+def test_scores_that_are_there_are_kept(out: Path, tmp_path: Path):
+    log = tmp_path / "calls"
+    first = scores(apart(out, f"method.log={log}").rows)
+    again = apart(out, f"method.log={log}")
+    assert (again.ok, again.cached, len(calls(log))) == (3, 3, 3)
+    pd.testing.assert_frame_equal(scores(again.rows), first)
+
+
+def test_a_metric_added_later_scores_what_another_process_restored(out: Path, toys: str, tmp_path: Path):
+    words = ["run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[psnr]", "tracking.uri=off"]
+    assert Started(tmp_path, *words, "report=false", f"out={out}").ended().returncode == 0
+    restored = (out / "restored" / "toy" / "gain" / "v0.png").stat().st_mtime_ns
+    rows = scores(apart(out, "overwrite=missing").rows)
+    assert set(rows["status"]) == {"ok"}
+    assert (out / "restored" / "toy" / "gain" / "v0.png").stat().st_mtime_ns == restored
+
+
+def test_a_new_view_scores_all_views_anew_and_fewer_views_score_nothing(out: Path):
+    two = scores(apart(out, "first=2").rows)
+    assert len(two) == 2
+    three = scores(apart(out).rows)
+    assert len(three) == 3
+    assert (three["value"].drop("v2.png") != two["value"]).all()
+    pd.testing.assert_frame_equal(scores(apart(out, "first=2").rows), three)
+
+
+def test_a_mended_view_scores_its_pairs_anew(out: Path, tmp_path: Path, toys: str):
+    one_fails = apart(out, "method=faulty")
+    assert one_fails.exit_code == 1
+    assert list(scores(one_fails.rows).index) == ["v0.png", "v2.png"]
+    (out / "restored" / "toy" / "faulty" / "v0.png").unlink()
+    assert list(scores(apart(out, "method=faulty").rows).index) == ["v0.png", "v2.png"]
+
+
+def test_shards_together_score_what_the_whole_scores(out: Path, tmp_path: Path):
+    whole = scores(apart(tmp_path / "whole").rows)
+    parts = scores(apart(out, "shard.count=3", "shard.index=range(3)", multirun=True).rows)
+    assert (parts["value"] == whole["value"]).all()
+
+
+def test_what_was_computed_is_scored_where_it_is_stored(out: Path):
+    words = ("metrics.apart.variants=[all]", "method.gain=0.5")
+    rows = apart(out, *words).rows
+    assert set(rows[rows["variant"] == "computed"]["reason"]) == {"not stored"}
+    stored = apart(out, *words, "save=full").rows
+    both = stored[stored["metric"] == "apart"].pivot(index="view", columns="variant", values="value")
+    assert both["computed"].to_numpy() == pytest.approx(both["shown"].to_numpy(), rel=1e-2)
+
+
+# -- what cannot be scored ---------------------------------------------------------------------------------
+
+
+def test_one_view_cannot_be_scored_and_other_metrics_go_on(out: Path):
+    outcome = run(out, "metrics=[apart,psnr]", "dataset.views=1")
+    assert outcome.exit_code == 0
+    assert set(scores(outcome.rows)["reason"]) == {Reason.ONE_VIEW.value}
+    assert (outcome.rows.loc[outcome.rows["metric"] == "psnr", "status"] == "ok").all()
+
+
+def test_scenes_without_depth_and_poses_are_skipped_with_the_reason(out: Path):
+    outcome = run(out, "dataset=two_scenes", "metrics=[apart,redness]")
+    assert outcome.exit_code == 0
+    (reason,) = set(scores(outcome.rows)["reason"])
+    lack = Lack.read(reason)
+    assert lack is not None
+    assert lack.needs == ("depth", "poses")
+    assert (outcome.rows.loc[outcome.rows["metric"] == "redness", "status"] == "ok").all()
+
+
+def test_views_that_do_not_overlap_are_skipped_with_the_reason(out: Path):
+    outcome = run(out, "metrics=[apart,redness]", "dataset.apart=true")
+    assert outcome.exit_code == 0
+    assert set(scores(outcome.rows)["reason"]) == {Reason.NO_OVERLAP.value}
+
+
+def test_a_fault_of_a_metric_is_a_row_and_other_metrics_go_on(out: Path):
+    outcome = run(out, "metrics=[apart,redness]", "metrics.apart.fails=true")
+    assert (outcome.ok, outcome.exit_code) == (3, 1)
+    assert set(scores(outcome.rows)["reason"]) == {"RuntimeError: no score of a pair"}
+    assert "no score of a pair" in (out / "logs" / "failures.log").read_text()
+    assert (results.read(out).query("metric == 'redness'")["status"] == "ok").all()
+
+
+def test_single_pictures_are_skipped_with_the_reason(bench, tmp_path: Path, out: Path, toys: str):
+    apart(out)
+    pictures = out / "restored" / "toy" / "gain"
+    done = bench("score", str(pictures), "--metrics", "apart,uciqe", "--plugin", toys, "--csv", "scores.csv")
+    assert done.returncode == 1, "a metric that was asked for gives nothing"
+    rows = pd.read_csv(next(tmp_path.rglob("scores.csv")))
+    assert set(rows.loc[rows["metric"] == "apart", "status"]) == {"skipped"}
+    assert "restored_views" in rows.loc[rows["metric"] == "apart", "reason"].iloc[0]
+    assert set(rows.loc[rows["metric"] == "uciqe", "status"]) == {"ok"}
