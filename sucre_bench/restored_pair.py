@@ -74,6 +74,14 @@ class RestoredPair:
     """Two views that one method restored, and the patches of the scene that both show.
 
     are_neighbours: whether one of them overlaps more with the other than with all but one of the scene's views.
+
+    >>> from sucre_bench import Arrays, View
+    >>> dark, light = (RestoredView(View(name, Arrays(np.zeros((8, 8, 3)))), lambda g=g: np.full((8, 8, 3), g))
+    ...                for name, g in (("a.png", 0.25), ("b.png", 0.5)))
+    >>> whole = np.arange(64), np.zeros(64, int)  # all pixels of both views show the one patch
+    >>> pair = RestoredPair(dark, light, CommonPoints(whole[0], whole[0], whole[1], whole[1], np.ones((2, 1))))
+    >>> [mean.tolist() for mean in pair.means(pair.here.shown, pair.there.shown)]
+    [[[0.25, 0.25, 0.25]], [[0.5, 0.5, 0.5]]]
     """
 
     here: RestoredView

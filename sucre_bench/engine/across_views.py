@@ -78,11 +78,9 @@ def _score_dataset(jobs: Sequence[Job], rows: pd.DataFrame, part: Part) -> None:
             continue
         scene = todo[0].tasks[0].scene
         views = [task.view for task in by_job[0][name]]
+        entrants, log = [restored.entrant for restored in todo], log_path(jobs[0].out)
         with progress.line(f"pairs of views of {scene.name}", len(todo)) as step:
-            entrants = [one.entrant for one in todo]
-            for own in pair_rows(
-                replace(scene, views=views), entrants, log_path(jobs[0].out), jobs[0].view_timeout_s, step
-            ):
+            for own in pair_rows(replace(scene, views=views), entrants, log, jobs[0].view_timeout_s, step):
                 part.add(own)
         part.flush()
 

@@ -59,7 +59,8 @@ def pair_rows(
 ) -> list[list[Row]]:
     """Return the rows of each method: a score for each of its views, or the reason why there is none.
 
-    log: keeps tracebacks; limit_s: how long a score of a pair may take; after_batch: called when a method has been scored on 200 more pairs, or on all.
+    log: keeps tracebacks; limit_s: how long a score of a pair may take; after_batch: called when a method has been
+    scored on 200 more pairs, or on all.
     """
     names = {name for entrant in entrants for name in entrant.bases}
     views = [view for view in scene.views if view.name in names]

@@ -16,7 +16,10 @@ from sucre_bench.results.rows import COSTS, By
 __all__ = ["FIGURES", "Study"]
 
 # Each is a module of `reports.paper.figures`.
-Figure = Literal["against", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches", "water"]
+Figure = Literal[
+    "against", "between_views", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",
+    "water",
+]  # fmt: skip
 FIGURES: tuple[Figure, ...] = get_args(Figure)
 
 
