@@ -18,6 +18,7 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.imaging.encoding import converted, srgb_decode
+from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.filters.water_column import distances
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.ranges import check_ranges
@@ -59,7 +60,7 @@ class RangeStatistics:
     "underwater imagery",
 )
 @dataclass(frozen=True)
-class DiveGrayWorld:
+class DiveGrayWorld(FillOption):
     """Give every channel the same mean and contrast at every distance, by statistics of all images of a dive.
 
     The mean and standard deviation of each channel are pooled over all views of the scene, by bins of distance. Each
@@ -94,11 +95,15 @@ class DiveGrayWorld:
         z, along = distances(view)
         statistics = _of_scene(scene, self, view.encoding, along)
         brightness, contrast = _targets(self.brightness, self.contrast, view.encoding)
-        seen = z > 0
-        image = np.full(view.rgb.shape, np.nan, dtype=np.float32)
-        for c in range(3):
-            mean, deviation = statistics.at(z[seen], c)
-            image[seen, c] = (view.rgb[..., c][seen] - mean) * (contrast / deviation) + brightness
+
+        def at(z: Array) -> Array:
+            seen = z > 0
+            image = np.full(view.rgb.shape, np.nan, dtype=np.float32)
+            for c in range(3):
+                mean, deviation = statistics.at(z[seen], c)
+                image[seen, c] = (view.rgb[..., c][seen] - mean) * (contrast / deviation) + brightness
+            return image
+
         info = {
             "along": along,
             "n_views": statistics.views,
@@ -106,7 +111,8 @@ class DiveGrayWorld:
             "nearest_m": float(statistics.range_m[0]),
             "farthest_m": float(statistics.range_m[-1]),
         }
-        return Restoration(image, info=info)
+        restoration = Restoration(at(z), info=info)
+        return with_filled(restoration, view, at) if self.fill else restoration
 
 
 def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Along) -> RangeStatistics:

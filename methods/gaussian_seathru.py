@@ -15,6 +15,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
 
 __all__ = ["GaussianSeathru", "Parameters", "negative_log_likelihood"]
@@ -62,7 +63,7 @@ def negative_log_likelihood(water: Parameters, intensity: Array, z: Array) -> fl
     encoding="gamma",
 )
 @dataclass(frozen=True)
-class GaussianSeathru:
+class GaussianSeathru(FillOption):
     """Fit the water under which colours are normally distributed, alike at all distances.
 
     One view and its distances are enough; the method looks for no dark pixels and no illuminant. Pixels without depth
@@ -109,7 +110,9 @@ class GaussianSeathru:
         def optical_depth(through: Array, c: int) -> Array:
             return water[c].beta.optical_depth(through)
 
-        J = without_water(view.rgb, z, veil, optical_depth)
+        def at(z: Array) -> Array:
+            return without_water(view.rgb, z, veil, optical_depth)
+
         drawn = without_water(intensity[None], far[None], veil, optical_depth)[0]
         info: dict[str, Any] = {
             "along": along,
@@ -122,7 +125,8 @@ class GaussianSeathru:
         }
         constant = [float(far @ w.beta.optical_depth(far) / (far @ far)) for w in water]
         B, gamma = np.array([w.B for w in water]), np.array([w.gamma for w in water])
-        return Restoration(J, Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
+        restoration = Restoration(at(z), Water(B, np.array(constant), gamma, encoding=view.encoding), info=info)
+        return with_filled(restoration, view, at) if self.fill else restoration
 
     def _drawn(self, rgb: Array, z: Array) -> tuple[Array, Array]:
         """Return intensities (P, 3) and distances (P,), float64, of pixels with depth, without the farthest 1 %."""

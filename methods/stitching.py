@@ -7,14 +7,17 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.imaging.fill import FillOption, own_colours, with_filled
 
 
 @method(needs={"depth", "poses"}, cites="Boittiaux et al. 2024, SUCRe, supplementary material")
 @dataclass(frozen=True)
-class Stitching:
+class Stitching(FillOption):
     """Give each pixel the colour of its closest observation in any view, without a water model.
 
-    Pixels without depth have no colour. Of equally close observations, the first in the scene's order counts.
+    Pixels without depth have no colour, or with `fill` the photograph's own.
+
+    Of equally close observations, the first in the scene's order counts.
     """
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -37,4 +40,5 @@ class Stitching:
             "n_views": len(observations.views),
             "unreadable": observations.unreadable,
         }
-        return Restoration(observations.image(colours), info=info)
+        stitched = Restoration(observations.image(colours), info=info)
+        return with_filled(stitched, view, lambda z: own_colours(view, z)) if self.fill else stitched

@@ -269,7 +269,8 @@ class Restoration:
 
     image: (H, W, 3) float in the view's encoding; may leave [0, 1]; NaN where the method gives no colour;
     water: as estimated; confidence: (H, W), posterior standard deviation or the method's own measure;
-    info: anything worth keeping: cost, iterations, "device".
+    info: anything worth keeping: cost, iterations, "device"; filled: (H, W, 3) as image, guessed colours of pixels that
+    image has none for, NaN elsewhere: they are drawn and never scored.
 
     >>> image = np.full((48, 64, 3), 0.5)
     >>> image[:24] = np.nan
@@ -281,6 +282,7 @@ class Restoration:
     water: Water | None = None
     confidence: Array | None = None
     info: dict[str, Any] = field(default_factory=dict)
+    filled: Array | None = None
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]

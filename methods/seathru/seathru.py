@@ -18,6 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import converted
+from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
 from sucre_bench.methods.seathru.attenuation import (
     Kind,
@@ -42,7 +43,7 @@ _GREY_LEVEL = 1 / 255
     cites="Akkaynak & Treibitz 2019, Sea-thru; adapted to 8 bits as in Boittiaux et al. 2024 (Sea-thru*)",
 )
 @dataclass(frozen=True)
-class Seathru:
+class Seathru(FillOption):
     """Estimate backscatter from the darkest pixels and attenuation from the local illuminant, and remove both.
 
     The method uses a single view and its distances (Sea-thru*). Pixels without depth have no colour. The reported water
@@ -117,8 +118,11 @@ class Seathru:
 
         J = without_water(few, few_z, backscatter.veil, optical_depth)[few_z > 0]
         gain = self._gain(J, level)
-        image = without_water(converted(view.rgb, view.encoding, light), z, backscatter.veil, optical_depth)
-        image *= gain
+
+        def at(z: Array) -> Array:
+            image = without_water(converted(view.rgb, view.encoding, light), z, backscatter.veil, optical_depth) * gain
+            return converted(image, light, view.encoding).astype(np.float32, copy=False)
+
         water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light)
         info: dict[str, Any] = {
             "along": along,
@@ -131,7 +135,8 @@ class Seathru:
             "limited_share": [self._limited(b, few_z[few_z > 0]) for b in beta],
             "undetermined": _undetermined(far, water, beta),
         }
-        return Restoration(converted(image, light, view.encoding).astype(np.float32, copy=False), water, info=info)
+        restoration = Restoration(at(z), water, info=info)
+        return with_filled(restoration, view, at) if self.fill else restoration
 
     def _taken(self, z: Array) -> tuple[slice, slice]:
         """Every n-th pixel; not their mean, which knows no darkest pixel and mixes near with far."""

@@ -170,6 +170,8 @@ def check(options: Any, method: str) -> None:
     for name in extras:
         if name not in way_of(options).options:
             raise InputError(f"{method}.{name}: is found with the image's own water; leave out {given[0]}")
+    if options.lamp and options.fill:
+        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; leave out fill=true")
     alone = [name for name in ("lamp", "exposure") if name in extras]
     if len(alone) == 2:
         raise InputError(f"{method}.exposure: a lamp explains the same differences of light; leave out lamp=true")

@@ -25,7 +25,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["SPREAD", "posterior"]
+__all__ = ["SPREAD", "ImagePrior", "posterior", "prior_of"]
 
 # Deviation of reflectances, as a share of brightness. Of .15, .25 and .4 the best on views 3 and 8 of the made scenes.
 SPREAD = 0.25
@@ -44,15 +44,8 @@ _EXACT, _ENDLESS = 1e-7, 1e12
 
 def posterior(J: Array, deviation: Array) -> tuple[Array, Array]:
     """Return the posterior mean and standard deviation (3, P) float32 of colours J with standard deviations, (3, P)."""
-    if not np.isfinite(deviation).any():  # the noise is unknown
-        return J, deviation
-    few = np.s_[:, :: max(1, J.shape[1] // _SAMPLE)]
-    prior = _prior_of(J[few].astype(np.float64), _variance(deviation[few]))
-    shrunk, known = np.empty_like(J), np.empty_like(deviation)
-    for start in range(0, J.shape[1], _BLOCK):
-        part = np.s_[:, start : start + _BLOCK]
-        shrunk[part], known[part] = prior.shrunk(J[part].astype(np.float64), _variance(deviation[part]))
-    return shrunk, known
+    prior = prior_of(J, deviation)
+    return (J, deviation) if prior is None else prior.posterior(J, deviation)
 
 
 def _variance(deviation: Array) -> Array:
@@ -61,7 +54,7 @@ def _variance(deviation: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class _ImagePrior:
+class ImagePrior:
     """The mean colour w (3,) of an image, and mean and variance of its brightness."""
 
     w: Array
@@ -79,7 +72,15 @@ class _ImagePrior:
             shrunk = self.mean + self.variance / (self.variance + own) * (s - self.mean)
         return s, own, shrunk
 
-    def shrunk(self, J: Array, v: Array) -> tuple[Array, Array]:
+    def posterior(self, J: Array, deviation: Array) -> tuple[Array, Array]:
+        """Return the posterior mean and standard deviation (3, P) float32 of colours with standard deviations."""
+        shrunk, left = np.empty_like(J, dtype=np.float32), np.empty_like(J, dtype=np.float32)
+        for start in range(0, J.shape[1], _BLOCK):
+            part = np.s_[:, start : start + _BLOCK]
+            shrunk[part], left[part] = self._shrunk(J[part].astype(np.float64), _variance(deviation[part]))
+        return shrunk, left
+
+    def _shrunk(self, J: Array, v: Array) -> tuple[Array, Array]:
         """Return colours (3, P) and their standard deviations."""
         s, own, bright = self.brightness(J, v)
         c = (SPREAD * bright) ** 2
@@ -88,9 +89,19 @@ class _ImagePrior:
         return np.outer(self.w, bright) + chroma * (J - np.outer(self.w, s)), np.sqrt(left)
 
 
-def _prior_of(J: Array, v: Array) -> _ImagePrior:
-    """Estimate the prior of an image from colours (3, P) with variances; each counts as far as it is known."""
-    prior = _ImagePrior(np.ones(3), float(np.median(J)), 0.05)
+def prior_of(J: Array, deviation: Array) -> ImagePrior | None:
+    """Return the prior of an image from its colours (3, P), each as far as it is known; None where no noise is known.
+
+    deviation: (3, P) standard deviations.
+    """
+    if not np.isfinite(deviation).any():
+        return None
+    few = np.s_[:, :: max(1, J.shape[1] // _SAMPLE)]
+    return _estimated(J[few].astype(np.float64), _variance(deviation[few]))
+
+
+def _estimated(J: Array, v: Array) -> ImagePrior:
+    prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05)
     for _ in range(_ROUNDS):
         s, own, bright = prior.brightness(J, v)
         trust = prior.variance / (prior.variance + own)
@@ -98,5 +109,5 @@ def _prior_of(J: Array, v: Array) -> _ImagePrior:
         variance = max(float((trust * ((s - mean) ** 2 - own)).sum() / trust.sum()), _LEAST)
         weight = 1 / (v + (SPREAD * bright) ** 2)
         w = (bright * J * weight).sum(axis=1) / (bright**2 * weight).sum(axis=1)
-        prior = _ImagePrior(w.clip(min=0) / w.clip(min=0).mean(), mean, variance) if (w > 0).any() else prior
+        prior = ImagePrior(w.clip(min=0) / w.clip(min=0).mean(), mean, variance) if (w > 0).any() else prior
     return prior

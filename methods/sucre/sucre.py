@@ -13,6 +13,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.known_water import check_source, water_by, water_of
 from sucre_bench.methods.sucre.options import (
@@ -25,7 +26,7 @@ from sucre_bench.methods.sucre.options import (
     check,
     way_of,
 )
-from sucre_bench.methods.sucre.shrink_noisy_colours import posterior
+from sucre_bench.methods.sucre.shrink_noisy_colours import prior_of
 from sucre_bench.methods.sucre.sucre_paper import CITES
 from sucre_bench.scene import Encoding
 
@@ -49,7 +50,7 @@ _MATCHED, _FEWEST_MATCHED = 20_000, 200
     reads=("water", "water_from"),
 )
 @dataclass(frozen=True)
-class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOptions):
+class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOptions, FitOptions):
     """SUCRe at its exact minimum: one water for all observations, one colour a pixel, no step count.
 
     The paper's model and least squares. Colours are eliminated, and Levenberg-Marquardt finds the water from several
@@ -76,6 +77,7 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
+        from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
         observations = self._observe(scene, view)
@@ -87,13 +89,15 @@ class Sucre(ComputeOptions, ColourOptions, WaterOptions, PairingOptions, FitOpti
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
                 observations, solution = self._single_view(view, solution)
-        if self.prior:
-            J, deviation = posterior(solution.J, solution.deviation)
+        prior = prior_of(solution.J, solution.deviation) if self.prior else None
+        if prior is not None:
+            J, deviation = prior.posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
         if self._decodes(view):
             solution = _encoded(solution)
         stages["solve"] = time.perf_counter() - started
-        return restoration(view, observations, solution, stages, self._fitted(view))
+        restored = restoration(view, observations, solution, stages, self._fitted(view))
+        return guessed(restored, view, prior) if self.fill else restored
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.cache import paired

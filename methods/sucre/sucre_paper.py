@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.cores import Device
 
 __all__ = ["CITES", "SucrePaper"]
@@ -19,7 +20,7 @@ CITES = (
 
 @method(needs={"depth", "poses"}, requires=("torch",), display="stretch-1-99", cites=CITES)
 @dataclass(frozen=True)
-class SucrePaper:
+class SucrePaper(FillOption):
     """SUCRe with the paper's own settings: mutual pairing, then 200 steps of Adam from B = beta = gamma = 0.1.
 
     Adam lowers the sum of squares over all observations of all pixels with depth, without bounds. The last iterate is
@@ -54,6 +55,7 @@ class SucrePaper:
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
+        from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
         from sucre_bench.multiview.cache import paired
@@ -67,4 +69,5 @@ class SucrePaper:
         if self.residuals:
             solution = with_residuals(observations, solution)
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
-        return restoration(view, observations, solution, stages)
+        restored = restoration(view, observations, solution, stages)
+        return guessed(restored, view) if self.fill else restored

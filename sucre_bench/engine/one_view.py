@@ -7,12 +7,14 @@ from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.display import display
+from sucre_bench.imaging.display import display, displayed
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
@@ -61,6 +63,12 @@ class Restored(Restoration):
         """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = a hole: the restored image that is scored and saved."""
         return display(self.image, self.display, self.encoding, water=self.water)
 
+    @property
+    def picture(self) -> Array:
+        """(H, W, 3) as `shown`, with the filled pixels: the picture that is saved and looked at."""
+        shown, filled = displayed(self, self.display, self.encoding)
+        return shown if filled is None else np.asarray(np.where(np.isnan(shown), filled, shown))
+
     def save(self, path: str | Path) -> None:
         """Write the restored image with 8 bits, holes black; as .npz the arrays: image (H, W, 3), B, beta, gamma.
 
@@ -70,7 +78,7 @@ class Restored(Restoration):
         if path.suffix.lower() == ".npz":
             write_arrays(path, self)
         elif path.suffix.lower() in SUFFIXES:
-            write_image(path, to_8bit(self.shown)[..., ::-1])
+            write_image(path, to_8bit(self.picture)[..., ::-1])
         else:
             raise InputError(f"{path}: cannot be written as '{path.suffix}'; end it in .npz or {', '.join(SUFFIXES)}")
 
@@ -78,7 +86,7 @@ class Restored(Restoration):
         """Show the restored image: in the notebook, or else with the system's viewer."""
         from PIL import Image
 
-        picture = Image.fromarray(to_8bit(self.shown))
+        picture = Image.fromarray(to_8bit(self.picture))
         try:
             from IPython import get_ipython
             from IPython.display import display as display_in_notebook

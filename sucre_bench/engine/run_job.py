@@ -18,7 +18,7 @@ from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import NotApplicableError, OutputError, one_line, raise_if_stop
-from sucre_bench.imaging.display import display, is_of_scene
+from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.machine import progress
@@ -156,8 +156,8 @@ def _scored(
 ) -> list[Row]:
     """Keep the picture, and score it."""
     restoration, view = measured.restoration, task.view
-    shown = display(restoration.image, job.method.display, view.encoding, water=restoration.water, over=over)
-    write_pictures(job.out, task.place, job.method.label, view, restoration, shown)
+    shown, filled = displayed(restoration, job.method.display, view.encoding, over)
+    write_pictures(job.out, task.place, job.method.label, view, restoration, shown, filled)
     return score_rows(measured, shown, view, metrics, task.base, log_path(job.out), job.view_timeout_s)
 
 

@@ -26,9 +26,9 @@ from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.machine.compiling import compiled
-from sucre_bench.scene import Encoding, Water
+from sucre_bench.scene import Encoding, Restoration, Water
 
-__all__ = ["check_display", "display", "gray_world_gain", "is_of_scene", "stretch"]
+__all__ = ["check_display", "display", "displayed", "gray_world_gain", "is_of_scene", "stretch"]
 
 
 def display(
@@ -52,6 +52,17 @@ def display(
     limits = _veil_limits(over, water) if name == "linear-white-veil" else _limits(over, name)
     compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
+
+
+def displayed(
+    restoration: Restoration, how: str, encoding: Encoding, over: Array | None = None
+) -> tuple[Array, Array | None]:
+    """Return the restored image, see `display`, and its filled pixels shown alike; None where it has none."""
+    shown = display(restoration.image, how, encoding, water=restoration.water, over=over)
+    if restoration.filled is None:
+        return shown, None
+    over = restoration.image if over is None else over
+    return shown, display(restoration.filled, how, encoding, water=restoration.water, over=over)
 
 
 def is_of_scene(how: str) -> bool:

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, coloured
 from sucre_bench.errors import PluginError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
@@ -45,10 +45,16 @@ def restored(method: Any, scene: Scene, view: View) -> Restoration:
     info = dict(restoration.info)
     if converts:
         image, info["converted"] = srgb_decode(image), "encoded (sRGB) for the method, its result decoded"
-    confidence = restoration.confidence
+    confidence, filled = restoration.confidence, restoration.filled
+    if filled is not None:
+        if np.shape(filled) != image.shape:
+            raise PluginError(f"the method returned filled {np.shape(filled)}; it must be {image.shape}, as its image")
+        filled = srgb_decode(filled) if converts else np.asarray(filled)
+        filled = np.where(coloured(image)[..., None], np.nan, filled).astype(np.float32)
     return replace(
         restoration,
         image=image.astype(np.float32, copy=False),
+        filled=filled,
         water=water,
         confidence=None if confidence is None else np.asarray(confidence).astype(np.float32, copy=False),
         info=info,

@@ -53,16 +53,26 @@ class Measured:
     peak_mb: float
 
 
-def write_pictures(out: Path, place: Place, method: str, view: View, restoration: Restoration, shown: Array) -> None:
+def write_pictures(
+    out: Path,
+    place: Place,
+    method: str,
+    view: View,
+    restoration: Restoration,
+    shown: Array,
+    filled: Array | None = None,
+) -> None:
     """Write the restored image, its mask, its record, and the view and its reference to look at beside it.
 
-    method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole.
+    method: the label; shown: the restored image (H, W, 3) in [0, 1], gamma-encoded, NaN = a hole; filled: guessed
+    colours of holes, likewise: the picture shows them, and the mask still marks holes.
     """
     path, started = place.restored(out, method), time.perf_counter()
     _write_to_look_at(place.original(out), view.rgb, view.encoding)
     if view.reference is not None:
         _write_to_look_at(place.reference(out), view.reference, view.encoding)
-    write_png(path, to_8bit(shown)[..., ::-1], compression=1)
+    picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
+    write_png(path, to_8bit(picture)[..., ::-1], compression=1)
     write_mask(place.mask(out, method), restoration.valid)
     more = {"write_seconds": time.perf_counter() - started, FILES: described(path)}
     write_atomically(path.with_suffix(".json"), _record(restoration, more))
@@ -80,13 +90,17 @@ def write_full(path: Path, measured: Measured, base: Row) -> None:
 
 
 def write_arrays(path: Path, restoration: Restoration, **more: Any) -> None:
-    """Write a restoration's arrays as .npz: image (H, W, 3), and where known B, beta, gamma (3,), confidence (H, W)."""
+    """Write a restoration's arrays as .npz: image (H, W, 3), and where known B, beta, gamma (3,), confidence (H, W)
+    and filled (H, W, 3).
+    """
     buffer = io.BytesIO()
     arrays: dict[str, Any] = {"image": restoration.image}
     if restoration.water is not None:
         arrays |= _water_record(restoration.water)
     if restoration.confidence is not None:
         arrays["confidence"] = restoration.confidence
+    if restoration.filled is not None:
+        arrays["filled"] = restoration.filled
     np.savez_compressed(buffer, **arrays, **more)
     write_atomically(path, buffer.getvalue())
 
@@ -99,7 +113,8 @@ def read_full(path: Path, base: Row) -> Measured | None:
     about = json.loads(str(arrays["about"]), object_hook=_array)
     if about["of"] != _identity(base):
         return None
-    restoration = Restoration(arrays["image"], water_of(arrays, path), arrays.get("confidence"), about["info"])
+    kept = arrays.get("confidence"), about["info"], arrays.get("filled")
+    restoration = Restoration(arrays["image"], water_of(arrays, path), *kept)
     return Measured(restoration, about["seconds"], about["peak_mb"])
 
 
