@@ -32,6 +32,7 @@ from sucre_bench.loading.image_scale import check_scale
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
 from sucre_bench.loading.view_files import check_length
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -113,10 +114,10 @@ class Nerfstudio:
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
+        content = json.loads(regular(path).read_text(encoding="utf-8"))
     except OSError as fault:
         raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
-    except ValueError as fault:
+    except (ValueError, RecursionError) as fault:
         raise InputError(f"{path}: breaks off or is not JSON ({fault}); copy or export it again") from fault
     frames = content.get("frames") if isinstance(content, dict) else None
     if not isinstance(frames, list) or not frames or not all(isinstance(frame, dict) for frame in frames):

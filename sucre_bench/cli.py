@@ -16,6 +16,7 @@ from sucre_bench.commands import completion
 from sucre_bench.commands.common import say
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.shown import escaped_output
 from sucre_bench.machine.supervisor import supervised
 
 __all__ = ["SECTIONS", "cli", "main"]
@@ -56,7 +57,7 @@ def _drop_output() -> None:
 def _status() -> int:
     """Run the command line and return its exit code."""
     try:
-        with isolated_children():
+        with isolated_children(), escaped_output():
             cli(prog_name="sucre-bench", standalone_mode=False)
     except SystemExit as ended:
         return ended.code if isinstance(ended.code, int) else int(ended.code is not None)
@@ -68,6 +69,11 @@ def _status() -> int:
         return _fault(" ".join(fault.format_message().split()), fault.exit_code)
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
+    except OSError as fault:  # a path that no file system has, say
+        if fault.filename is None:
+            raise
+        reason = fault.strerror or type(fault).__name__
+        return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
@@ -149,7 +155,9 @@ class _LazyGroup(click.Group):
                 formatter.write_dl([(name.ljust(width), command.help) for name, command in commands.items()])
 
 
-@click.group(cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100})
+@click.group(
+    cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "color": True}
+)
 @click.version_option(sucre_bench.__version__, prog_name="sucre-bench")
 def cli() -> None:
     """Compare methods that restore the colours of underwater images.

@@ -18,6 +18,7 @@ from xml.etree.ElementTree import Element
 
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.find_folders import inside
+from sucre_bench.machine.files import regular
 
 __all__ = ["Chunk", "find_document", "read_chunk"]
 
@@ -114,7 +115,7 @@ def _archived(path: Path) -> Element:
 
 def _bytes(path: Path) -> bytes:
     try:
-        if path.stat().st_size > _LARGEST:
+        if regular(path).stat().st_size > _LARGEST:
             raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
         return path.read_bytes()
     except OSError as fault:

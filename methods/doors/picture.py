@@ -10,14 +10,14 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
-from zipfile import BadZipFile
 
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.array_files import read_array
 from sucre_bench.imaging.encoding import converted
-from sucre_bench.imaging.image_files import decode, same_shape
+from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_of_only_page
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding, View, Water
 
@@ -43,6 +43,8 @@ class Reading:
 
         Raises InputError where it cannot be read, has no pixel with a colour, or is not of the view's size.
         """
+        if (own := size_of_only_page(path)) is not None:
+            self._check_size(view, own, path)
         image, transparent = _colours(path)
         holes = ~np.isfinite(image).all(axis=-1)
         if self.holes != "none":
@@ -62,14 +64,19 @@ class Reading:
         own = (image.shape[1], image.shape[0])
         if own == (width, height):
             return image, {}
-        sizes = f"is {own[0]}x{own[1]}, the view is {width}x{height}"
-        if not same_shape(own, (width, height)):
-            raise InputError(f"{path}: {sizes}, another shape; restore the view as it is, uncropped")
-        if not self.resize:
-            raise InputError(f"{path}: {sizes}; restore it at that size, or give method.resize=true")
+        self._check_size(view, own, path)
         # What is made of a hole and its neighbours is a hole: NaN spreads.
         how = cv2.INTER_AREA if own[0] > width else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(image, (width, height), interpolation=how)), {"resized_from": list(own)}
+
+    def _check_size(self, view: View, own: tuple[int, int], path: Path) -> None:
+        """Raise InputError unless an image of its own size (width, height) is of the view's size, or may be resized."""
+        height, width = view.rgb.shape[:2]
+        sizes = f"is {own[0]}x{own[1]}, the view is {width}x{height}"
+        if not same_shape(own, (width, height)):
+            raise InputError(f"{path}: {sizes}, another shape; restore the view as it is, uncropped")
+        if own != (width, height) and not self.resize:
+            raise InputError(f"{path}: {sizes}; restore it at that size, or give method.resize=true")
 
 
 def encoding_of(encoding: FileEncoding, view: View) -> Encoding:
@@ -125,15 +132,7 @@ def _stored(path: Path) -> np.ndarray:
 
 
 def _array(path: Path) -> np.ndarray:
-    try:
-        with path.open("rb") as file:
-            loaded = np.load(file, allow_pickle=False)
-            if isinstance(loaded, np.ndarray):
-                return loaded
-            name = "image" if "image" in loaded.files or len(loaded.files) != 1 else loaded.files[0]
-            return np.asarray(loaded[name])
-    except (OSError, ValueError, EOFError, KeyError, BadZipFile) as fault:
-        raise InputError(f"{path}: cannot be read, {fault}; write an array with numpy.save") from fault
+    return read_array(path, lambda names: "image" if "image" in names or len(names) != 1 else names[0])
 
 
 def _tiff(path: Path) -> np.ndarray | None:
@@ -141,9 +140,9 @@ def _tiff(path: Path) -> np.ndarray | None:
 
     OpenCV multiplies 8-bit colours by their transparency, and splits float images into pages.
     """
-    import tifffile
-
     try:
-        return np.asarray(tifffile.imread(path))
+        return read_tiff(path)
+    except InputError:
+        raise
     except Exception:  # of any kind: each of its decoders has its own
         return None

@@ -33,13 +33,17 @@ def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
     sucre-bench list experiments
     sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
     """
+    from rich.text import Text
+
     from sucre_bench.machine import terminal
 
     load_plugins(plugin_files)
     if as_json:
         click.echo(_as_json(what))
+    elif terminal.has_styles():
+        terminal.out.print(Text.from_ansi(_as_text(what, colour=True)), soft_wrap=True)
     else:
-        click.echo(_as_text(what, colour=terminal.has_styles()), color=terminal.has_styles())
+        click.echo(_as_text(what, colour=False))
 
 
 def _as_json(what: str) -> str:

@@ -7,14 +7,16 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
+from types import ModuleType
+from typing import IO, Any
 
 import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
+from sucre_bench.machine.files import regular, write_atomically
 
 __all__ = [
     "SUFFIXES",
@@ -23,33 +25,85 @@ __all__ = [
     "encode_png",
     "image_size",
     "read_rgb",
+    "read_tiff",
     "same_shape",
+    "size_of_only_page",
     "write_image",
     "write_png",
 ]
 
+_MOST_BYTES_A_PIXEL = 16  # four channels of 32 bits
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
 
 
 def image_size(path: Path) -> tuple[int, int] | None:
     """Return (width, height) from the file's header; None where that cannot be read, which decoding will explain."""
-    import tifffile
-    from PIL import Image
-
     try:
-        if path.suffix.lower() in (".tif", ".tiff"):  # Pillow does not know 16-bit colour there
-            with tifffile.TiffFile(path) as file:
-                return file.pages.first.imagewidth, file.pages.first.imagelength
-        with Image.open(path) as image:
-            return image.size
-    except (OSError, ValueError, SyntaxError, tifffile.TiffFileError, Image.DecompressionBombError):
+        with regular(path).open("rb") as file:
+            return _size_in(file)
+    except (OSError, InputError):
         return None
 
 
+def size_of_only_page(path: Path) -> tuple[int, int] | None:
+    """Return what `image_size` does; None for a TIFF of several pages, which may be layers of one array."""
+    import tifffile
+
+    try:
+        with regular(path).open("rb") as file:
+            is_tiff = file.read(2) in (b"II", b"MM")
+            file.seek(0)
+            if is_tiff and len(tifffile.TiffFile(file).pages) != 1:
+                return None
+            file.seek(0)
+            return _size_in(file)
+    except Exception:  # of any kind: decoding says what is wrong
+        return None
+
+
+def _size_in(file: IO[bytes]) -> tuple[int, int] | None:
+    """The size that a file's header says."""
+    import tifffile
+
+    try:
+        is_tiff = file.read(2) in (b"II", b"MM")
+        file.seek(0)
+        if is_tiff:  # Pillow does not know 16-bit colour there
+            with tifffile.TiffFile(file) as tiff:
+                return tiff.pages.first.imagewidth, tiff.pages.first.imagelength
+        with _pillow().open(file) as image:
+            return image.size
+    except Exception:  # of any kind: each format has its own
+        return None
+
+
+def _pillow() -> ModuleType:
+    """Pillow's images; the limit of pixels is `pixel_limit`'s, not Pillow's."""
+    from PIL import Image
+
+    Image.MAX_IMAGE_PIXELS = most_pixels()
+    return Image
+
+
+def read_tiff(path: Path) -> np.ndarray:
+    """Return what a TIFF holds, channels in RGB order.
+
+    Raises InputError if it has too many values, see `pixel_limit`, and errors of any kind if it cannot be read.
+    """
+    import tifffile
+
+    with regular(path).open("rb") as content, tifffile.TiffFile(content) as file:
+        check_array(path, file.series[0].shape)
+        return np.asarray(file.asarray())
+
+
 def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
-    """Whether two sizes (width, height) differ by scale only: to 1 % of the aspect ratio, or to a pixel's rounding."""
+    """Whether two sizes (width, height) differ by scale only: to 1 % of the aspect ratio, or to a pixel's rounding.
+
+    A pixel's rounding is at most 10 % of a height: a picture of one pixel has no shape.
+    """
     (width, height), (wide, high) = sorted((one, other))
-    return abs(high * width / wide - height) <= max(1.0, 0.01 * height)
+    return abs(high * width / wide - height) <= max(min(1.0, 0.1 * height), 0.01 * height)
 
 
 def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
@@ -60,6 +114,8 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     """
     import cv2
 
+    if size is not None and (own := image_size(path)) is not None:
+        _check_shrinks(path, own, size)
     stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
@@ -67,9 +123,14 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     height, width = image.shape[:2]
     if size is None or (width, height) == size:
         return image
-    if width < size[0] or height < size[1] or not same_shape((width, height), size):
-        raise InputError(f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; resize it or the others")
+    _check_shrinks(path, (width, height), size)
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+
+
+def _check_shrinks(path: Path, own: tuple[int, int], size: tuple[int, int]) -> None:
+    """Raise InputError unless an image of its own size (width, height) shrinks to another."""
+    if own[0] < size[0] or own[1] < size[1] or not same_shape(own, size):
+        raise InputError(f"{path}: is {own[0]}x{own[1]}, expected {size[0]}x{size[1]}; resize it or the others")
 
 
 def decode(path: Path, flags: int) -> np.ndarray:
@@ -77,6 +138,8 @@ def decode(path: Path, flags: int) -> np.ndarray:
     channels unless gray is asked for. InputError when it is unreadable or incomplete.
     """
     try:
+        if regular(path).stat().st_size > _MOST_BYTES_A_PIXEL * most_pixels():
+            raise InputError(f"{path}: is larger than any image of {most_pixels() / 1e6:g} megapixels; copy it again")
         data = path.read_bytes()
     except OSError as fault:
         raise InputError(f"{path}: cannot be read, {fault.strerror or fault}; copy the file again") from fault
@@ -86,19 +149,22 @@ def decode(path: Path, flags: int) -> np.ndarray:
 def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     """Return what `decode` does, of a file's content. place: the file's name, for errors."""
     import cv2
-    from PIL import Image
 
+    check_pixels(place, _size_in(io.BytesIO(data)))
     if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
         try:
-            with Image.open(io.BytesIO(data)) as image:
+            with _pillow().open(io.BytesIO(data)) as image:
                 if not flags & cv2.IMREAD_COLOR:  # a bit that is set in IMREAD_UNCHANGED, too
                     return np.asarray(image.convert("L"))
                 return np.asarray(image.convert("RGB"))[..., ::-1]
-        except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:
+        except Exception as fault:  # each of its decoders has its own
             reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
             raise InputError(f"{place}: cannot be read, {reason}; copy the file again") from fault
     complete = not data.startswith(b"\x89PNG") or b"IEND" in data[-4096:]
-    decoded = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data and complete else None
+    try:
+        decoded = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data and complete else None
+    except cv2.error:
+        decoded = None
     if decoded is None:
         raise InputError(
             f"{place}: cannot be read, {'damaged or not an image' if complete else 'cut short'}; copy it again"

@@ -21,6 +21,7 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.reading import check_corners
+from sucre_bench.machine.files import regular
 from sucre_bench.scene import Chart
 
 __all__ = ["chart_of", "read_charts"]
@@ -32,11 +33,11 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     sizes: (width, height) in pixels of every image, by name. Raises InputError, naming the entry, if the file is not
     in the format above, or names an unknown image, an unknown kind, or corners that form no chart in the image.
     """
-    if not path.is_file():
-        return {}
     try:
-        content = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError) as fault:
+        content = json.loads(regular(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        return {}
+    except (OSError, ValueError, RecursionError) as fault:
         raise InputError(f"{path}: is not JSON ({fault}); mend it there") from fault
     images = content.get("images") if isinstance(content, dict) else None
     if not isinstance(images, dict) or not all(isinstance(charts, dict) for charts in images.values()):
@@ -70,7 +71,7 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
         raise InputError(f"{place}: {fault}") from fault
     try:
         corners = np.array(entry, dtype=np.float64)
-    except (TypeError, ValueError):
+    except (TypeError, ValueError, OverflowError):
         corners = np.empty(0)
     if corners.shape != (4, 2) or not np.isfinite(corners).all():
         raise InputError(f"{place}: not four corners; give [x, y] of top left, top right, bottom right, bottom left")

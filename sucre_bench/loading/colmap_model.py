@@ -24,6 +24,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
+from sucre_bench.machine.files import regular
 
 __all__ = ["Posed", "read_model"]
 
@@ -157,7 +158,7 @@ class _Cursor:
     """A position in a binary file, which advances as values are read."""
 
     def __init__(self, path: Path) -> None:
-        with path.open("rb") as file:
+        with regular(path).open("rb") as file:
             self._data = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self._at = 0
 
@@ -203,7 +204,7 @@ def _binary_images(path: Path) -> Iterator[_ImageRow]:
 
 
 def _text_cameras(path: Path) -> Iterator[_CameraRow]:
-    with path.open(encoding="utf-8") as lines:
+    with regular(path).open(encoding="utf-8") as lines:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue
@@ -215,7 +216,7 @@ def _text_cameras(path: Path) -> Iterator[_CameraRow]:
 
 def _text_images(path: Path) -> Iterator[_ImageRow]:
     """Two lines an image; the second holds its points, and is empty if it has none."""
-    with path.open(encoding="utf-8") as lines:
+    with regular(path).open(encoding="utf-8") as lines:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue

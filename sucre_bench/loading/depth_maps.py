@@ -7,8 +7,6 @@ these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 
 
 from __future__ import annotations
 
-import math
-import os
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -17,11 +15,12 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import decode, same_shape
+from sucre_bench.imaging.array_files import read_array
+from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_of_only_page
 from sucre_bench.loading.exr import read_exr
 from sucre_bench.loading.find_folders import walk
 
-__all__ = ["find_depths", "fitted", "read_16_bit", "read_depth"]
+__all__ = ["check_header", "find_depths", "fitted", "read_16_bit", "read_depth"]
 
 _FARTHEST_M = 1000.0
 
@@ -102,10 +101,20 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
     height, width = depth.shape
     if (width, height) == size:
         return depth
-    if not same_shape((width, height), size):
-        fault = f"is {width}x{height}, a size that cannot match its image's {size[0]}x{size[1]}"
-        raise InputError(f"{path}: {fault}; make it from the undistorted image")
+    _check_shape(path, (width, height), size)
     return np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
+
+
+def check_header(path: Path, size: tuple[int, int]) -> None:
+    """Raise InputError if a depth map's header says a shape that is not that of an image of `size` (width, height)."""
+    if path.suffix.lower() in (".png", ".tif", ".tiff") and (own := size_of_only_page(path)) is not None:
+        _check_shape(path, own, size)
+
+
+def _check_shape(path: Path, own: tuple[int, int], size: tuple[int, int]) -> None:
+    if not same_shape(own, size):
+        fault = f"is {own[0]}x{own[1]}, a size that cannot match its image's {size[0]}x{size[1]}"
+        raise InputError(f"{path}: {fault}; make it from the undistorted image")
 
 
 def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
@@ -124,10 +133,11 @@ def _read_png(path: Path) -> Array:
 
 def _read_tiff(path: Path) -> Array:
     import cv2
-    import tifffile
 
     try:
-        values = tifffile.imread(path)
+        values = read_tiff(path)
+    except InputError:
+        raise
     except Exception as fault:  # each of its decoders raises errors of its own
         if "imagecodecs" not in str(fault):
             raise InputError(f"{path}: cannot be read, cut short or not a TIFF; copy it again") from fault
@@ -136,19 +146,7 @@ def _read_tiff(path: Path) -> Array:
 
 
 def _read_npy(path: Path) -> Array:
-    try:
-        with path.open("rb") as file:
-            is_first = np.lib.format.read_magic(file) == (1, 0)
-            shape, _, dtype = (
-                np.lib.format.read_array_header_1_0 if is_first else np.lib.format.read_array_header_2_0
-            )(file)
-            if math.prod(shape) * dtype.itemsize > os.fstat(file.fileno()).st_size - file.tell():
-                raise ValueError("a shape that the file does not hold")  # before memory of that size is allocated
-            file.seek(0)
-            return _metres(np.lib.format.read_array(file, allow_pickle=False), path)
-    except (OSError, ValueError, EOFError) as fault:
-        reason = fault.strerror if isinstance(fault, OSError) else "cut short or not an array"
-        raise InputError(f"{path}: cannot be read, {reason}; write it again with numpy.save") from fault
+    return _metres(read_array(path), path)
 
 
 def _metres(values: np.ndarray, path: Path) -> Array:

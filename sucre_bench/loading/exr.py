@@ -12,11 +12,12 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.pixel_limit import check_array
+from sucre_bench.machine.files import regular
 
 __all__ = ["read_exr"]
 
 _DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
-_LARGEST = 1 << 28  # pixels; a damaged header may give any size
 
 
 def read_exr(path: Path) -> Array:
@@ -29,12 +30,15 @@ def read_exr(path: Path) -> Array:
     except ImportError as fault:
         raise InputError(f"{path}: OpenEXR files need a package of their own; pip install OpenEXR") from fault
     try:
-        with exr.File(str(path), separate_channels=True, header_only=True) as file:
+        with exr.File(str(regular(path)), separate_channels=True, header_only=True) as file:
             least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
-        if not 0 < np.prod(most - least + 1) <= _LARGEST:
+        if not (most >= least).all():
             raise ValueError("its size")
+        check_array(path, most - least + 1)
         with exr.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except InputError:
+        raise
     except Exception as fault:  # the decoder raises errors of many kinds
         raise InputError(f"{path}: cannot be read, cut short or not an OpenEXR file; copy it again") from fault
     name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)

@@ -6,8 +6,10 @@ import hashlib
 from collections.abc import Sequence
 from pathlib import Path
 
+from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import kind_id
 from sucre_bench.loading.view_files import Files
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import View
 
@@ -47,7 +49,7 @@ def fingerprint(path: Path) -> bytes:
     checksum, so a change shows in the size or at the end.
     """
     try:
-        with path.open("rb") as file:
+        with regular(path).open("rb") as file:
             size = file.seek(0, 2)
             compressed = path.suffix.lower() in (".png", ".jpg", ".jpeg")
             blocks = 2 if compressed else _BLOCKS
@@ -59,5 +61,5 @@ def fingerprint(path: Path) -> bytes:
                 file.seek((size - _BLOCK) * i // (blocks - 1))
                 digest.update(file.read(_BLOCK))
             return digest.digest()
-    except OSError:
+    except (OSError, InputError):
         return b"unreadable"

@@ -24,6 +24,7 @@ import numpy as np
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
+from sucre_bench.machine.files import regular
 
 __all__ = ["read_kalibr"]
 
@@ -50,7 +51,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
     import yaml
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = regular(path).read_text(encoding="utf-8")
         stored = _report(text) if path.suffix.lower() == ".txt" else yaml.safe_load(text)
         stored = stored.get("cam0", stored)
         focal_x, focal_y, x, y = (float(value) for value in stored["intrinsics"])
@@ -61,7 +62,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
             raise ValueError(f"{kind[0]} with {kind[1]} distortion is not known here")
         if not (np.isfinite([x, y, *coefficients]).all() and min(focal_x, focal_y, width, height) > 0):
             raise ValueError(f"focal length {focal_x:g}, {focal_y:g} for {width}x{height}")
-    except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError) as fault:
+    except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError, RecursionError) as fault:
         reason = " ".join(str(fault).split())
         expected = "a camchain, or a report on camera and IMU, as Kalibr writes them"
         raise InputError(f"{path}: is no camera ({type(fault).__name__}: {reason}); expected {expected}") from fault

@@ -10,7 +10,7 @@ from pathlib import Path
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.loading.depth_maps import fitted, read_depth
+from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.scene import Plane
 
@@ -42,12 +42,17 @@ class Files:
         if plane in self.faults:
             raise InputError(self.faults[plane])
         if plane == "depth":
-            return None if self.depth is None else fitted(self.read_depth(self.depth), self.size, self.depth)
+            return None if self.depth is None else self._depth(self.depth)
         path = self.image if plane == "rgb" else self.reference
         if path is None:
             return None
         read = self.read_image if plane == "rgb" else read_rgb
         return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)
+
+    def _depth(self, path: Path) -> Array:
+        if self.depth_lens is None:
+            check_header(path, self.size)
+        return fitted(self.read_depth(path), self.size, path)
 
 
 def check_length(dataset: str, option: str, length: float) -> None:

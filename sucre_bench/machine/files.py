@@ -13,7 +13,7 @@ from typing import IO
 
 from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["not_writable", "open_atomically", "regular", "write_atomically"]
+__all__ = ["is_file", "not_writable", "open_atomically", "regular", "write_atomically"]
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -22,6 +22,15 @@ _KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
+
+
+def is_file(path: Path) -> bool:
+    """Whether a path leads to a regular file; False also for a name that no file system has."""
+    try:
+        regular(path)
+    except (OSError, InputError):
+        return False
+    return True
 
 
 def regular(path: Path) -> Path:

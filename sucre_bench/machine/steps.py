@@ -17,7 +17,7 @@ from pathlib import Path
 from sucre_bench.errors import Death, DiedError
 from sucre_bench.machine.files import not_writable
 
-__all__ = ["Note", "NoteFile", "at_work", "earlier_start", "note_start", "step"]
+__all__ = ["Note", "NoteFile", "at_work", "earlier_start", "needed_step", "note_start", "step"]
 
 _TRIES = 3  # processes that may end at a step without a word, where nobody saw how
 
@@ -26,7 +26,8 @@ _TRIES = 3  # processes that may end at a step without a word, where nobody saw 
 class Note:
     """What a process has noted. step: where it is, "" between steps; limit_s: how long that may take, from `since`
     (`time.monotonic`); start: when the command started, as rows have it; status: its exit code once it has ended;
-    tries: how many processes have ended at that step.
+    tries: how many processes have ended at that step; remedy: what the user can do if it dies at a step that cannot be
+    left out, else "".
     """
 
     step: str = ""
@@ -35,6 +36,7 @@ class Note:
     start: str = ""
     status: int | None = None
     tries: int = 0
+    remedy: str = ""
 
     @property
     def is_late(self) -> bool:
@@ -123,6 +125,17 @@ def earlier_start() -> str:
 
 
 @contextmanager
+def needed_step(name: str, remedy: str) -> Iterator[None]:
+    """Note a step that cannot be left out: if the process dies there, the command ends and says the remedy."""
+    before = _own.note
+    _own.set(replace(before, step=name, limit_s=None, remedy=remedy))
+    try:
+        yield
+    finally:
+        _own.set(before)
+
+
+@contextmanager
 def step(name: str, limit_s: float | None = None) -> Iterator[None]:
     """Note that this process is at a step, by a name that is the same in every process.
 
@@ -134,7 +147,7 @@ def step(name: str, limit_s: float | None = None) -> Iterator[None]:
     if tries >= _TRIES:
         raise DiedError(str(Death(f"{tries} times, unseen", name)))
     before = _own.note
-    _own.set(replace(before, step=name, limit_s=limit_s, since=time.monotonic(), tries=tries + 1))
+    _own.set(replace(before, step=name, limit_s=limit_s, since=time.monotonic(), tries=tries + 1, remedy=""))
     try:
         yield
     finally:

@@ -48,8 +48,9 @@ def supervised(work: Callable[[], int], say: Callable[[str], None]) -> int:
             return 128 - status
         how = how_it_ended(status, note)
         _show_cursor()
-        if not note.step or note.step in deaths:
-            say(f"the process died ({how}){' in ' if note.step else ''}{note.step}; give the same command again")
+        if not note.step or note.remedy or note.step in deaths:
+            at, remedy = f" in {note.step}" if note.step else "", note.remedy or "give the same command again"
+            say(f"the process died ({how}){at}; {remedy}")
             return 1
         deaths[note.step], start = how, note.start
 

@@ -141,7 +141,7 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
         return {}
     try:
         content: dict[str, Any] = json.loads(path.read_bytes())
-    except ValueError as fault:
+    except (ValueError, RecursionError) as fault:
         raise InputError(f"{path}: cannot be read ({fault}); delete it and run again") from fault
     return content
 

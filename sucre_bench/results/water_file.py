@@ -9,15 +9,17 @@ explains; left out, or "view", it is that of the images the water is used with. 
 from __future__ import annotations
 
 import json
+import zipfile
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.array_files import read_array
+from sucre_bench.machine.files import regular
 from sucre_bench.scene import Encoding, Water
 
 __all__ = ["read_water", "water_of"]
@@ -32,16 +34,21 @@ def read_water(path: Path) -> Water | None:
     """
     try:
         if path.suffix == ".npz":
-            with path.open("rb") as file, np.load(file, allow_pickle=False) as values:
-                return water_of({name: values[name] for name in values.files if name in (*_NAMES, "encoding")}, path)
-        return water_of(json.loads(path.read_text(encoding="utf-8")), path)
+            with zipfile.ZipFile(regular(path)) as archive:
+                known = {name.removesuffix(".npy") for name in archive.namelist()} & {*_NAMES, "encoding"}
+            return water_of({name: _member(path, name) for name in known}, path)
+        return water_of(json.loads(regular(path).read_text(encoding="utf-8")), path)
     except (FileNotFoundError, InputError):
         raise
-    except (OSError, ValueError, TypeError, EOFError, BadZipFile) as fault:
+    except (OSError, ValueError, TypeError, EOFError, RecursionError, zipfile.BadZipFile) as fault:
         raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
 
 
 _NAMES = ("B", "beta", "gamma")
+
+
+def _member(path: Path, name: str) -> Array:
+    return read_array(path, lambda _: name)
 
 
 def water_of(content: Any, path: Path) -> Water | None:

@@ -33,6 +33,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.imaging.cielab import colour_science, lab_d50_from, srgb_of_lab_d50
+from sucre_bench.machine.files import is_file, regular
 
 __all__ = ["KINDS", "ChartKind", "Patch", "Triple", "chart_kind", "colorchecker_sg", "kind_id", "read_kind"]
 
@@ -58,10 +59,10 @@ def colorchecker_sg() -> ChartKind:
 
 def read_kind(path: Path) -> ChartKind:
     """Return the kind that a CSV file describes, see above. Raises InputError naming the line that is wrong."""
-    if not path.is_file():
+    if not is_file(path):
         raise InputError(f"{path}: no such file; give the path of the CSV file that describes the chart")
     try:
-        return _parsed(str(path), path.read_text(encoding="utf-8-sig"))
+        return _parsed(str(path), regular(path).read_text(encoding="utf-8-sig"))
     except (OSError, UnicodeDecodeError, csv.Error) as fault:
         raise InputError(
             f"{path}: the chart's description cannot be read, {one_line(fault)}; correct its path"
@@ -188,8 +189,8 @@ def kind_id(name: str) -> str:
     if not name.lower().endswith(".csv"):
         return name
     try:
-        return f"csv-{hashlib.blake2b(Path(name).read_bytes(), digest_size=6).hexdigest()}"
-    except OSError:
+        return f"csv-{hashlib.blake2b(regular(Path(name)).read_bytes(), digest_size=6).hexdigest()}"
+    except (OSError, InputError):
         return "csv-unreadable"
 
 

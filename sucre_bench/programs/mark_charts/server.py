@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import importlib.resources
 import json
+import re
 import secrets
 import sys
 from collections.abc import Callable
@@ -15,7 +16,7 @@ from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
-from sucre_bench.errors import ANY_FAULT, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
 from sucre_bench.programs.mark_charts.session import Session
 
 __all__ = ["PageServer"]
@@ -35,7 +36,10 @@ class PageServer(ThreadingHTTPServer):
     daemon_threads = True
 
     def __init__(self, session: Session, port: int = 0) -> None:
-        super().__init__(("127.0.0.1", port), _Handler)
+        try:
+            super().__init__(("127.0.0.1", port), _Handler)
+        except OSError as fault:
+            raise InputError(f"--port {port}: {fault.strerror}; give another, or 0 for any that is free") from fault
         self.session, self.token = session, secrets.token_urlsafe(16)
 
     @property
@@ -44,13 +48,14 @@ class PageServer(ThreadingHTTPServer):
         return f"http://127.0.0.1:{self.server_port}/{self.token}/"
 
     def handle_error(self, request: Any, client_address: Any) -> None:
-        """Ignore a browser that closed its connection; print other errors."""
-        if not isinstance(sys.exception(), ConnectionError):
+        """Ignore a browser that closed its connection, or sends nothing more; print other errors."""
+        if not isinstance(sys.exception(), (ConnectionError, TimeoutError)):
             super().handle_error(request, client_address)
 
 
 class _Handler(BaseHTTPRequestHandler):
     server: PageServer
+    timeout = 60.0  # seconds that a connection may be silent
 
     def do_GET(self) -> None:
         path, query = self._asked()
@@ -75,7 +80,11 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse()
             return
         length = self.headers.get("Content-Length", "")
-        if not length.isdigit() or int(length) > _MOST_BYTES or self.headers.get_content_type() != "application/json":
+        if (
+            not re.fullmatch("[0-9]{1,7}", length)
+            or int(length) > _MOST_BYTES
+            or self.headers.get_content_type() != "application/json"
+        ):
             self._reply(400, "text/plain; charset=utf-8", b"expected JSON")
             return
         body = self.rfile.read(int(length))
@@ -91,7 +100,10 @@ class _Handler(BaseHTTPRequestHandler):
 
     def _asked(self) -> tuple[str | None, dict[str, str]]:
         """The path below the token, None for a wrong token or host; and the query."""
-        parts = urlsplit(self.path)
+        try:
+            parts = urlsplit(self.path)
+        except ValueError:  # no address at all
+            return None, {}
         token, _, path = parts.path.lstrip("/").partition("/")
         ours = secrets.compare_digest(token.encode(), self.server.token.encode())
         is_here = self.headers.get("Host", "") in self._hosts()

@@ -20,6 +20,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
+from sucre_bench.machine.steps import needed_step
 from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
@@ -33,6 +34,8 @@ _NEIGHBOURS = 10
 _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
 _GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
 _RECORD = "model.json"
+# COLMAP ends the process where it cannot write or allocate.
+_REMEDY = "see that the disk has room and the memory suffices (--max-size), and give the same command again"
 PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
 
 
@@ -129,9 +132,12 @@ def _attempt(photos: Sequence[Photo], folder: Path, rules: Rules, attempt: _Atte
     if len(photos) < 2:
         return Mapped(folder, (), attempt.name, {}, damaged, ())
     database = folder / "database.db"
-    _find_features(pycolmap, database, photos, folder, rules, attempt)
-    _match(pycolmap, database, photos, folder, rules, attempt)
-    models = _map(pycolmap, database, folder, len(photos), attempt)
+    with needed_step("COLMAP's search for features", _REMEDY):
+        _find_features(pycolmap, database, photos, folder, rules, attempt)
+    with needed_step("COLMAP's matching", _REMEDY):
+        _match(pycolmap, database, photos, folder, rules, attempt)
+    with needed_step("COLMAP's reconstruction", _REMEDY):
+        models = _map(pycolmap, database, folder, len(photos), attempt)
     model = folder / "model"
     model.mkdir(exist_ok=True)
     names: tuple[str, ...] = ()

@@ -146,7 +146,7 @@ def read_record(out: Path) -> Prepared | None:
         keys = record["made_of"]["model"], record["made_of"]["depths"]
         damaged, unplaced, warnings = dict(record["damaged"]), dict(record["unplaced"]), tuple(record["warnings"])
         return Prepared(out, qualities, damaged, unplaced, Scale(**scale), known, warnings, keys)
-    except (OSError, ValueError, KeyError, TypeError) as fault:
+    except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         remedy = "remove it, and give the scale again if one was given"
         raise InputError(f"{file}: is not what prepare wrote; {remedy}") from fault
 

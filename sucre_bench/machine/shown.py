@@ -1,0 +1,50 @@
+r"""Text from files, names and rows as a terminal may show it: control characters are written out, as in \x1b.
+
+A name may hold an escape sequence that clears the screen, or forges what a command says.
+"""
+
+from __future__ import annotations
+
+import re
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from typing import Any, TextIO
+
+__all__ = ["escaped_output", "shown"]
+
+# C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
+_UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def shown(text: str) -> str:
+    r"""Return a text with control characters written out.
+
+    >>> print(shown("a\x1b[2J.png"))
+    a\x1b[2J.png
+    """
+    return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+class _Escaped:
+    """A stream that writes out control characters. rich, whose colours are our own, writes past it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        return self.rich_proxied_file.write(shown(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
+@contextmanager
+def escaped_output() -> Iterator[None]:
+    """Write out control characters of all that is printed in this block, but for what rich styles."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (_Escaped(stream) for stream in before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
