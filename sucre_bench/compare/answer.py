@@ -12,7 +12,7 @@ from sucre_bench.compare.tables import against
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.words import listed
 
-__all__ = ["answer", "too_few"]
+__all__ = ["answer", "blind", "too_few"]
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
@@ -29,6 +29,13 @@ def too_few(comparison: Comparison) -> str:
     if not counts or max(counts) >= FEWEST_VIEWS:
         return ""
     return f"{max(counts)} view{'s' * (max(counts) != 1)}: too few for intervals"
+
+
+def blind(chosen: Deciding) -> str:
+    """Return what says that no score knows the true colours; "" where one does."""
+    if chosen.knows_colours or not chosen.scores:
+        return ""
+    return f"{', '.join(column.metric for column in chosen.scores)}: scores of the picture alone, without true colours"
 
 
 def _leaders(comparison: Comparison, chosen: Deciding) -> Iterator[str]:

@@ -12,7 +12,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import answer, too_few
+from sucre_bench.compare.answer import answer, blind, too_few
 from sucre_bench.compare.deciding import Deciding, deciding
 from sucre_bench.compare.laid_out import LaidOut, aligned
 from sucre_bench.compare.words import ARROW, left_out, legend, shown, title
@@ -58,7 +58,7 @@ def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
     laid_out = [_decider(own, column, chosen, bool(few)) for column in own.columns]
     head = f"{own.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
     parts: list[Any] = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, comparison.photographs)]
-    said = [_signs(own, laid_out, few), _blind(chosen), *_notes(own)]
+    said = [_signs(own, laid_out, few), blind(chosen), *_notes(own)]
     parts += [_wrapped(line, width, "dim") for line in said if line]
     return Group(*parts, *(_wrapped(line, width) for line in answer(own, chosen)))
 
@@ -182,13 +182,6 @@ def _signs(comparison: Comparison, laid_out: Sequence[LaidOut], few: str) -> str
     photographs = comparison.photographs if comparison.restorers else ()
     parts += [f"{name}: the photograph itself" for name in photographs]
     return "; ".join(parts)
-
-
-def _blind(chosen: Deciding) -> str:
-    """Say it where no score knows the true colours."""
-    if chosen.knows_colours or not chosen.scores:
-        return ""
-    return f"{', '.join(column.metric for column in chosen.scores)}: scores of the picture alone, without true colours"
 
 
 def _notes(comparison: Comparison) -> list[str]:

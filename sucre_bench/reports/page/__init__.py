@@ -18,6 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.text import NUMBERS
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
@@ -25,6 +26,7 @@ from sucre_bench.machine.secrets import masked
 from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
+from sucre_bench.reports.page.policy import policy
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
 from sucre_bench.results import layout, with_remedy
@@ -58,13 +60,17 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
     contents = [_json(section.content()) for section in sections]
+    styles = "\n".join(_source(f"{name}.css") for name in _STYLES)
+    scripts = bundle("main", lambda name: _source(f"{name}.js"))
+    plotly = _plotly() if (rows["status"] == "ok").any() else b""
     page = pages.get_template("page.html.j2").render(
-        style=Markup("\n".join(_source(f"{name}.css") for name in _STYLES)),
-        scripts=Markup(bundle("main", lambda name: _source(f"{name}.js"))),
+        policy=policy([scripts, plotly.decode()], [styles]),
+        style=Markup(styles),
+        scripts=Markup(scripts),
         summary=Markup(_json(_summary(comparisons))),
         datasets=[Markup(text) for text in contents],
         blocks=gallery.blocks(),
-        plotly=_plotly() if (rows["status"] == "ok").any() else "",
+        plotly=_compressed(plotly) if plotly else "",
         failed=_reasons(rows, "failed"),
         skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
         unscored=_reasons(rows[rows["metric"] != "seconds"], "skipped"),
@@ -101,6 +107,7 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
         "columns": list(columns.values()),
         "means": means,
         "numbers": asdict(NUMBERS),
+        "fewest_views": FEWEST_VIEWS,
         "roles": roles(),
     }
 
@@ -137,10 +144,14 @@ def _source(name: str) -> str:
     return files("sucre_bench.reports.page").joinpath(name).read_text(encoding="utf-8")
 
 
-def _plotly() -> str:
-    """Plotly's own bundle, compressed: the page unpacks it when the first plot comes into view."""
-    bundle = files("plotly").joinpath("package_data/plotly.min.js").read_bytes()
-    return base64.b64encode(gzip.compress(bundle, mtime=0)).decode()
+def _plotly() -> bytes:
+    """Plotly's own bundle."""
+    return files("plotly").joinpath("package_data/plotly.min.js").read_bytes()
+
+
+def _compressed(script: bytes) -> str:
+    """A script that the page unpacks when it needs it: when the first plot comes into view."""
+    return base64.b64encode(gzip.compress(script, mtime=0)).decode()
 
 
 def _json(value: Any) -> str:

@@ -11,6 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
+from sucre_bench.compare.answer import answer, blind, too_few
+from sucre_bench.compare.deciding import Deciding, deciding
 from sucre_bench.compare.pixels import FILLED
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError
@@ -91,16 +93,30 @@ class Section:
         views = [self._view(*place, values, charts) for place in self._chosen()]
         return {
             "name": self.table.title,
-            "legend": text.legend(self.table),
+            "legend": text.legend(self.table, intervals=not too_few(self.table)),
+            "answer": [*answer(self.table, self._deciding), *filter(None, [blind(self._deciding)])],
+            "few": too_few(self.table),
+            "main": key_of(main.metric, main.variant) if (main := self._deciding.main) else "",
+            "photographs": list(self.table.photographs),
             "notes": list(text.left_out(self.table)),
             "verdicts": [_verdict(verdict) for verdict in verdicts(self.table)],
-            "columns": [column_of(c) for c in self.table.columns],
+            "columns": [column_of(c) for c in self._columns],
             "methods": [self._method(name) for name in self.table.methods],
-            "cells": [[cell_of(self.table, name, c) for c in self.table.columns] for name in self.table.methods],
+            "cells": [[cell_of(self.table, name, c) for c in self._columns] for name in self.table.methods],
             "metric_words": self._metric_words(),
             "views": views,
             "exports": [{"name": name, "text": text.as_text([self.table], how)} for name, how in _EXPORTS],
         }
+
+    @cached_property
+    def _deciding(self) -> Deciding:
+        return deciding(self.table)
+
+    @property
+    def _columns(self) -> tuple[Column, ...]:
+        """The columns that decide, then the others."""
+        first = self._deciding.columns
+        return (*first, *(column for column in self.table.columns if column not in first))
 
     # -- the table -------------------------------------------------------------------------------------------
 

@@ -2,13 +2,14 @@
 
 import { $, REFERENCE, VIEW, choose, columnOf, data, h, shownMethods, state, summary, viewOf, watch } from "./page.js";
 import { dot, number, pictureName, titled } from "./words.js";
-import { isNear, zoomable } from "./zoom.js";
-import { sharpen, show, shownOf } from "./pictures.js";
+import { isNear } from "./zoom.js";
+import { frameOf, picturesOf, sharpen } from "./pictures.js";
 
 watch(["dataset", "view", "hidden", "layer"], () => {
   const view = viewOf(state.view);
   if (!view) return;
-  const pictures = [VIEW, ...(view.reference ? [REFERENCE] : []), ...shownMethods().map((m) => m.label)];
+  const shown = new Set(shownMethods().map((m) => m.label));
+  const pictures = picturesOf(view).filter((which) => [VIEW, REFERENCE].includes(which) || shown.has(which));
   $("grid").replaceChildren(...pictures.map((which) => tile(view, which)));
   const missing = data.views.filter((v) => v.original && !v.original.id).length;
   $("pictures-note").textContent = missing
@@ -19,17 +20,7 @@ watch(["dataset", "view", "hidden", "layer"], () => {
 });
 
 function tile(view, which) {
-  const shown = shownOf(view, which);
-  const frame = h("span", { class: "frame" });
-  if (shown.picture) {
-    const img = h("img", { class: "zoomed", loading: "lazy", decoding: "async", draggable: "false" });
-    show(img, shown, `${view.name}, ${pictureName(which)}`);
-    frame.append(img);
-    if (state.layer === "holes" && shown.holes)
-      frame.append(h("img", { class: "zoomed over", src: shown.holes, alt: "" }));
-    if (state.layer === "confidence" && !shown.confidence) frame.classList.add("pale");
-    zoomable(frame);
-  } else frame.append(h("span", { class: shown.status === "failed" ? "none bad" : "none" }, shown.text));
+  const frame = frameOf(view, which);
   const name = h(
     "span",
     { class: "caption" },

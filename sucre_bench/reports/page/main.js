@@ -1,13 +1,17 @@
 // The entry of the page: its address, keys, light and dark, and the start.
 
-import { $, REFERENCE, VIEW, choose, data, h, state, summary, viewOf, watch } from "./page.js";
+import { $, REFERENCE, VIEW, choose, data, h, photograph, state, summary, viewOf, watch } from "./page.js";
 import { briefly, commandBox, commandFor, dot, number } from "./words.js";
 import "./sheet.js";
+import "./verdicts.js";
 import "./scores.js";
 import { setZoom, zoom, zoomAt } from "./zoom.js";
 import { step, swap } from "./pictures.js";
 import "./detail.js";
 import "./grid.js";
+import "./choices.js";
+import "./panels.js";
+import { pictureOfView } from "./downloads.js";
 import "./charts.js";
 import { isDark } from "./plots.js";
 import "./cost.js";
@@ -15,36 +19,57 @@ import "./distances.js";
 import "./water.js";
 import "./sweep.js";
 
-// -- the address names dataset/view/method/score -------------------------------------------------------------
+// -- the address names dataset/view/method/score, and after "?" what differs from how the page opens ------------------
 
-const named = { dataset: "", view: "", method: "", metric: "" };
+const PARTS = ["dataset", "view", "method", "metric"];
+const WORDS = { before: /./, sort: /./, rows: /^(mean|view)$/, mode: /^(slider|panels)$/, layer: /^(picture|holes|confidence|error)$/ };
+let opened = null; // what the address says before anything is chosen
+
+function decoded(text) {
+  try {
+    return decodeURIComponent(text);
+  } catch {
+    return "";
+  }
+}
 
 function readAddress() {
-  const [dataset, view, method, metric] = location.hash
-    .slice(1)
-    .split("/")
-    .map((part) => {
-      try {
-        return decodeURIComponent(part);
-      } catch {
-        return "";
-      }
-    });
+  const [path, words = ""] = location.hash.slice(1).split("?");
+  const [dataset, view, method, metric] = path.split("/").map(decoded);
   if (!summary.datasets.includes(dataset)) return false;
   choose({ dataset });
+  const isPicture = (which) => [VIEW, REFERENCE].includes(which) || data.methods.some((m) => m.label === which);
   const found = {};
   if (viewOf(view)) found.view = view;
-  if (method === VIEW || method === REFERENCE || data.methods.some((m) => m.label === method)) found.method = method;
+  if (isPicture(method)) found.method = shownAs(method);
   const column = data.columns.find((c) => c.key === metric) || data.columns.find((c) => c.metric === metric);
   if (column) found.metric = column.key;
+  const given = new URLSearchParams(words);
+  for (const [key, pattern] of Object.entries(WORDS)) if (pattern.test(given.get(key) || "")) found[key] = given.get(key);
+  if (found.before && !isPicture(found.before)) delete found.before;
+  if (found.before) found.before = shownAs(found.before);
+  const panels = given.getAll("panel").filter(isPicture).map(shownAs).slice(0, 4);
+  if (panels.length) found.panels = panels;
   choose(found);
   return true;
 }
 
-watch(["dataset", "view", "method", "metric"], () => {
-  const hash = `#${[state.dataset, state.view, state.method, state.metric].map(encodeURIComponent).join("/")}`;
-  if (Object.keys(named).some((key) => named[key] && named[key] !== state[key])) history.replaceState(null, "", hash);
-  for (const key of Object.keys(named)) named[key] = state[key];
+// The photograph has one name: that of the method that returns it, where there is one.
+const shownAs = (which) => (which === VIEW ? photograph()[0] : which);
+
+function addressNow() {
+  const path = PARTS.map((key) => encodeURIComponent(state[key])).join("/");
+  const words = new URLSearchParams();
+  for (const key of Object.keys(WORDS)) if (state[key] && state[key] !== START[key]) words.set(key, state[key]);
+  if (state.mode === "panels") for (const which of state.panels) words.append("panel", which);
+  return `#${path}${words.size ? `?${words}` : ""}`;
+}
+const START = { sort: "", rows: "mean", mode: "slider", layer: "picture" };
+
+watch([...PARTS, ...Object.keys(WORDS), "panels"], () => {
+  const now = addressNow();
+  if (opened !== null && opened !== now) history.replaceState(null, "", now);
+  if (opened !== null) opened = now;
 });
 addEventListener("hashchange", () => {
   if (readAddress()) $("pictures").scrollIntoView();
@@ -98,6 +123,7 @@ addEventListener("keydown", (event) => {
     "[": () => step(-1),
     "]": () => step(1),
     x: swap,
+    s: () => choose({ mode: state.mode === "slider" ? "panels" : "slider" }),
     d: switchTheme,
     "+": () => zoomAt(1.5),
     "=": () => zoomAt(1.5),
@@ -172,5 +198,7 @@ if (summary.datasets.length) {
   setZoom(1, 0, 0);
 }
 
+opened = addressNow();
+
 // For the browser's console, and for tests.
-window.resultsPage = { data, state, choose, number, zoom, zoomAt };
+window.resultsPage = { data, state, choose, number, zoom, zoomAt, pictureOfView };

@@ -14,11 +14,14 @@ export const state = {
   dataset: "",
   view: "",
   method: "",
-  before: VIEW,
+  before: "",
   metric: "",
   chart: "",
   layer: "picture",
+  mode: "slider", // or "panels": up to four pictures in step
+  panels: [], // their names
   rows: "mean",
+  sort: "", // a column's key, "-" before it: from the greatest down
   filter: "",
   unshown: new Set(summary.columns.filter((c) => !c.ranked && !c.cost).map((c) => c.key)), // what only describes
   hidden: new Set(),
@@ -51,12 +54,52 @@ function openDataset(name) {
   state.dataset = data.name;
   const labels = data.methods.map((m) => m.label);
   const views = data.views.map((v) => v.name);
-  if (!views.includes(state.view))
-    state.view = views.find((v) => viewOf(v).results.some((r) => r.picture)) || views[0] || "";
-  if (![VIEW, REFERENCE, ...labels].includes(state.method)) state.method = best() || labels[0] || "";
-  if (![VIEW, REFERENCE, ...labels].includes(state.before)) state.before = VIEW;
   if (!data.columns.some((c) => c.key === state.metric))
-    state.metric = (ranked()[0] || data.columns[0] || { key: "" }).key;
+    state.metric = data.main || (data.columns[0] || { key: "" }).key;
+  const [best, second] = byScore(state.metric);
+  const known = [REFERENCE, ...photograph(), ...labels];
+  if (!known.includes(state.method)) state.method = best || labels[0] || "";
+  if (!known.includes(state.before)) state.before = second || photograph()[0];
+  if (!views.includes(state.view)) state.view = typicalView(state.method, state.metric) || views[0] || "";
+  state.panels = state.panels.filter((which) => known.includes(which));
+  if (!state.panels.length) state.panels = startPanels(best, second);
+}
+
+// The photograph: the method that returns it, or the view's own picture where there is no such method.
+export const photograph = () => (data.photographs.length ? data.photographs : [VIEW]);
+
+function startPanels(best, second) {
+  const reference = data.views.some((v) => v.reference) ? [REFERENCE] : [];
+  const wanted = [photograph()[0], second, best, ...reference].filter(Boolean);
+  return [...new Set(wanted)].slice(0, 4);
+}
+
+// The methods by their mean, best first, without the photograph and those without a score.
+export function byScore(key) {
+  const at = data.columns.findIndex((c) => c.key === key);
+  if (at < 0) return [];
+  const sign = data.columns[at].better === "lower" ? 1 : -1;
+  const scored = data.methods
+    .map((m, row) => [m.label, data.cells[row][at]?.mean])
+    .filter(([label, mean]) => mean !== null && mean !== undefined && !data.photographs.includes(label));
+  return scored.sort((a, b) => sign * (a[1] - b[1])).map(([label]) => label);
+}
+
+// The views that a method has a score of, best first: [view, score].
+export function viewsByScore(method, key) {
+  const row = data.methods.findIndex((m) => m.label === method);
+  const sign = columnOf(key)?.better === "lower" ? 1 : -1;
+  return data.views
+    .map((view) => [view, row < 0 ? null : view.results[row].scores?.[key]])
+    .filter(([, score]) => score !== null && score !== undefined)
+    .sort((a, b) => sign * (a[1] - b[1]));
+}
+
+// The median view of a method; the first with pictures where it has no scores.
+function typicalView(method, key) {
+  const ranked = viewsByScore(method, key);
+  if (ranked.length) return ranked[Math.floor(ranked.length / 2)][0].name;
+  return data.views.find((v) => v.results.some((r) => r.picture))?.name;
 }
 
 export const viewOf = (name) => data.views.find((v) => v.name === name);
@@ -65,18 +108,12 @@ export const columnOf = (key) => data.columns.find((c) => c.key === key);
 export const ranked = () => data.columns.filter((c) => c.ranked);
 export const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));
 
-// The method that is best in most scores: what one wants to see first.
-function best() {
-  const wins = data.methods.map((_, m) => data.cells[m].filter((cell) => cell && cell.look === "best").length);
-  const most = Math.max(...wins);
-  return most > 0 ? data.methods[wins.indexOf(most)].label : "";
-}
-
 // An element. Text stays text: nothing that a label holds is ever read as markup.
 export function h(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") made.addEventListener(name, value);
+    else if (name === "style") made.style.cssText = value; // as attribute, the page's policy forbids it
     else if (typeof value === "boolean") made.toggleAttribute(name, value);
     else if (value !== null && value !== undefined) made.setAttribute(name, value);
   }

@@ -1,6 +1,6 @@
 // A view before and after, and beside it all methods on that view.
 
-import { $, REFERENCE, VIEW, address, choose, data, embedded, fill, state, viewOf, watch } from "./page.js";
+import { $, REFERENCE, VIEW, address, choose, data, embedded, fill, h, state, viewOf, watch } from "./page.js";
 import { pictureName } from "./words.js";
 import { isNear, onNear, zoomable } from "./zoom.js";
 
@@ -50,6 +50,46 @@ export function show(img, shown, alt) {
   }
 }
 
+// Lay the reference over a picture, which the style sheet turns into the difference of the two.
+export function showError(img, view, which, shown) {
+  const has = state.layer === "error" && view.reference && which !== REFERENCE && shown.picture;
+  img.hidden = !has;
+  img.parentElement.classList.toggle("error", Boolean(has));
+  img.dataset.full = has ? view.reference.link : "";
+  if (!has || img.dataset.source === address(view.reference)) return;
+  img.dataset.source = address(view.reference);
+  img.src = img.dataset.source;
+}
+
+// Every picture of a view, by name: the photograph once.
+export const picturesOf = (view) => {
+  const reference = view.reference ? [REFERENCE] : [];
+  const first = data.photographs.length ? [] : [VIEW];
+  return [...first, ...reference, ...data.methods.map((m) => m.label)];
+};
+
+// A frame with a picture of a view, its holes or its error, which zooms with all others.
+export function frameOf(view, which) {
+  const shown = shownOf(view, which);
+  const frame = h("span", { class: "frame" });
+  if (!shown.picture) {
+    frame.append(h("span", { class: shown.status === "failed" ? "none bad" : "none" }, shown.text));
+    return frame;
+  }
+  const img = h("img", { class: "zoomed", loading: "lazy", decoding: "async", draggable: "false" });
+  show(img, shown, `${view.name}, ${pictureName(which)}`);
+  frame.append(img);
+  if (state.layer === "error") {
+    const error = h("img", { class: "zoomed over minus", alt: "" });
+    frame.append(error);
+    showError(error, view, which, shown);
+  }
+  if (state.layer === "holes" && shown.holes) frame.append(h("img", { class: "zoomed over", src: shown.holes, alt: "" }));
+  if (state.layer === "confidence" && !shown.confidence) frame.classList.add("pale");
+  zoomable(frame);
+  return frame;
+}
+
 export function sharpen() {
   for (const img of $("pictures").querySelectorAll("img[data-full]:not([data-full=''])")) {
     const { full } = img.dataset;
@@ -73,15 +113,14 @@ watch(["dataset", "view", "method", "before", "layer"], () => {
   const view = viewOf(state.view);
   $("pictures").hidden = !data.views.some((v) => v.results.some((r) => r.status === "ok"));
   if ($("pictures").hidden) return;
-  const labels = data.methods.map((m) => [m.label, m.label]);
-  const others = [[VIEW, pictureName(VIEW)], ...(view.reference ? [[REFERENCE, pictureName(REFERENCE)]] : [])];
   fill(
     $("view"),
     data.views.map((v) => [v.name, v.name]),
     state.view,
   );
-  fill($("before"), [...others, ...labels], state.before);
-  fill($("after"), [...others, ...labels], state.method);
+  const options = picturesOf(view).map((which) => [which, pictureName(which)]);
+  fill($("before"), options, state.before);
+  fill($("after"), options, state.method);
   for (const [side, which] of [
     ["left", state.before],
     ["right", state.method],
@@ -91,10 +130,12 @@ watch(["dataset", "view", "method", "before", "layer"], () => {
     $(`${side}-name`).textContent = shown.picture ? pictureName(which) : `${pictureName(which)}: ${shown.text}`;
     $(`${side}-holes`).hidden = !(state.layer === "holes" && shown.holes);
     if (shown.holes) $(`${side}-holes`).src = shown.holes;
+    showError($(`${side}-error`), view, which, shown);
   }
   const known = data.methods.map((m) => shownOf(view, m.label));
-  $("layer-pick").hidden = !known.some((s) => s.holes || s.confidence) && state.layer === "picture";
+  $("layer-pick").hidden = !view.reference && !known.some((s) => s.holes || s.confidence) && state.layer === "picture";
   for (const [layer, has] of [
+    ["error", Boolean(view.reference)],
     ["holes", known.some((s) => s.holes)],
     ["confidence", known.some((s) => s.confidence)],
   ]) {

@@ -1,43 +1,8 @@
 // The table of scores: the methods' means with intervals and ties, or every view.
 
 import { $, choose, columnOf, data, h, shownMethods, state, summary, watch } from "./page.js";
-import { ARROWS, HUGE, copy, dot, isKnown, number, percent, titled, withUnit } from "./words.js";
-import { sheet } from "./sheet.js";
-
-watch(["dataset"], () => {
-  $("scores").hidden = $("cost").hidden = !data.columns.length;
-  $("title").textContent = summary.datasets.length > 1 ? data.name : `Results on ${data.name}`;
-  const [sure, rest] = [false, true].map((chance) => data.verdicts.filter((v) => v.may_be_chance === chance));
-  $("verdicts").replaceChildren(
-    ...(sure.length || !rest.length
-      ? sure.map(verdictLine)
-      : [h("li", {}, "In no score does a method lead by more than chance.")]),
-  );
-  $("chances").hidden = !rest.length;
-  $("chances").querySelector("summary").textContent =
-    `${rest.length} ${sure.length ? "more " : ""}${rest.length === 1 ? "lead" : "leads"} that may be chance`;
-  $("chances")
-    .querySelector("ul")
-    .replaceChildren(...rest.map(verdictLine));
-  $("export-menu").replaceChildren(
-    ...data.exports.map((one) =>
-      h("button", { type: "button", click: (event) => copy(one.text, event.currentTarget) }, one.name),
-    ),
-  );
-});
-
-// Who leads whom in a score, by how much, and how steadily.
-function verdictLine(verdict) {
-  const column = columnOf(verdict.column);
-  const [low, high] = verdict.interval;
-  const parts = [
-    `${verdict.leader} leads ${verdict.second} by ${[number(verdict.difference), column.unit].filter(Boolean).join(" ")}`,
-    isKnown(low) ? ` [${number(low)}, ${number(high)}]` : "",
-    column.views > 1 ? `, best in ${Number(verdict.wins.toFixed(1))} of ${column.views} views` : ", on one view",
-    isKnown(verdict.effect) ? `, effect ${verdict.effect.toFixed(1)}` : "",
-  ];
-  return h("li", {}, h("b", {}, titled(column)), parts.join(""));
-}
+import { ARROWS, HUGE, dot, isKnown, number, percent, titled, withUnit } from "./words.js";
+import { orderOf, setOrder, sheet } from "./sheet.js";
 
 watch(["dataset", "hidden", "unshown"], () => {
   menu(
@@ -84,7 +49,7 @@ function menu(name, options, off, changed) {
   $(`${name}-menu`).replaceChildren(...options.map(tick), all);
 }
 
-watch(["dataset", "rows", "filter", "hidden", "unshown", "metric", "method", "view"], drawScores);
+watch(["dataset", "rows", "filter", "hidden", "unshown", "metric", "method", "view", "sort"], drawScores);
 
 function drawScores() {
   for (const button of document.querySelectorAll("[data-rows]"))
@@ -94,7 +59,7 @@ function drawScores() {
   else drawEveryView(columns);
   $("scores-note").textContent =
     state.rows === "mean"
-      ? [data.legend, ...data.notes].join(". ") + "."
+      ? [data.few, data.legend, ...data.notes].filter(Boolean).join(". ") + "."
       : "A score of charts is the mean over the view's charts. Where a masked score does not cover the whole, its coverage stands below it. Common pixels are those that all methods fill.";
 }
 
@@ -111,7 +76,12 @@ function heading(c, value, cell) {
   };
 }
 
+// The order in which the table opens: the main score, the best method first.
+const bestFirst = () => (data.main ? `${columnOf(data.main).better === "higher" ? "-" : ""}${data.main}` : "");
+
 function drawMeans(columns) {
+  setOrder("scores", data.columns.some((c) => c.key === state.sort.replace("-", "")) || state.sort.endsWith("method") ? state.sort : bestFirst());
+  const isPhotograph = (row) => data.photographs.includes(row.label);
   const rows = shownMethods();
   const method = {
     key: "method",
@@ -141,18 +111,21 @@ function drawMeans(columns) {
     rows,
     filter: state.filter,
     words: (row) => row.label,
-    mark: (row) => ({ class: row.label === state.method ? "chosen" : null }),
-    onSort: (column) => column.key !== "method" && choose({ metric: column.key }),
+    last: isPhotograph,
+    mark: (row) => ({ class: row.label === state.method ? "chosen" : isPhotograph(row) ? "dim" : null }),
+    onSort: (column) => choose({ sort: orderOf("scores"), ...(column.key === "method" ? {} : { metric: column.key }) }),
   });
 }
 
 export function meanCell(cell, scale, column) {
   if (!cell) return h("td", { class: "hole", title: "no score" }, "–");
+  const few = column.views < summary.fewest_views; // which decide nothing: the interval is in the title only
+  const tie = cell.tie && !few;
   const hasInterval = isKnown(cell.low) && cell.high > cell.low && cell.high < HUGE;
   const title = [
     `${withUnit(column)}: ${number(cell.mean)} ± ${number(cell.std)}`,
     hasInterval && `95 % interval ${number(cell.low)} to ${number(cell.high)}`,
-    cell.tie && "no different from the best by more than chance",
+    tie && "no different from the best by more than chance",
     cell.holes && `lacks ${cell.holes} that others have`,
   ]
     .filter(Boolean)
@@ -160,11 +133,11 @@ export function meanCell(cell, scale, column) {
   return h(
     "td",
     { class: cell.look || null, title },
-    h("span", { class: "mark", "aria-label": cell.tie ? "ties with the best" : null }, cell.tie ? "≈" : ""),
+    h("span", { class: "mark", "aria-label": tie ? "ties with the best" : null }, tie ? "≈" : ""),
     h("span", { class: "mean" }, number(cell.mean)),
     cell.holes ? h("span", { class: "holes" }, ` ○${cell.holes}`) : "",
-    hasInterval ? h("small", {}, `${number(cell.low)} to ${number(cell.high)}`) : "",
-    hasInterval && scale ? whisker(cell, scale) : "",
+    hasInterval && !few ? h("small", {}, `${number(cell.low)} to ${number(cell.high)}`) : "",
+    hasInterval && !few && scale ? whisker(cell, scale) : "",
   );
 }
 

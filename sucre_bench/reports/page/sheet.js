@@ -5,17 +5,25 @@ import { h } from "./page.js";
 const MOST_ROWS = 200;
 const sorted = new Map();
 
-// columns: {key, head, sub, better, value(row), cell(row), chosen}; rows: anything; words(row): what a filter looks in.
+// The order of a table as text: a column's key, "-" before it for the greatest first; "" as the rows come.
+export const orderOf = (name) => (sorted.has(name) ? `${sorted.get(name).down ? "-" : ""}${sorted.get(name).key}` : "");
+export function setOrder(name, order) {
+  if (order) sorted.set(name, { key: order.replace(/^-/, ""), down: order.startsWith("-") });
+  else sorted.delete(name);
+}
+
+// columns: {key, head, sub, better, value(row), cell(row), chosen}; rows: anything; words(row): what a filter looks in;
+// last(row): whether it stays below the others.
 export function sheet(
   place,
-  { name, columns, rows, words = () => "", filter = "", mark = () => ({}), onSort = () => {}, most = MOST_ROWS },
+  { name, columns, rows, words = () => "", filter = "", last = () => false, mark = () => ({}), onSort = () => {}, most = MOST_ROWS },
 ) {
   const order = sorted.get(name);
   const wanted = filter.toLowerCase().split(/\s+/).filter(Boolean);
   const kept = rows.filter((row) => wanted.every((word) => words(row).toLowerCase().includes(word)));
   const by = order && columns.find((c) => c.key === order.key);
-  if (by) kept.sort((a, b) => compared(by.value(a), by.value(b), order.down));
-  const redraw = (more = {}) => sheet(place, { name, columns, rows, words, filter, mark, onSort, most, ...more });
+  if (by) kept.sort((a, b) => last(a) - last(b) || compared(by.value(a), by.value(b), order.down));
+  const redraw = (more = {}) => sheet(place, { name, columns, rows, words, filter, last, mark, onSort, most, ...more });
 
   const head = columns.map((column) => {
     const down = order && order.key === column.key ? order.down : null;

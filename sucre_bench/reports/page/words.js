@@ -34,7 +34,9 @@ export function titled(column) {
 export const withUnit = (column) => [titled(column), ARROWS[column.better], column.unit].filter(Boolean).join(" ");
 
 export function pictureName(which) {
-  return which === VIEW ? "the view" : which === REFERENCE ? "reference, without water" : which;
+  if (which === VIEW) return "the photograph";
+  if (which === REFERENCE) return "reference, without water";
+  return data.photographs?.includes(which) ? `${which}, the photograph` : which;
 }
 
 // A method's colour before its name.

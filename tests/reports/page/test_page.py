@@ -126,6 +126,7 @@ def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(tmp_path
     assert policy is not None
     assert policy.startswith("default-src 'none'")
     assert "http" not in policy
+    assert "unsafe" not in policy
     for _, attributes in page.tags:
         for name in ("src", "href"):
             assert not re.match(r"\s*(https?:)?//", attributes.get(name) or "")
