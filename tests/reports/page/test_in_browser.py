@@ -84,7 +84,8 @@ def transform(page: Browser, selector: str) -> list[float]:
     script = f"""(() => {{ const e = document.querySelector({json.dumps(selector)}), frame = e.parentElement;
         const m = new DOMMatrix(getComputedStyle(e).transform);
         return [m.a, m.e / frame.clientWidth, m.f / frame.clientHeight]; }})()"""
-    page.ask("new Promise((done) => setTimeout(done, 120))")  # it glides there
+    page.ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+    page.ask("Promise.allSettled(document.getAnimations().map((one) => one.finished)).then(() => null)")  # it glides
     found: list[float] = page.ask(script)
     return found
 
