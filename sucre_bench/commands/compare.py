@@ -3,14 +3,19 @@
 from __future__ import annotations
 
 import shlex
+import sys
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from sucre_bench.commands import complete
+from sucre_bench.commands.common import say
 from sucre_bench.errors import InputError
+
+if TYPE_CHECKING:
+    from sucre_bench.compare import Comparison, Gated
 
 __all__ = ["compare"]
 
@@ -27,6 +32,14 @@ __all__ = ["compare"]
     help="Only these; may be repeated.",
 )
 @click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this one.")
+@click.option(
+    "--fail-below",
+    "limits",
+    multiple=True,
+    metavar="[METHOD/]METRIC=LIMIT",
+    help="With --baseline, exit with 1 if a method is worse by more than this, and by more than chance. psnr=-0.5: by"
+    " more than 0.5 dB. May be repeated.",
+)
 @click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals, and a sentence for each lead.")
 @click.option("--all-metrics", is_flag=True, help="Show all columns, not only those that decide.")
@@ -52,6 +65,7 @@ def compare(
     by: Any,
     metrics: Sequence[str],
     baseline: str,
+    limits: Sequence[str],
     common: bool,
     intervals: bool,
     all_metrics: bool,
@@ -66,6 +80,7 @@ def compare(
     sucre-bench compare results
     sucre-bench compare results --baseline sucre_paper --metric psnr --metric psi
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
+    sucre-bench compare results --baseline sucre_paper --fail-below sucre/psnr=-0.5
     sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
     Methods are compared on the same images only. Runs that are not comparable are refused, with the reason. Every
@@ -73,21 +88,37 @@ def compare(
     """
     from sucre_bench import compare
     from sucre_bench.compare import text as tables
-    from sucre_bench.machine import terminal
     from sucre_bench.results.common_scores import read_common
 
+    gates = [compare.Gate.read(text) for text in limits]
+    if gates and not baseline:
+        raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
     rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
     rows = compare.on_pixels(rows, read_common(*folders), pixels)
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in tables.left_out(t)))
-    if as_json or how != "terminal":
-        click.echo(tables.as_text(compared, "json" if as_json else how, spread), nl=False)
+    verdicts = compare.gated(rows, gates, baseline)
+    _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
+    for verdict in verdicts:
+        _say_gated(verdict, baseline)
+    sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)
+
+
+def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:
+    """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
+    from sucre_bench import compare
+    from sucre_bench.compare import text as tables
+    from sucre_bench.machine import terminal
+
+    spread, intervals, all_metrics, metrics = wanted
+    if how != "terminal":
+        click.echo(tables.as_text(compared, how, spread), nl=False)
         return
     width = terminal.out.width
     if not (intervals or all_metrics or spread):
-        for block in tables.as_blocks(compared, width, bool(metrics)):
+        for block in tables.as_blocks(compared, width, metrics):
             terminal.out.print(block)
             click.echo()
         given = [*map(str, folders), *_given(click.get_current_context())]
@@ -98,6 +129,27 @@ def compare(
         terminal.out.print(tables.as_table(own, width, spread, intervals))
         for verdict in compare.verdicts(own) if intervals else ():
             click.echo(tables.verdict_text(own, verdict))
+
+
+def _say_gated(verdict: Gated, baseline: str) -> None:
+    """Print what a gate says, on stderr: stdout has the tables."""
+    from sucre_bench.compare.text import number, signed
+
+    column, (gain, low, high) = verdict.column, verdict.gain
+    unit = f" {column.unit}" if column.unit else ""
+    what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
+    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}, + is better"
+    limit = f"limit {number(verdict.gate.limit)}"
+    if verdict.outcome == "failed":
+        views = ", ".join(f"{name} {signed(worst)}" for name, worst in verdict.worst)
+        say(f"FAILED   {what} {by}, {limit}; worst views: {views}", "red")
+    elif verdict.outcome == "no score":
+        say(f"FAILED   {what}: no score on a view that {baseline} has one of", "red")
+    elif verdict.outcome == "unknown":
+        say(f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; one view has no interval", "yellow")
+    else:
+        chance = ", which may be chance" if gain < verdict.gate.limit else ""
+        say(f"passed   {what} {by}, {limit}{chance}", "green")
 
 
 def _given(context: click.Context) -> Iterator[str]:

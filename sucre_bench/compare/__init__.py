@@ -7,6 +7,7 @@ tie if the interval of their paired difference includes 0. These intervals hold 
 """
 
 from sucre_bench.compare.fresh import is_fresh
+from sucre_bench.compare.gate import Gate, Gated, gated
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 from sucre_bench.compare.pixels import Pixels, on_pixels
 from sucre_bench.compare.refusals import load, refuse
@@ -20,11 +21,14 @@ __all__ = [
     "Cell",
     "Column",
     "Comparison",
+    "Gate",
+    "Gated",
     "Note",
     "Pixels",
     "Verdict",
     "against",
     "compare",
+    "gated",
     "is_fresh",
     "load",
     "on_pixels",

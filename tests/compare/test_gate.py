@@ -1,0 +1,96 @@
+"""The gate of `compare --fail-below`: it fails on losses beyond limit and chance, and on nothing else."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from sucre_bench import results
+from sucre_bench.compare import Gate, gated
+from sucre_bench.errors import InputError
+from sucre_bench.results.rows import Row
+
+OLD = np.array([20.0, 25.0, 22.0, 28.0, 24.0, 21.0])
+STEADY = np.array([-1.0, -1.1, -0.9, -1.0, -1.2, -0.8])  # a loss of 1, surely
+NOISY = np.array([-9.0, 7.0, -8.0, 8.0, -9.0, 5.0])  # a loss of 1, by chance
+
+
+def table(**changes: np.ndarray) -> pd.DataFrame:
+    """Scores of the baseline "old", and of methods that differ from it: psnr, and an error that grows as psnr falls."""
+    rows = []
+    for method, change in {"old": np.zeros(6), **changes}.items():
+        for n, value in enumerate(OLD + change):
+            base = Row("reef", "cove", f"v{n}.png", method, options_id=method, data_id="d")
+            known = {"value": float(value)} if np.isfinite(value) else {"status": "failed", "reason": "boom"}
+            rows.append(replace(base, value=1.0, **({} if np.isfinite(value) else known)))
+            rows.append(replace(base, metric="psnr", variant="masked", unit="dB", better="higher", **known))
+            if "value" in known:
+                rows.append(replace(base, metric="error", variant="plain", better="lower", value=50 - float(value)))
+    return results.frame(rows)
+
+
+def outcome(text: str, **changes: np.ndarray) -> str:
+    (found,) = gated(table(**changes), [Gate.read(text)], "old")
+    assert found.fails == (found.outcome in ("failed", "no score"))
+    return found.outcome
+
+
+@pytest.mark.parametrize("metric", ["psnr", "psnr:masked", "new/psnr", "error"])
+def test_a_loss_fails_beyond_limit_and_chance(metric: str):
+    assert outcome(f"{metric}=-0.5", new=STEADY) == "failed"
+    assert outcome(f"{metric}=-2", new=STEADY) == "passed"
+    assert outcome(f"{metric}=-0.5", new=NOISY) == "passed"
+    assert outcome(f"{metric}=0", new=-STEADY) == "passed"
+
+
+def test_the_views_that_lose_most_come_first():
+    (found,) = gated(table(new=STEADY), [Gate.read("psnr=-0.5")], "old")
+    assert [view for view, _ in found.worst] == ["v4.png", "v1.png", "v0.png", "v3.png", "v2.png"]
+    assert [gain for _, gain in found.worst] == pytest.approx([-1.2, -1.1, -1.0, -1.0, -0.9])
+    (found,) = gated(table(new=STEADY), [Gate.read("error=-0.5")], "old")
+    assert found.worst[0] == ("v4.png", pytest.approx(-1.2))
+
+
+def test_a_limit_may_be_for_one_method():
+    rows = table(new=STEADY, other=-STEADY)
+    assert {(g.method, g.fails) for g in gated(rows, [Gate.read("psnr=-0.5")], "old")} == {
+        ("new", True),
+        ("other", False),
+    }
+    assert [g.method for g in gated(rows, [Gate.read("other/psnr=-0.5")], "old")] == ["other"]
+
+
+def test_a_method_that_lost_everything_fails():
+    assert outcome("psnr=-0.5", new=np.full(6, np.nan)) == "no score"
+
+
+def test_one_view_has_no_interval():
+    rows = table(new=STEADY)
+    (found,) = gated(rows[rows["view"] == "v0.png"], [Gate.read("psnr=-0.5")], "old")
+    assert (found.outcome, found.fails) == ("unknown", False)
+
+
+@pytest.mark.parametrize("text", ["psnr", "psnr=", "psnr=a", "=-1", "psnr=0.5", "psnr=nan", "psnr=-inf", "new/=-1"])
+def test_what_is_no_limit_is_refused(text: str):
+    with pytest.raises(InputError, match="--fail-below"):
+        Gate.read(text)
+
+
+@pytest.mark.parametrize("text", ["ssim=-1", "nobody/psnr=-1"])
+def test_names_that_are_not_there_are_refused(text: str):
+    with pytest.raises(InputError, match=r"ssim|nobody"):
+        gated(table(new=STEADY), [Gate.read(text)], "old")
+
+
+def test_the_exit_code_tells(bench, toys: str, tmp_path: Path):
+    for label, gain in (("old", 3.0), ("new", 1.0)):
+        words = ("dataset=toy", "method=gain", f"method.gain={gain}", f"method.label={label}", "metrics=[redness]")
+        assert bench("run", "--plugin", toys, *words, "tracking.uri=off", "out=results").returncode == 0
+    done = bench("compare", "results", "--baseline", "old", "--fail-below", "redness=-0.01", "--json")
+    assert (done.returncode, "redness" in done.stderr, done.stdout[0]) == (1, True, "[")
+    assert bench("compare", "results", "--baseline", "old", "--fail-below", "redness=-9").returncode == 0
+    assert bench("compare", "results", "--fail-below", "redness=-9").returncode == 2
