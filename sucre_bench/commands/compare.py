@@ -80,7 +80,7 @@ def compare(
     sucre-bench compare results
     sucre-bench compare results --baseline sucre_paper --metric psnr --metric psi
     sucre-bench compare monday/ tuesday/ --metric psi --by region --format latex
-    sucre-bench compare results --baseline sucre_paper --fail-below sucre/psnr=-0.5
+    sucre-bench compare results --baseline sucre --fail-below mine/psnr=-0.5
     sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
     Methods are compared on the same images only. Runs that are not comparable are refused, with the reason. Every
