@@ -9,7 +9,7 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.degrade import Degradation
@@ -17,10 +17,9 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.config_file import config_path, read_config
 from sucre_bench.jobs.job import Job, MetricChoice
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp
+from sucre_bench.jobs.presets import given_paths
 from sucre_bench.jobs.rerun import given
 from sucre_bench.jobs.study import Study
-from sucre_bench.plugins.options import options_of
-from sucre_bench.plugins.plugin import Plugin
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -135,11 +134,8 @@ def _without_needless_label(entry: Entry, labels: int) -> Entry:
 
 def _moved(kind: Kind, record: Mapping[str, Any], options: Mapping[str, Any], folder: Path) -> dict[str, Any]:
     """Options with their relative paths as seen from a folder."""
-    plugin = plugins.discover(kind).get(str(record["name"]))
-    known = options_of(plugin.cls) if isinstance(plugin, Plugin) else ()
-    words = {o.name: o.choices for o in known if Path in (o.type, *get_args(o.type))}
-    is_path = {name: name in words and isinstance(v, str) and v not in words[name] for name, v in options.items()}
-    return {name: _relative(value, folder) if is_path[name] else value for name, value in options.items()}
+    paths = given_paths(kind, str(record["name"]), options)
+    return {**options, **{name: _relative(path, folder) for name, path in paths.items()}}
 
 
 def _relative(path: str, folder: Path) -> str:

@@ -2,16 +2,17 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 from sucre_bench import plugins
 from sucre_bench.jobs.schema import CONF_FOLDER
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Preset", "default_choice", "option_names", "plugin_of", "presets"]
+__all__ = ["Preset", "default_choice", "given_paths", "option_names", "plugin_of", "presets"]
 
 # What the bench adds to the options of a plugin.
 _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label", "display"), "metric": ("variants",)}
@@ -49,6 +50,19 @@ def option_names(kind: Kind, name: str) -> list[str]:
     """
     plugin = plugin_of(kind, name)
     return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
+
+
+def given_paths(kind: Kind, name: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return those of a method's or dataset's given options that are paths: by type, or as a file that it `reads`."""
+    plugin = plugin_of(kind, name)
+    paths = {}
+    for option in options_of(plugin.cls) if plugin else ():
+        value = values.get(option.name)
+        is_typed = Path in (option.type, *get_args(option.type))
+        is_read = plugin is not None and option.name in plugin.reads and plugin_of("method", str(value)) is None
+        if isinstance(value, str) and value not in ("", *option.choices) and (is_typed or is_read):
+            paths[option.name] = value
+    return paths
 
 
 def default_choice(group: str) -> str:

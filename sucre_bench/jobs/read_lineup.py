@@ -12,15 +12,15 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any, get_args
+from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
-from sucre_bench.jobs.presets import option_names, plugin_of, presets
+from sucre_bench.jobs.presets import given_paths, option_names, plugin_of, presets
 from sucre_bench.jobs.recognise import is_path, recognised
 from sucre_bench.jobs.schema import CONF_FOLDER, RunConfig
-from sucre_bench.plugins.options import Option, options_of
+from sucre_bench.plugins.options import options_of
 
 __all__ = ["read_experiment", "read_line_up"]
 
@@ -73,10 +73,14 @@ def _content(path: Path) -> dict[str, Any]:
         fault = "is a folder" if path.is_dir() else "no such file"
         raise InputError(f"{path}: {fault}; give a line-up, `sucre-bench lineup RESULTS` writes one")
     try:
-        content = yaml.load(path.read_text(encoding="utf-8-sig"), _loader())
+        text = path.read_text(encoding="utf-8-sig")
+        for event in yaml.parse(text):  # a short file of aliases may stand for a huge one, or for itself
+            if isinstance(event, yaml.AliasEvent):
+                raise yaml.MarkedYAMLError(problem=f"*{event.anchor} is an alias", problem_mark=event.start_mark)
+        content = yaml.load(text, _loader())
     except yaml.MarkedYAMLError as fault:
         line = fault.problem_mark.line + 1 if fault.problem_mark else 1
-        raise InputError(f"{path}: line {line}: is no YAML, {fault.problem}; mend the line") from fault
+        raise InputError(f"{path}: line {line}: is no plain YAML, {fault.problem}; mend the line") from fault
     except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError) as fault:
         raise InputError(f"{path}: cannot be read, {one_line(fault)}; save it as YAML in UTF-8") from fault
     if content is None:
@@ -150,21 +154,10 @@ def _checked(kind: Kind, entry: Entry, folder: Path) -> Entry:
     for option in entry.options:
         if option not in names:
             raise unknown_name(f"{entry.name}.{option}", option, names)
-    paths = [option for option in _options(kind, entry.name) if Path in (option.type, *get_args(option.type))]
-    moved = {
-        option.name: _moved(entry.options[option.name], folder)
-        for option in paths
-        if option.name in entry.options and entry.options[option.name] not in option.choices
-    }
+    moved = {option: _moved(path, folder) for option, path in given_paths(kind, entry.name, entry.options).items()}
     if "degrade" in entry.options:
         moved["degrade"] = _settled("degrade", entry.options["degrade"], folder)
     return replace(entry, options={**root, **entry.options, **moved})
-
-
-def _options(kind: Kind, name: str) -> tuple[Option, ...]:
-    """Return the options of the plugin that a name stands for; none where it is not known."""
-    plugin = plugin_of(kind, name)
-    return options_of(plugin.cls) if plugin else ()
 
 
 def _sweep(given: Any) -> dict[str, list[Any]]:

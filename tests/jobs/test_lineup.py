@@ -148,6 +148,15 @@ def test_paths_in_a_line_up_are_relative_to_it_but_for_out(tmp_path: Path, monke
     text = "datasets: [toy]\nmethods: [{name: gain, log: ../logs/a}]\nmetrics: [psnr]\nout: here\n"
     (one,) = from_file(Path("paper/l.yaml"), text)
     assert (one.method.options["log"], one.out) == (Path("logs/a"), Path("here"))
+    text = (
+        "methods: [{name: sucre, water: water.json}, {name: sucre, water: truth}, {name: sucre, water_from: seathru}]"
+    )
+    made = from_file(Path("paper/l.yaml"), text)
+    assert [(job.method.options["water"], job.method.options["water_from"]) for job in made] == [
+        ("paper/water.json", ""),
+        ("truth", ""),
+        ("own", "seathru"),
+    ]
 
 
 def test_words_prevail_over_a_line_up(tmp_path: Path):
@@ -171,11 +180,14 @@ def test_words_prevail_over_a_line_up(tmp_path: Path):
         ("methods: [{name: gain, label: a}, {name: halved, label: a}]", "2 have the label 'a'"),
         ("methods: [gain, {name: halved, label: gain}]", "two jobs of this sweep would both be 'toy / gain'"),
         ("methods: [gain, gain]", "two jobs of this sweep are the same"),
-        ("methods: [gain", "is no YAML"),
+        ("methods: [gain", "is no plain YAML"),
         ("methods: [gain]\nmethods: [halved]", "the key 'methods' stands twice"),
         ("", "is empty"),
         ("- datasets", "holds no keys"),
-        ("methods: gain: 2", "line 1: is no YAML"),
+        ("methods: gain: 2", "line 1: is no plain YAML"),
+        ("methods: &all [*all]", "is no plain YAML, *all is an alias"),
+        ("methods: [{name: gain, gain: {a: 1}}]", "method.gain"),
+        ("study: {name: s, metrcs: [psnr]}\nmethods: [gain]", "study.metrcs: no option 'metrcs'"),
         ("methods: [2]", "methods: 2 has no name"),
         ("datasets: [./nowhere]\nmethods: [gain]", "no such folder"),
         ("datasets: [toi]\nmethods: [gain]", "no dataset is called 'toi'; did you mean 'toy'"),
