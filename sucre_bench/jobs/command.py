@@ -6,7 +6,7 @@ work.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, get_args
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError
-from sucre_bench.jobs.expand import Combination, combinations
+from sucre_bench.jobs.expand import combinations
 from sucre_bench.jobs.explain import in_our_words
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.labels import refuse_same_place
@@ -159,13 +159,17 @@ def _compose_jobs(parsed: list[Override], line_up: LineUp, multirun: bool) -> _C
         params = base.hydra.sweeper.get("params") or {}
         others = [*parse(f"{key}={value}" for key, value in params.items()), *others]
     _refuse_several_values(parsed, is_sweep)
+    try:
+        every = combinations(others, line_up)
+    except InputError as fault:
+        raise _at_its_place(fault, {}, line_up, others) from fault
     configurations, planned = [], []
-    for combination in combinations(others, line_up):
+    for combination in every:
         try:
             configurations.append(_compose([*_texts(settings), *combination.overrides]))
             planned.append(Job.composed(configurations[-1], combination.swept))
         except SucreBenchError as fault:
-            raise _at_its_place(fault, combination, line_up, others) from fault
+            raise _at_its_place(fault, combination.typed, line_up, others) from fault
     return _Composed(planned, configurations[0], is_sweep)
 
 
@@ -199,13 +203,17 @@ def _refuse_several_values(parsed: Sequence[Override], is_sweep: bool) -> None:
 
 
 def _at_its_place(
-    fault: SucreBenchError, combination: Combination, line_up: LineUp, typed: Sequence[Override]
+    fault: SucreBenchError, typed_keys: Mapping[str, str], line_up: LineUp, typed: Sequence[Override]
 ) -> InputError:
     """The fault with the key as it was typed, or with the line-up that it comes from."""
     key, colon, rest = str(fault).partition(":")
-    if key in combination.typed:
-        return InputError(f"{combination.typed[key]}{colon}{rest}")
-    is_typed = key in {word.key_or_group for word in typed}
+    if key in typed_keys:
+        key, fault = typed_keys[key], InputError(f"{typed_keys[key]}{colon}{rest}")
+    keys = {text for word in typed for text in (word.key_or_group, word.input_line)}
+    # The names in a line-up were checked when it was read.
+    is_typed = (
+        key in keys or key.startswith(("no method", "no dataset")) or (key[:9] == "no metric" and "metrics" in keys)
+    )
     return InputError(str(fault) if is_typed or not line_up.place else f"{line_up.place}: {fault}")
 
 

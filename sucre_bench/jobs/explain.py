@@ -51,7 +51,8 @@ def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> Inp
             return InputError(f"{text}: '{head}' is not among the {kind}s; add it: -m {kind}={names},{head}")
     if dot and plugin_of("metric", head):
         return InputError(f"{text}: is an option of a metric; write metrics.{text}")
-    return unknown_name(key, head, [*known, *(entry.name for chosen in entries.values() for entry in chosen)])
+    owners_there = (name for chosen in entries.values() for entry in chosen for name in (entry.name, entry.label))
+    return unknown_name(key, head, {*known, *filter(None, owners_there)})
 
 
 def in_our_words(fault: Exception, overrides: Sequence[str]) -> SucreBenchError:

@@ -186,6 +186,8 @@ def _settled(key: str, value: Any, folder: Path) -> Any:
     if is_nested != isinstance(value, dict):
         expected = f"{{OPTION: VALUE}} below {key}:" if is_nested else "one value"
         raise InputError(f"{key}: {value!r} does not fit; write {expected}")
+    if isinstance(value, list) and key != "views":
+        raise InputError(f"{key}: {value} are several values; write one, or sweep: {{{key}: {value}}}")
     if key == "degrade" and isinstance(value.get("add_water"), str):
         return {**value, "add_water": _moved(value["add_water"], folder)}
     return _moved(value, folder) if key == "views" and str(value).endswith(".txt") else value
