@@ -170,7 +170,7 @@ def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     with terminal.live():
         progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
         try:
-            mlflow.log(outcome.out, outcome.rows, comparisons, uri, experiment)
+            mlflow.log(outcome.out, outcome.stored, comparisons, uri, experiment)
         except Exception as fault:
             reason = masked(one_line(fault))[:200]
             progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

@@ -37,9 +37,10 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     is_server = uri.startswith(("http://", "https://"))
     if ui and not is_server:
         mlflow.check_port(port)
-    rows = compare.on_pixels(results.read(folder), read_common(folder))
+    rows = results.read(folder)
+    comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
     try:
-        new = mlflow.log(folder, rows, compare.compare(rows), uri, experiment)
+        new = mlflow.log(folder, rows, comparisons, uri, experiment)
         page = mlflow.runs_page(uri, experiment, port) if ui else ""
     except SucreBenchError:
         raise

@@ -130,7 +130,7 @@ def _views(
         view = views[place]
         if row.metric == COMMON_PIXELS:
             view.before = row
-        elif row.method in view.whole and row.time >= view.whole[row.method].time:
+        elif row.method in view.whole and row.time >= view.whole[row.method].time and row.status != "failed":
             view.scores[score_of(row)] = row
     return {place: view for place, view in views.items() if len(view.whole) > 1}
 

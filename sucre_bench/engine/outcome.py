@@ -28,12 +28,14 @@ class Fault:
 class Outcome:
     """The outcome of a run. The counts are of restorations: one view by one method.
 
-    datasets, methods: labels, in the order of the command; baseline: the method that the others are compared with,
-    empty for the best; asked: rows of the requested datasets, methods and views; crashed: whether a process ended
-    unexpectedly.
+    rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
+    score on its method's own pixels, as it is stored; asked: those of `rows` of the requested datasets, methods and
+    views; datasets, methods: labels, in the order of the command; baseline: the method that the others are compared
+    with, empty for the best; crashed: whether a process ended unexpectedly.
     """
 
     rows: pd.DataFrame
+    stored: pd.DataFrame
     asked: pd.DataFrame
     out: Path
     datasets: tuple[str, ...]

@@ -105,10 +105,11 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
             elif state.status == "failed" or not interrupted:
                 failed.append(fault)
     first = planned[0].job
-    rows = compare.on_pixels(rows, read_common(first.out))
+    scores = compare.on_pixels(rows, read_common(first.out))
     return Outcome(
-        rows=rows,
-        asked=_asked(rows, planned),
+        rows=scores,
+        stored=rows,
+        asked=_asked(scores, planned),
         out=first.out,
         datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
         methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
@@ -120,7 +121,7 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
         cached=cached,
         failed=tuple(failed),
         skipped=tuple(skipped),
-        scores_failed=tuple(_failed_scores(rows, planned)),
+        scores_failed=tuple(_failed_scores(scores, planned)),
         interrupted=interrupted,
         crashed=crashed,
     )
