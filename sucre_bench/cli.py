@@ -121,6 +121,7 @@ SECTIONS: dict[str, dict[str, _Command]] = {
     "Share results": {
         "bundle": _in("bundle", "Write a results folder as one file, with hashes."),
         "verify": _in("verify", "Check a bundle: hashes, data, scores computed again."),
+        "site": _in("site", "Write a page over many bundles: a lab's board."),
     },
     "Extend": {
         "list": _in("list", "List plugins, their options, and whether they run here.", "list_"),

@@ -67,13 +67,19 @@ def verify(
     sys.exit(0 if found.holds and not is_other else 1)
 
 
-def data_folders(bundle: Bundle, given: Sequence[str]) -> dict[str, Path]:
-    """Return the folder of the data by dataset label. given: "DIR" for all datasets, "DATASET=DIR" for one."""
+def data_folders(bundle: Bundle, given: Sequence[str], only_named: bool = False) -> dict[str, Path]:
+    """Return the folder of the data by dataset label. given: "DIR" for all datasets, "DATASET=DIR" for one.
+
+    only_named: "DATASET=DIR" alone counts, as far as the bundle has that dataset.
+    """
     labels = list(dict.fromkeys(bundle.rows["dataset"]))
     folders: dict[str, Path] = {}
     for text in given:
         label, _, folder = text.rpartition("=")
-        folders |= {label: Path(folder)} if label in labels else dict.fromkeys(labels, Path(text))
+        if label in labels:
+            folders[label] = Path(folder)
+        elif not only_named:
+            folders |= dict.fromkeys(labels, Path(text))
     return folders
 
 

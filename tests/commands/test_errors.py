@@ -29,6 +29,7 @@ MISTAKES = {
     "track": ["nowhere"],
     "bundle": ["nowhere", "paper.zip"],
     "verify": ["nowhere.zip"],
+    "site": ["nowhere", "public"],
     "study": ["nowhere", "--methods", "sucre,gray_world", "--out", "study.html"],
     "list": ["plugins"],
     "new": ["method", "my-method"],

@@ -166,7 +166,11 @@ class _Check:
         chosen = {key: self._metrics.of(*key) for key in zip(scores["metric"], scores["variant"], strict=True)}
         found = _computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
         for score in scores.itertuples():
-            self._judge(score, chosen[score.metric, score.variant], found, restoration, view, kept.is_sure)
+            scorer = chosen[score.metric, score.variant]
+            doubt = "" if kept.is_sure else "black pixels and holes look alike"
+            if scene is None and isinstance(scorer, Scorer) and "reference" in scorer.plugin.needs:
+                doubt = f"{score.metric} needs the exact reference of the data"  # the bundle has it as a JPEG
+            self._judge(score, scorer, found, restoration, view, doubt)
 
     def _view(self, row: Any, names: Held, scene: Scene | None, restoration: Restoration) -> View:
         """The view from the data, or else from the bundle's pictures, as far as they go."""
@@ -186,9 +190,9 @@ class _Check:
         found: Mapping[_Key, Row],
         restoration: Restoration,
         view: View,
-        sure: bool,
+        doubt: str,
     ) -> None:
-        """Count a score as agreeing, differing or not checked."""
+        """Count a score as agreeing, differing or not checked. doubt: why a difference would prove nothing."""
         again = found.get((score.metric, score.variant, score.region))
         if isinstance(scorer, str):
             self.unchecked[scorer] += 1
@@ -199,11 +203,11 @@ class _Check:
         elif self._agrees(score, again.value):
             self._count_version(score, scorer)
             self.n_agree += 1
-        elif sure:
+        elif doubt:
+            self.unchecked[doubt] += 1
+        else:
             self._count_version(score, scorer)
             self.differing.append(_differing(score, again.value))
-        else:
-            self.unchecked["black pixels and holes look alike"] += 1
 
     def _not_again(self, score: Any, again: Row | None, found: Mapping[_Key, Row]) -> None:
         """A score that is in the table, and for which nothing comes out now."""

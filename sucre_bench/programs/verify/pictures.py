@@ -20,7 +20,7 @@ from sucre_bench.scene import Restoration
 
 __all__ = ["Held", "held", "picture", "restoration_of"]
 
-_PNG = b"\x89PNG\r\n\x1a\n"
+_PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _MOST_PIXELS = 400_000_000
 
 
@@ -54,13 +54,16 @@ def _restored(place: Place, method: str) -> Path:
 
 
 def picture(bundle: Bundle, name: str) -> Array:
-    """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is no PNG of ordinary size."""
+    """Return a picture of a bundle, (H, W, 3) float32 RGB in [0, 1]. InputError if it is none of ordinary size.
+
+    A restored image is a PNG; views and references may be JPEG files, which are not exact.
+    """
     import cv2
     from PIL import Image
 
     content, place = bundle.read(name), f"{bundle.path}: {name}"
-    if not content.startswith(_PNG):
-        raise InputError(f"{place}: is no PNG; ask who made the bundle for another")
+    if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
+        raise InputError(f"{place}: is no PNG or JPEG; ask who made the bundle for another")
     try:
         with Image.open(io.BytesIO(content)) as image:  # reads the header alone
             width, height = image.size

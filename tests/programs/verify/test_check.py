@@ -114,7 +114,7 @@ def test_a_score_that_the_pictures_do_not_give_is_named(bench, bundles: Path):
     assert verified(bench, "restored.zip", "--tolerance", "0.2")[0] == 0
 
 
-def test_a_picture_that_was_touched_up_is_found_out(bench, bundles: Path):
+def test_a_picture_that_was_touched_up_is_found_out(bench, bundles: Path, folder: Path):
     name = "restored/demo/gray_world/view_000.png"
 
     def brighter(files: dict[str, bytes]) -> None:
@@ -122,7 +122,7 @@ def test_a_picture_that_was_touched_up_is_found_out(bench, bundles: Path):
         files[name] = cv2.imencode(".png", cv2.convertScaleAbs(image, alpha=1.3))[1].tobytes()
 
     rewritten(bundles / "all.zip", brighter)
-    status, found = verified(bench, "all.zip")
+    status, found = verified(bench, "all.zip", "--data", str(folder / "dive"))
     assert status == 1
     assert {(d["method"], d["view"]) for d in found["differing"]} == {("gray_world", "view_000.png")}
 

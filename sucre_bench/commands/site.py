@@ -1,0 +1,90 @@
+"""`sucre-bench site`: one page over many bundles."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import click
+
+from sucre_bench.commands.common import load_plugins, plugin_option, say
+from sucre_bench.errors import InputError, OutputError
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.site.board import Entry
+
+__all__ = ["site"]
+
+
+@click.command()
+@click.argument("bundles", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--title", "heading", default="Restoration of underwater images", show_default=True, help="Of the page.")
+@click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Data to verify with; may be repeated.")
+@plugin_option
+def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_files: tuple[str, ...]) -> None:
+    """Write a page of tables over all bundles of a folder: a lab's board.
+
+    \b
+    sucre-bench site bundles/ public/
+    sucre-bench site bundles/ public/ --title "Reef Lab" --data reef=dive/
+
+    Each bundle is verified first. A table has one dataset, the same images and data, and one variant and version of
+    each metric; what does not fit stands in a table of its own, with the reason. A bundle of which something differs
+    is named, and is in no table.
+
+    The exit code is 0 when all bundles are in tables, 1 when something differs in one, 2 when there is none.
+    """
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.site.board import State, board
+    from sucre_bench.programs.site.page import write_page
+
+    load_plugins(plugin_files)
+    paths = sorted(bundles.glob("*.zip"))
+    if not paths:
+        raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
+    with terminal.live():
+        entries = [_entry(path, data) for path in paths]
+        made = board(entries)
+    page = write_page(out, made, heading)
+    for entry in entries:
+        if entry.rows is not None:
+            _copy(bundles / entry.file, out / "bundles" / entry.file)
+        colour = {State.VERIFIED: "green", State.HASHES: "yellow", State.DIFFERS: "red"}[entry.state]
+        say(f"{entry.state.value:12} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colour)
+    click.echo(f"page     {page}: {len(made.tables)} tables of {len(entries)} bundles")
+    sys.exit(1 if any(entry.state is State.DIFFERS for entry in entries) else 0)
+
+
+def _entry(path: Path, data: Sequence[str]) -> Entry:
+    """Verify a bundle. A file that is none is an entry, too, with the reason."""
+    from sucre_bench.commands.verify import data_folders
+    from sucre_bench.programs.site.board import Entry, State
+    from sucre_bench.programs.verify.check import verify
+    from sucre_bench.results.bundle_format import open_bundle
+
+    try:
+        with open_bundle(path) as bundle:
+            found = verify(bundle, data_folders(bundle, data, only_named=True))
+            rows, version = bundle.rows, bundle.version
+    except InputError as fault:
+        return Entry(path.name, "", "", "", State.DIFFERS, 0, str(fault).removeprefix(f"{path}: "), None)
+    state = State.VERIFIED if found.n_agree else State.HASHES
+    faults = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing)]
+    more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
+    fault_text = f"{faults[0]}{more}" if faults else ""
+    state = state if found.holds else State.DIFFERS
+    return Entry(path.name, found.id, found.by, version, state, found.n_agree, fault_text, rows)
+
+
+def _copy(source: Path, target: Path) -> None:
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        shutil.copyfile(source, target)
+    except shutil.SameFileError:
+        return
+    except OSError as fault:
+        raise OutputError(f"{target}: cannot be written ({fault.strerror}); choose another place") from fault

@@ -1,0 +1,156 @@
+"""Puts the methods of many bundles into tables, and mixes nothing that may not be compared.
+
+A table has one dataset in one state of its data, the same images for all methods, and for each column one variant and
+one version of its metric. What does not fit a table begins another one, with the reason. Seconds and memory are left
+out, since bundles come from different machines, and so are metrics that are not registered here.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from typing import TYPE_CHECKING
+
+from sucre_bench import compare, plugins
+from sucre_bench.compare import Comparison
+from sucre_bench.compare.text import decisive
+from sucre_bench.errors import InputError
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.results.rows import RESTORATION
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Board", "Entry", "Line", "State", "Table", "board"]
+
+
+class State(Enum):
+    """What `verify` found; the value is what the page says."""
+
+    VERIFIED = "verified"
+    HASHES = "hashes hold"
+    DIFFERS = "differs"
+
+
+@dataclass(frozen=True, eq=False)
+class Entry:
+    """A bundle on the board.
+
+    file: its name; id, by, version: see `Bundle`; checked: how many scores were computed again and agree; fault: the
+    first thing that differs, or why the file is no bundle; rows: its score table, None without one.
+    """
+
+    file: str
+    id: str
+    by: str
+    version: str
+    state: State
+    checked: int
+    fault: str
+    rows: pd.DataFrame | None
+
+    @property
+    def who(self) -> str:
+        """Who publishes it, or else the file's name."""
+        return self.by or self.file
+
+
+@dataclass(frozen=True)
+class Line:
+    """A row of a table: a method of a bundle. label: its name in the comparison."""
+
+    label: str
+    method: str
+    entry: Entry
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Methods that may be compared. apart: why they do not stand in the table before, "" for a dataset's first."""
+
+    dataset: str
+    lines: tuple[Line, ...]
+    comparison: Comparison
+    apart: str
+
+
+@dataclass(frozen=True, eq=False)
+class Board:
+    """entries: all bundles; tables: of those of which nothing differs, by dataset."""
+
+    entries: tuple[Entry, ...]
+    tables: tuple[Table, ...]
+
+
+def board(entries: Sequence[Entry]) -> Board:
+    """Make the tables of all bundles."""
+    usable = [entry for entry in entries if entry.rows is not None and entry.state is not State.DIFFERS]
+    datasets = sorted({str(name) for entry in usable for name in _rows(entry)["dataset"].unique()})
+    return Board(tuple(entries), tuple(table for name in datasets for table in _tables(name, usable)))
+
+
+def _rows(entry: Entry) -> pd.DataFrame:
+    assert entry.rows is not None
+    known = [name for name, plugin in plugins.discover("metric").items() if isinstance(plugin, Plugin)]
+    return entry.rows[entry.rows["metric"].isin([*known, RESTORATION])]
+
+
+@dataclass
+class _Group:
+    """Methods that were found to be comparable so far."""
+
+    rows: pd.DataFrame
+    lines: list[Line]
+    apart: str
+
+
+def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
+    groups: list[_Group] = []
+    for entry in entries:
+        rows = _rows(entry)
+        rows = rows[rows["dataset"] == dataset]
+        if rows.empty:
+            continue
+        lines = {
+            str(name): Line(f"{name} ({entry.who} {entry.id})", str(name), entry) for name in rows["method"].unique()
+        }
+        _add(groups, rows.assign(method=rows["method"].map({name: line.label for name, line in lines.items()})), lines)
+    for group in groups:
+        compared = compare.compare(group.rows)
+        for comparison in compared:
+            columns = (*decisive(comparison).columns, *comparison.columns)  # those that decide stand first
+            ranked = list(dict.fromkeys(f"{c.metric}:{c.variant}" for c in columns if c.ranked))
+            if ranked:
+                yield Table(dataset, tuple(group.lines), compare.only(comparison, ranked), group.apart)
+
+
+def _add(groups: list[_Group], rows: pd.DataFrame, lines: dict[str, Line]) -> None:
+    """Add a bundle's methods to the first group that they may be compared with, or as a group of their own."""
+    import pandas as pd
+
+    reason = ""
+    for group in groups:
+        together = pd.concat([group.rows, rows], ignore_index=True)
+        why = _refusal(group.rows, rows, together)
+        if not why:
+            group.rows = together
+            group.lines += lines.values()
+            return
+        reason = reason or why
+    groups.append(_Group(rows, list(lines.values()), reason))
+
+
+def _refusal(one: pd.DataFrame, other: pd.DataFrame, together: pd.DataFrame) -> str:
+    """Why two tables may not stand in one, "" if they may."""
+    ids = [frame[frame["scene"] != ""].groupby("scene")["data_id"].first() for frame in (one, other)]
+    shared = ids[0].index.intersection(ids[1].index)
+    differing = shared[(ids[0][shared] != ids[1][shared]).to_numpy()]
+    if len(differing):
+        name = differing[0]
+        return f"other data: scene {name} is {ids[1][name]}, above {ids[0][name]}"
+    try:
+        compare.refuse(together)
+    except InputError as fault:
+        return str(fault).splitlines()[0].partition(": ")[2]
+    return ""

@@ -1,0 +1,90 @@
+"""A lab's board: bundles of several people in tables that mix nothing."""
+
+from __future__ import annotations
+
+import html
+import re
+from collections.abc import Callable
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pandas as pd
+import pytest
+
+from sucre_bench import results
+from sucre_bench.programs.site.board import Entry, State, board
+from sucre_bench.results.bundle_format import write_bundle
+from sucre_bench.results.rows import Row
+
+HOSTILE = "<script>alert(1)</script>"
+SCORES = {"plain": (20.0, 22.0, 21.0), "clever": (25.0, 27.0, 26.0)}
+
+
+def rows(method: str, gain: float = 0.0, **other: Any) -> pd.DataFrame:
+    """Three views restored by a method."""
+    made = []
+    for n, value in enumerate(SCORES[method]):
+        base = Row("reef", "cove", f"v{n}.png", method, data_id="d1", code="c.m1")
+        base = replace(base, **{k: v for k, v in other.items() if k not in ("variant", "metric_code")})
+        made.append(replace(base, value=1.0 + n, code="c"))
+        code = f"c.{other.get('metric_code', 'm1')}"
+        more = {"metric": "psnr", "variant": other.get("variant", "masked"), "unit": "dB", "better": "higher"}
+        made.append(replace(base, **more, value=value + gain, code=code))
+    return results.frame(made)
+
+
+def entry(name: str, table: pd.DataFrame, state: State = State.VERIFIED) -> Entry:
+    return Entry(f"{name}.zip", name * 4, name, "0.1", state, 3, "", table)
+
+
+def tables(*entries: Entry) -> list[tuple[set[str], str]]:
+    return [({line.entry.by for line in table.lines}, table.apart) for table in board(entries).tables]
+
+
+def test_what_may_be_compared_stands_in_one_table():
+    (found,) = board([entry("a", rows("plain")), entry("b", rows("clever")), entry("c", rows("plain", 1.0))]).tables
+    assert [(line.method, line.entry.by) for line in found.lines] == [("plain", "a"), ("clever", "b"), ("plain", "c")]
+    means = [found.comparison.cells[line.label, found.comparison.columns[0]].mean for line in found.lines]
+    assert means == pytest.approx([21.0, 26.0, 22.0])
+    assert [column.metric for column in found.comparison.columns] == ["psnr"], "seconds of other machines do not count"
+
+
+@pytest.mark.parametrize(
+    ("other", "reason"),
+    [
+        ({"data_id": "d2"}, "d2"),
+        ({"variant": "unmasked"}, "unmasked"),
+        ({"metric_code": "m2"}, "version"),
+        ({"scene": "bay"}, "different images"),
+    ],
+)
+def test_other_data_variants_versions_and_images_stand_apart(other: dict[str, str], reason: str):
+    first, second = tables(entry("a", rows("plain")), entry("b", rows("clever", **other)))
+    assert (first, second[0]) == (({"a"}, ""), {"b"})
+    assert reason in second[1]
+
+
+def test_what_differs_is_in_no_table():
+    found = board([entry("a", rows("plain")), entry("b", rows("clever"), State.DIFFERS)])
+    assert {line.entry.by for table in found.tables for line in table.lines} == {"a"}
+    assert len(found.entries) == 2
+
+
+def test_the_page_shows_all_and_runs_nothing(bench: Callable[..., Any], tmp_path: Path):
+    (tmp_path / "bundles").mkdir()
+    for name, method in (("a", "plain"), ("b", "clever")):
+        write_bundle(tmp_path / "bundles" / f"{name}.zip", rows(method), {}, {}, f"{name}{HOSTILE}", "0.1")
+    (tmp_path / "bundles" / "broken.zip").write_bytes(b"PK")
+    done = bench("site", "bundles", "public", "--title", f"Lab {HOSTILE}")
+    assert done.returncode == 1, "one file is no bundle"
+    assert "broken.zip" in done.stderr
+    page = (tmp_path / "public" / "index.html").read_text()
+    assert "<script" not in page
+    assert "default-src 'none'" in page
+    assert not re.search(r'(?:src|href)="(?!bundles/)', page)
+    shown = html.unescape(re.sub(r"<(?!script>|/script>)[^<>]*>", " ", page))
+    for word in ("plain", "clever", "26.0", f"a{HOSTILE}", f"Lab {HOSTILE}", "hashes hold", "broken.zip"):
+        assert word in shown, word
+    assert {path.name for path in (tmp_path / "public" / "bundles").iterdir()} == {"a.zip", "b.zip"}
+    assert bench("site", "public", "elsewhere").returncode == 2, "no bundle is there"
