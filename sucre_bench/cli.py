@@ -103,7 +103,7 @@ SECTIONS: dict[str, dict[str, _Command]] = {
     "Restore and compare": {
         "run": _in("run", "Restore a dataset's views with methods, and score them."),
         "lineup": _in("lineup", "Write the line-up that made a results folder, to run again."),
-        "compare": _in("compare", "One table of results folders, with 95 % intervals."),
+        "compare": _in("compare", "One table of results folders: what decides, who leads."),
         "score": _in("score", "Score a folder of images with any metric, as published."),
     },
     "Your own data": {

@@ -70,13 +70,13 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
 
 
 def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
-    """Write the study's files and the page; print tables, what failed and why, the counts, and where everything is."""
-    study, page = _written(outcome, comparisons)
+    """Print the tables, write the study's files and the page, print what failed and why, and where everything is."""
     if (outcome.rows["status"] == "ok").any():
         for block in tables.as_blocks(comparisons, terminal.out.width):
             terminal.out.print(block)
             click.echo()
         click.echo(f"more: {shlex.join(['sucre-bench', 'compare', str(outcome.out), *_EVERYTHING])}")
+    study, page = _written(outcome, comparisons)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),
         ("yellow", "skipped", outcome.skipped),

@@ -29,6 +29,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     Rows that mlflow has already are not logged again.
     """
     from sucre_bench import compare, results
+    from sucre_bench.machine import terminal
     from sucre_bench.machine.secrets import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common
@@ -40,7 +41,8 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     rows = results.read(folder)
     comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
     try:
-        new = mlflow.log(folder, rows, comparisons, uri, experiment)
+        with terminal.live():
+            new = mlflow.log(folder, rows, comparisons, uri, experiment)
         page = mlflow.runs_page(uri, experiment, port) if ui else ""
     except SucreBenchError:
         raise

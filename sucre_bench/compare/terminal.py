@@ -158,6 +158,7 @@ def _decider(comparison: Comparison, column: Column, chosen: Deciding, few: bool
         )
     if few:
         cells = tuple(replace(cell, mark="") for cell in cells)
+    cells = tuple(replace(cell, look="") if cell.look == "second" else cell for cell in cells)
     return replace(laid_out, cells=cells)
 
 

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine import progress
 from sucre_bench.reports.mlflow import store
 from sucre_bench.results.rows import fingerprint
 
@@ -16,7 +19,7 @@ if TYPE_CHECKING:
 
 __all__ = ["connect", "default_uri", "resolved", "sqlite_path"]
 
-_PATIENCE_S = 60  # for other processes that open the same store
+_SILENT_S, _PATIENCE_S = 4, 60  # for other processes that open the same store
 
 _SQLITE = "sqlite:///"
 # An experiment's tags: its kind, by which mlflow's page opens on runs and models, not on chats; and its description.
@@ -39,8 +42,6 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
     By one process at a time: several that open a new sqlite store at once break it. A path in a sqlite URI is taken
     from where we are. Raises InputError for a path that mlflow cannot take.
     """
-    from filelock import FileLock, Timeout
-
     _keep_quiet()
     uri, artifacts = resolved(uri), None
     lock = Path(tempfile.gettempdir()) / f"sucre_bench-{fingerprint({'uri': uri})[1]}.lock"
@@ -52,18 +53,34 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         lock, artifacts = path.with_name(f".{path.name}.lock"), (path.parent / "mlartifacts").as_uri()
+    with _alone(lock):
+        if path is not None:
+            store.make(path)
+            store.check(path)
+        client = _client(uri)
+        there = client.get_experiment_by_name(experiment)
+        return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+
+
+@contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Hold a lock in this block; say it if another process has it for long. Raises InputError if that does not end."""
+    from filelock import FileLock, Timeout
+
+    held = FileLock(lock)
     try:
-        with FileLock(lock, timeout=_PATIENCE_S):
-            if path is not None:
-                store.make(path)
-                store.check(path)
-            client = _client(uri)
-            there = client.get_experiment_by_name(experiment)
-            return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+        held.acquire(timeout=_SILENT_S)
     except Timeout:
-        raise InputError(
-            f"{lock}: another process has kept this lock for {_PATIENCE_S} s; end it, or give another URI"
-        ) from None
+        progress.say(f"mlflow   waiting for another process, which holds {lock}")
+        try:
+            held.acquire(timeout=_PATIENCE_S)
+        except Timeout:
+            wait = f"another process holds this lock for more than {_PATIENCE_S} s"
+            raise InputError(f"{lock}: {wait}; end it, or give another URI") from None
+    try:
+        yield
+    finally:
+        held.release()
 
 
 def sqlite_path(uri: str) -> Path | None:
