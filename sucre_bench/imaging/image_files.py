@@ -78,10 +78,10 @@ def _size_in(file: IO[bytes]) -> tuple[int, int] | None:
 
 
 def _pillow() -> ModuleType:
-    """Pillow's images; the limit of pixels is `pixel_limit`'s, not Pillow's."""
+    """Pillow's images, without its own limit of pixels: `pixel_limit` has ours."""
     from PIL import Image
 
-    Image.MAX_IMAGE_PIXELS = most_pixels()
+    Image.MAX_IMAGE_PIXELS = None
     return Image
 
 
@@ -150,7 +150,10 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     """Return what `decode` does, of a file's content. place: the file's name, for errors."""
     import cv2
 
-    check_pixels(place, _size_in(io.BytesIO(data)))
+    size = _size_in(io.BytesIO(data))
+    if size is None:  # OpenCV might still allocate what a damaged header says
+        raise InputError(f"{place}: cannot be read, damaged or not an image; copy it again")
+    check_pixels(place, size)
     if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
         try:
             with _pillow().open(io.BytesIO(data)) as image:
@@ -166,9 +169,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     except cv2.error:
         decoded = None
     if decoded is None:
-        raise InputError(
-            f"{place}: cannot be read, {'damaged or not an image' if complete else 'cut short'}; copy it again"
-        )
+        raise InputError(f"{place}: cannot be read, {'damaged' if complete else 'cut short'}; copy it again")
     return np.asarray(decoded)
 
 

@@ -29,9 +29,9 @@ def most_pixels() -> int:
     return int(min(limit, 1e9) * 1e6)
 
 
-def check_pixels(place: object, size: tuple[int, int] | None) -> None:
-    """Raise InputError if a picture of a size (width, height) has too many pixels. None: its header says no size."""
-    if size is not None and size[0] * size[1] > most_pixels():
+def check_pixels(place: object, size: tuple[int, int]) -> None:
+    """Raise InputError if a picture of a size (width, height) has too many pixels."""
+    if size[0] * size[1] > most_pixels():
         raise _too_large(place, f"{size[0]}x{size[1]}", size[0] * size[1])
 
 

@@ -13,7 +13,7 @@ from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.loading.view_files import scaled_pose
-from sucre_bench.machine.files import is_file
+from sucre_bench.machine.files import fault_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
 
@@ -40,7 +40,7 @@ def registered_scene(
     """
     names = [posed.name for posed in model]
     paths = {name: image_of(name) for name in names}
-    missing = {name for name, path in paths.items() if not is_file(path)}
+    missing = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
     first = paths[names[0]]
     if len(missing) == len(names):
         raise InputError(f"{first}: no such file, nor any of the model's {len(names)} images; copy the images there")
@@ -56,7 +56,7 @@ def registered_scene(
         path, faults = paths[posed.name], dict[Plane, str]()
         if posed.name in missing:
             of = f"{len(missing)} of the model's {len(names)} images are missing"
-            faults["rgb"] = f"{path}: no such file ({of}); copy it there"
+            faults["rgb"] = f"{path}: {missing[posed.name]} ({of}); copy it there"
         if posed.name in ambiguous:
             faults["depth"] = ambiguous[posed.name]
         photograph = Photograph(

@@ -13,6 +13,7 @@ from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.reading import scaled_chart
 from sucre_bench.imaging.image_files import image_size, read_rgb, same_shape
+from sucre_bench.imaging.pixel_limit import check_pixels
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Files
@@ -66,9 +67,9 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     own = None if straight is None else (straight.width, straight.height)
     # If the header cannot be read, decoding gives the reason.
     size = photograph.size or image_size(image) or own or (1, 1)
-    if own is not None and not same_shape(size, own):
-        fault = f"is {size[0]}x{size[1]}, its camera {own[0]}x{own[1]}"
-        faults.setdefault("rgb", f"{image}: {fault}; use the images that its camera was found for, uncropped")
+    if fault := _fault_of_size(image, size, own):
+        faults.setdefault("rgb", fault)
+        size = own or (1, 1)  # what else is read of the view must not take on a forged size
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None
@@ -89,6 +90,18 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     place = f"{photograph.charts_file or image}: {photograph.name}"
     charts = tuple(_seen(chart, place, size, bent, (width, height)) for chart in photograph.charts)
     return View(photograph.name, files, camera, photograph.cam_from_world, charts, encoding)
+
+
+def _fault_of_size(image: Path, size: tuple[int, int], camera: tuple[int, int] | None) -> str:
+    """Why an image of a size (width, height) cannot be that of a camera of another; empty if it can."""
+    if camera is not None and not same_shape(size, camera):
+        fault = f"is {size[0]}x{size[1]}, its camera {camera[0]}x{camera[1]}"
+        return f"{image}: {fault}; use the images that its camera was found for, uncropped"
+    try:
+        check_pixels(image, size)
+    except InputError as fault_of_pixels:
+        return str(fault_of_pixels)
+    return ""
 
 
 def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, target: tuple[int, int]) -> Chart:

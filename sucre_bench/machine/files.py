@@ -13,7 +13,7 @@ from typing import IO
 
 from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["is_file", "not_writable", "open_atomically", "regular", "write_atomically"]
+__all__ = ["fault_of", "is_file", "not_writable", "open_atomically", "regular", "write_atomically"]
 
 _KINDS = {
     stat.S_IFDIR: "a folder",
@@ -26,11 +26,18 @@ _KINDS = {
 
 def is_file(path: Path) -> bool:
     """Whether a path leads to a regular file; False also for a name that no file system has."""
+    return not fault_of(path)
+
+
+def fault_of(path: Path) -> str:
+    """Return why a path does not lead to a regular file, without the path: empty if it does."""
     try:
         regular(path)
-    except (OSError, InputError):
-        return False
-    return True
+    except FileNotFoundError:
+        return "no such file"
+    except InputError as fault:
+        return str(fault).removeprefix(f"{path}: ").partition(";")[0]
+    return ""
 
 
 def regular(path: Path) -> Path:

@@ -24,6 +24,7 @@ import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.machine.code import engine_hash
+from sucre_bench.machine.locks import waited_lock
 from sucre_bench.machine.progress import say
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
@@ -81,12 +82,10 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
     if not scene.data_id:
         _say_that_nothing_is_kept(scene.name)
         return observe(target, scene.views, **options)
-    from filelock import FileLock
-
     entry = Path(folder).expanduser() / f"{Path(target.name).stem}-{_key(scene, target, options)}"
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
-        with FileLock(f"{entry}.lock"):  # the second of two processes finds the entry of the first
+        with waited_lock(Path(f"{entry}.lock")):  # the second of two processes finds the entry of the first
             kept = _read(entry)
             if kept is not None and not kept.unreadable:  # a view that could not be read may be readable now
                 return kept

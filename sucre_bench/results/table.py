@@ -22,6 +22,7 @@ import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.files import not_writable, regular, write_atomically
+from sucre_bench.machine.locks import waited_lock
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
 from sucre_bench.results.rows import _RESTORATION, COLUMNS, RESTORATION, Row, as_arrow, frame
@@ -214,18 +215,14 @@ def _take(part: Path) -> Path:
 @contextlib.contextmanager
 def locked(out: Path, table: str) -> Iterator[None]:
     """Keep other processes from changing a table of a results folder at the same time."""
-    from filelock import FileLock
-
-    try:
-        out.mkdir(parents=True, exist_ok=True)
-        lock = FileLock(out / f".{table}.lock")
-        lock.acquire()
-    except OSError as fault:
-        raise not_writable(out, fault) from fault
-    try:
+    lock = waited_lock(out / f".{table}.lock")
+    with contextlib.ExitStack() as held:
+        try:
+            out.mkdir(parents=True, exist_ok=True)
+            held.enter_context(lock)
+        except OSError as fault:
+            raise not_writable(out, fault) from fault
         yield
-    finally:
-        lock.release()
 
 
 def _arrow_table(path: Path) -> pyarrow.Table | None:

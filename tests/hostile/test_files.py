@@ -1,0 +1,176 @@
+"""One bad file: it is named with its fault, its view fails, the others go on, in little memory and time."""
+
+from __future__ import annotations
+
+import re
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from support import hostile_files as bad
+from support.colmap_folder import HEIGHT, WIDTH, picture, write_dive, write_image
+from support.command_line import Done, run_here
+
+from sucre_bench import results
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.array_files import read_array
+from sucre_bench.imaging.image_files import same_shape
+
+LONG = "x" * 300
+
+
+def one_pixel(suffix: str) -> bytes:
+    return bytes(cv2.imencode(suffix, np.full((1, 1, 3), 9, np.uint8))[1])
+
+
+# What lies where a view's image, or its depth map, should be; and what is said of it.
+IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
+    "a cut TIFF": (".tif", bad.written(bad.cut_tiff()), "cannot be read"),
+    "a PNG of a forged size": (".png", bad.written(bad.png_of_size(30000, 30000)), "is 30000x30000"),
+    "a PNG of a forged size of the camera's shape": (".png", bad.written(bad.png_of_size(40000, 30000)), "megapixels"),
+    "a TIFF of a forged size": (".tif", bad.written(bad.tiff_of_size(40000, 30000)), "megapixels"),
+    "one pixel": (".png", bad.written(one_pixel(".png")), "is 1x1"),
+    "nothing": (".png", bad.written(b""), "cannot be read"),
+    "a device": (".png", bad.device, "is a device"),
+    "a pipe": (".png", bad.pipe, "is a named pipe"),
+    "a socket": (".png", bad.bound_socket, "is a socket"),
+    "a folder": (".png", Path.mkdir, "is a folder"),
+    "a link to itself": (".png", lambda path: path.symlink_to(path), "cannot be read"),
+}
+DEPTHS: dict[str, tuple[str, Callable[[Path], None], str]] = {
+    "a cut TIFF": (".tif", bad.written(bad.cut_tiff()), "cannot be read"),
+    "a PNG of a forged size": (".png", bad.written(bad.png_of_size(30000, 30000)), "is 30000x30000"),
+    "a TIFF of a forged size": (".tif", bad.written(bad.tiff_of_size(40000, 30000)), "megapixels"),
+    "one pixel": (".png", bad.written(one_pixel(".png")), "is 1x1"),
+    "an archive": (".npy", bad.written(bad.npz_of_shape((30000, 40000))), "cannot be read"),
+    "a device": (".png", bad.device, "is a device"),
+    "a pipe": (".tif", bad.pipe, "is a named pipe"),
+}
+
+
+def peak_mb() -> float:
+    line = next(line for line in Path("/proc/self/status").read_text().splitlines() if line.startswith("VmHWM"))
+    return int(line.split()[1]) / 1024
+
+
+def run(folder: Path, *more: str) -> Done:
+    words = ("dataset=colmap", "dataset.root=dive", "metrics=[coverage]", "tracking.uri=off", "report=false")
+    return run_here(folder, "run", *words, "out=results", *more)
+
+
+def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
+    names = {f"image{n}{suffix}": said for n, (suffix, _, said) in enumerate(IMAGES.values())}
+    deep = {f"depth{n}.png": said for n, (_, _, said) in enumerate(DEPTHS.values())}
+    missing = f"{LONG}.png"
+    dive = write_dive(tmp_path / "dive", ["a.png", *names, *deep, "c.png"])
+    model = dive / "sparse" / "images.txt"
+    model.write_text(model.read_text().replace("c.png", f"c.png\n\n99 1 0 0 0 0 0 0 1 {missing}"))
+    for name, (_, spoil, _) in zip(names, IMAGES.values(), strict=True):
+        (dive / "images" / name).unlink()
+        spoil(dive / "images" / name)
+    for name, (suffix, spoil, _) in zip(deep, DEPTHS.values(), strict=True):
+        path = dive / "depths" / f"depth_{Path(name).stem}.png"
+        path.unlink()
+        spoil(path.with_suffix(suffix))
+    Path("/proc/self/clear_refs").write_text("5")
+    before, started = peak_mb(), time.monotonic()
+    done = run(tmp_path, "-m", "method=stitching,gray_world")
+    assert peak_mb() - before < 500
+    assert time.monotonic() - started < 60
+    rows = results.read(tmp_path / "results")
+    rows = rows[(rows["metric"] == "seconds")]
+    # gray_world needs no depth map; stitching does, and the image of the long name has none.
+    rows = rows[rows["method"] == rows["view"].map(lambda view: "gray_world" if view == missing else "stitching")]
+    rows = rows.set_index("view")
+    for name, said in {**names, **deep, missing: "File name too long"}.items():
+        assert rows.loc[name, "status"] == "failed", name
+        assert said in rows.loc[name, "reason"]
+        assert Path(name).stem in rows.loc[name, "reason"]
+        assert "mend the plugin" not in rows.loc[name, "reason"]
+    assert rows.loc[["a.png", "c.png"], "status"].tolist() == ["ok", "ok"]
+    assert done.returncode == 1
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+PRECOMPUTED: dict[str, tuple[str, bytes, str]] = {
+    "an .npz of 4.8 GB": (".npz", bad.npz_of_shape((30000, 40000, 1)), "megapixels|cannot be read"),
+    "a PNG of a forged size": (".png", bad.png_of_size(30000, 30000), "is 30000x30000"),
+    "a TIFF of a forged size": (".tif", bad.tiff_of_size(40000, 30000), "megapixels"),
+    "one pixel": (".png", one_pixel(".png"), "is 1x1"),
+    "an object": (
+        ".npy",
+        b"\x93NUMPY\x01\x00v\x00{'descr': '|O', 'fortran_order': False, 'shape': (1,), }" + b" " * 60,
+        "cannot be read",
+    ),
+}
+
+
+def test_restorations_of_others_are_held_against_the_view_before_they_are_decoded(tmp_path: Path):
+    names = [f"v{number}.png" for number in range(len(PRECOMPUTED))]
+    write_dive(tmp_path / "dive", ["a.png", *names])
+    (tmp_path / "restored").mkdir()
+    write_image(tmp_path / "restored" / "a.png", picture(0))
+    for name, (suffix, content, _) in zip(names, PRECOMPUTED.values(), strict=True):
+        (tmp_path / "restored" / name).with_suffix(suffix).write_bytes(content)
+    Path("/proc/self/clear_refs").write_text("5")
+    before = peak_mb()
+    done = run(tmp_path, "method=precomputed", "method.folder=restored", "method.resize=true")
+    assert peak_mb() - before < 500
+    rows = results.read(tmp_path / "results")
+    rows = rows[rows["metric"] == "seconds"].set_index("view")
+    for name, (_, _, said) in zip(names, PRECOMPUTED.values(), strict=True):
+        assert rows.loc[name, "status"] == "failed", name
+        assert re.search(said, rows.loc[name, "reason"])
+    assert rows.loc["a.png", "status"] == "ok"
+    assert "Traceback" not in done.stdout + done.stderr
+
+
+def test_the_limit_of_pixels_is_raised_as_the_message_says(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    write_dive(tmp_path / "dive", ["a.png"])
+    monkeypatch.setenv("SUCRE_BENCH_MAX_MEGAPIXELS", "0.001")  # the images have 1,200 pixels
+    done = run(tmp_path, "method=gray_world")
+    found = re.search(r"set (\w+)=(\w+) before the command", done.stdout)
+    assert done.returncode == 1
+    assert found, done.stdout
+    monkeypatch.setenv(found[1], found[2])
+    assert run(tmp_path, "method=gray_world").returncode == 0
+
+
+def test_an_array_is_read_in_any_order_and_version(tmp_path: Path):
+    for number, array in enumerate((np.arange(6).reshape(2, 3), np.asfortranarray(np.arange(6.0).reshape(2, 3)))):
+        np.save(tmp_path / f"{number}.npy", array)
+        np.testing.assert_array_equal(read_array(tmp_path / f"{number}.npy"), array)
+        np.savez_compressed(tmp_path / f"{number}.npz", other=1, image=array)
+        np.testing.assert_array_equal(read_array(tmp_path / f"{number}.npz", lambda _: "image"), array)
+    with pytest.raises(InputError, match=r"0.npz: cannot be read"):
+        read_array(tmp_path / "0.npz", lambda _: "no such name")
+
+
+@pytest.mark.parametrize(
+    ("one", "other", "same"),
+    [
+        ((320, 170), (1, 1), False),
+        ((320, 170), (3, 2), False),
+        ((639, 479), (320, 240), True),
+        ((1920, 1080), (480, 270), True),
+    ],
+)
+def test_one_pixel_has_no_shape_and_a_rounded_size_has(one: tuple[int, int], other: tuple[int, int], same: bool):
+    assert same_shape(one, other) == same == same_shape(other, one)
+
+
+@pytest.mark.parametrize("content", ["[" * 100_000, '{"images":' * 50_000, "\0", '{"images": {"a.png": {"c": 1e999}}}'])
+def test_a_charts_file_that_is_none_is_named_in_one_line(tmp_path: Path, content: str):
+    write_dive(tmp_path / "dive", ["a.png"])
+    (tmp_path / "dive" / "charts.json").write_text(content)
+    done = run(tmp_path, "method=gray_world")
+    assert done.returncode == 2
+    assert "charts.json" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+    assert len(done.stderr) < 3000
+
+
+assert (WIDTH, HEIGHT) == (40, 30)  # what the forged sizes are held against
