@@ -21,11 +21,11 @@ from rich.progress import (
     TaskID,
     TextColumn,
     TimeElapsedColumn,
-    TimeRemainingColumn,
 )
 from rich.segment import Segment
 
 from sucre_bench.machine import progress
+from sucre_bench.machine.pace import Pace, duration
 from sucre_bench.machine.shown import shown
 
 __all__ = ["err", "has_styles", "live", "out", "plain"]
@@ -52,30 +52,37 @@ class _Bars:
     def __init__(self, bars: Progress) -> None:
         self._bars = bars
         self._depth = 0
+        self._paces: dict[int, Pace] = {}
 
     def started(self, what: str, total: int | None) -> int:
-        line = self._bars.add_task("  " * self._depth + what, total=total)
+        line = self._bars.add_task("  " * self._depth + what, total=total, left="")
         self._depth += 1
+        self._paces[line] = Pace(total, time.monotonic())
         return int(line)
 
     def advanced(self, line: int) -> None:
-        self._bars.advance(TaskID(line))
+        pace = self._paces[line]
+        pace.advance(time.monotonic())
+        self._bars.update(TaskID(line), advance=1, left=_left(pace))
 
     def finished(self, line: int) -> None:
         self._depth -= 1
+        del self._paces[line]
         self._bars.remove_task(TaskID(line))
 
     def said(self, text: str) -> None:
         self._bars.console.print(_painted(text))
 
 
+def _left(pace: Pace) -> str:
+    return "" if pace.left_s is None else f"about {duration(pace.left_s)} left"
+
+
 @dataclass
 class _Line:
     what: str
-    total: int | None
-    started: float
+    pace: Pace
     said: float
-    done: int = 0
 
 
 class _Lines:
@@ -87,22 +94,22 @@ class _Lines:
     def started(self, what: str, total: int | None) -> int:
         now = time.monotonic()
         key = max(self._lines, default=0) + 1
-        self._lines[key] = _Line(what, total, now, now)
+        self._lines[key] = _Line(what, Pace(total, now), now)
         return key
 
     def advanced(self, line: int) -> None:
         own, now = self._lines[line], time.monotonic()
-        own.done += 1
-        if now - own.said > _PLAIN_SECONDS and own.total:
+        own.pace.advance(now)
+        if now - own.said > _PLAIN_SECONDS and own.pace.total:
             own.said = now
-            left = (now - own.started) / own.done * (own.total - own.done)
-            err.print(f"{own.what}: {own.done}/{own.total}, about {left:.0f} s left")
+            left = _left(own.pace)
+            err.print(f"{own.what}: {own.pace.done}/{own.pace.total}{left and f', {left}'}")
 
     def finished(self, line: int) -> None:
         own = self._lines.pop(line)
-        seconds = time.monotonic() - own.started
+        seconds = time.monotonic() - own.pace.started
         if not self._lines and seconds > _WORTH_A_LINE:
-            err.print(f"{own.what}: {own.done} done in {seconds:.1f} s")
+            err.print(f"{own.what}: {own.pace.done} done in {seconds:.1f} s")
 
     def said(self, text: str) -> None:
         err.print(_painted(text))
@@ -132,8 +139,7 @@ def live() -> Iterator[None]:
         BarColumn(bar_width=30),
         MofNCompleteColumn(),
         TimeElapsedColumn(),
-        TextColumn("left"),
-        TimeRemainingColumn(),
+        TextColumn("{task.fields[left]}"),
     )
     with Progress(*columns, console=err) as bars, progress.watched_by(_Bars(bars)):
         yield

@@ -123,8 +123,7 @@ def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
     import pyarrow
 
     types = {name: pyarrow.type_for_alias(NUMBERS.get(name, "string")) for name in COLUMNS}
-    values = zip(*map(attrgetter(*COLUMNS), rows), strict=True)
-    columns = [pyarrow.array(column, type=types[name]) for name, column in zip(COLUMNS, values, strict=True)]
+    columns = [pyarrow.array(list(map(attrgetter(name), rows)), type=types[name]) for name in COLUMNS]
     return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))
 
 
