@@ -25,8 +25,16 @@ __all__ = ["run"]
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @plugin_option
 @click.option("--cfg", is_flag=True, help="Print the configuration and stop.")
+@click.option("--dry-run", is_flag=True, help="Print jobs, views, and the expected time, memory and disk, and stop.")
 @json_option
-def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, as_json: bool) -> None:
+def run(
+    overrides: tuple[str, ...],
+    multirun: bool,
+    plugin_files: tuple[str, ...],
+    cfg: bool,
+    dry_run: bool,
+    as_json: bool,
+) -> None:
     """Restore views of a dataset with a method, and score them.
 
     \b
@@ -37,6 +45,7 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
     sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx
     sucre-bench run lineup.yaml out=results
     sucre-bench run experiment=table1
+    sucre-bench run --dry-run -m method=gray_world,sucre
     sucre-bench run --json dataset=demo method=gray_world | jq .table
 
     Words are Hydra's key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their options
@@ -74,6 +83,19 @@ def run(overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...
         for file in plugin_files:
             plugins.load_file(file)
         click.echo(config.jobs(overrides, multirun).jobs[0].config, nl=False)
+        return
+    if dry_run:
+        from sucre_bench.commands import run_forecast
+        from sucre_bench.engine.forecast import forecast
+
+        for file in plugin_files:
+            plugins.load_file(file)
+        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+            found = forecast(overrides, multirun)
+        if as_json:
+            click.echo(run_forecast.as_json(found))
+        else:
+            run_forecast.show(found)
         return
     from sucre_bench.commands import run_summary
 
