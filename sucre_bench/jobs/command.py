@@ -194,6 +194,8 @@ def _refuse_several_values(parsed: Sequence[Override], is_sweep: bool) -> None:
                 raise InputError(
                     f'{word}: is one path with a comma; write "{key}={quoted(value)}", both kinds of quotes'
                 )
+            if key in ("metrics", "views") and not value.startswith("["):
+                raise InputError(f"{word}: several values; write {key}=[{value}]")
             if not is_sweep:
                 raise InputError(
                     f'{word}: several values; add -m to run them all, or write "{key}={quoted(value)}" for a comma'

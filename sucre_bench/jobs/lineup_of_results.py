@@ -53,6 +53,10 @@ class _Made:
     def pair(self) -> tuple[str, str]:
         return self.dataset, self.method
 
+    @property
+    def key(self) -> tuple[str, str, int]:
+        return self.dataset, self.method, self.replicate
+
 
 def line_up_of(out: Path, folder: Path) -> Found:
     """Return the line-up of a results folder. folder: where its file will be, to which relative paths are rewritten.
@@ -61,7 +65,9 @@ def line_up_of(out: Path, folder: Path) -> Found:
     """
     rows = results.read(out)
     jobs = _last_jobs(out)
-    made = list({(one.pair, one.replicate): one for one in [*_of_rows(rows), *_of_jobs(jobs)]}.values())
+    last = {one.key: one for one in _of_jobs(jobs)}
+    older = {one.key: one for one in _of_rows(rows) if one.key not in last}
+    made = [*older.values(), *last.values()]
     if not made:
         raise InputError(f"{out}: its rows do not say which options made them; run again with this version")
     seed = jobs[0].seed if jobs else 0

@@ -70,6 +70,7 @@ def test_options_of_one_method_leave_the_stored_results_of_others_alone(tmp_path
         (["method=gain", "gain=2"], "write method.gain=2"),
         (["method=gain", "redness.factor=2"], "write metrics.redness.factor=2"),
         (["method=gain,gain2", "gain2.gain=much"], "gain2.gain: 'much' is not a number"),
+        (["method=gain", "metrics=psnr,redness"], "write metrics=[psnr,redness]"),
         (["method=gain", "seed=abc"], "seed: 'abc' is not a whole number"),
         (["dataset=colmap", "dataset.root=x", "method=gain", "every=1.5"], "every: '1.5' is not a whole number"),
     ],
@@ -266,6 +267,7 @@ def test_the_line_up_of_a_folder_has_what_older_commands_made_in_it(tmp_path: Pa
     found = line_up_of(tmp_path / "results", tmp_path)
     made = from_file(tmp_path / "l.yaml", found.line_up.as_yaml())
     assert labelled(made, "gain") == {"double": 2.0, "gain": 1.0, "halved": None}
+    assert [job.method.label for job in made] == ["double", "gain", "halved"]
     assert {m.plugin.name: m.variants for m in made[0].metrics} == {
         "psnr": ("raw",),
         "redness": ("plain",),
