@@ -53,8 +53,10 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_fil
     for entry in entries:
         if entry.rows is not None:
             _copy(bundles / entry.file, out / "bundles" / entry.file)
-        colour = {State.VERIFIED: "green", State.HASHES: "yellow", State.DIFFERS: "red"}[entry.state]
-        say(f"{entry.state.value:12} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colour)
+        colour = {State.VERIFIED: "green", State.PARTLY: "green", State.HASHES: "yellow", State.DIFFERS: "red"}[
+            entry.state
+        ]
+        say(f"{entry.check:20} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colour)
     click.echo(f"page     {page}: {len(made.tables)} tables of {len(entries)} bundles")
     sys.exit(1 if any(entry.state is State.DIFFERS for entry in entries) else 0)
 
@@ -71,13 +73,14 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
             found = verify(bundle, data_folders(bundle, data, only_named=True))
             rows, version = bundle.rows, bundle.version
     except InputError as fault:
-        return Entry(path.name, "", "", "", State.DIFFERS, 0, str(fault).removeprefix(f"{path}: "), None)
-    state = State.VERIFIED if found.n_agree else State.HASHES
+        return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), str(fault).removeprefix(f"{path}: "), None)
+    n = found.n_agree + len(found.differing) + sum(found.unchecked.values())
+    state = State.VERIFIED if found.n_agree == n else State.PARTLY if found.n_agree else State.HASHES
     faults = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing)]
     more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
     fault_text = f"{faults[0]}{more}" if faults else ""
     state = state if found.holds else State.DIFFERS
-    return Entry(path.name, found.id, found.by, version, state, found.n_agree, fault_text, rows)
+    return Entry(path.name, found.id, found.by, version, state, (found.n_agree, n), fault_text, rows)
 
 
 def _copy(source: Path, target: Path) -> None:

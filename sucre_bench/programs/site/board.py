@@ -29,6 +29,7 @@ class State(Enum):
     """What `verify` found; the value is what the page says."""
 
     VERIFIED = "verified"
+    PARTLY = "in part"
     HASHES = "hashes hold"
     DIFFERS = "differs"
 
@@ -37,8 +38,8 @@ class State(Enum):
 class Entry:
     """A bundle on the board.
 
-    file: its name; id, by, version: see `Bundle`; checked: how many scores were computed again and agree; fault: the
-    first thing that differs, or why the file is no bundle; rows: its score table, None without one.
+    file: its name; id, by, version: see `Bundle`; checked: how many scores were computed again and agree, of how many;
+    fault: the first thing that differs, or why the file is no bundle; rows: its score table, None without one.
     """
 
     file: str
@@ -46,7 +47,7 @@ class Entry:
     by: str
     version: str
     state: State
-    checked: int
+    checked: tuple[int, int]
     fault: str
     rows: pd.DataFrame | None
 
@@ -54,6 +55,15 @@ class Entry:
     def who(self) -> str:
         """Who publishes it, or else the file's name."""
         return self.by or self.file
+
+    @property
+    def check(self) -> str:
+        """What the check found, with the number of scores if not all were computed again."""
+        return (
+            f"{self.state.value}: {self.checked[0]} of {self.checked[1]}"
+            if self.state is State.PARTLY
+            else self.state.value
+        )
 
 
 @dataclass(frozen=True)

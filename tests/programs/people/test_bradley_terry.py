@@ -39,16 +39,16 @@ def test_ties_draw_scores_together():
 
 @pytest.mark.parametrize(("n_observers", "per_observer"), [(3, 25), (8, 20)])
 def test_intervals_hold_the_true_scores_in_95_percent_of_studies(n_observers: int, per_observer: int):
-    """Within what 60 studies of four methods allow: 90 to 99.6 %."""
+    """Within what 40 studies of four methods allow: 89 to 99.5 %."""
     true, rng = [1.2, 0.4, -0.4, -1.2], np.random.default_rng(3)
     held, first = [], 0
-    for _ in range(60):
-        found = preferences(voted(true, n_observers, per_observer, rng), resamples=60)
+    for _ in range(40):
+        found = preferences(voted(true, n_observers, per_observer, rng), resamples=50)
         held += [low <= score <= high for low, score, high in zip(found.low, true, found.high, strict=True)]
         first += int(np.argmax(found.scores) == 0)
         assert found.over_observers == (n_observers > 5)
-    assert 0.90 <= np.mean(held) <= 0.996
-    assert first >= 54
+    assert 0.89 <= np.mean(held) <= 0.995
+    assert first >= 35
 
 
 def test_a_method_that_nobody_prefers_has_a_finite_score():

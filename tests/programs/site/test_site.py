@@ -35,7 +35,7 @@ def rows(method: str, gain: float = 0.0, **other: Any) -> pd.DataFrame:
 
 
 def entry(name: str, table: pd.DataFrame, state: State = State.VERIFIED) -> Entry:
-    return Entry(f"{name}.zip", name * 4, name, "0.1", state, 3, "", table)
+    return Entry(f"{name}.zip", name * 4, name, "0.1", state, (3, 3), "", table)
 
 
 def tables(*entries: Entry) -> list[tuple[set[str], str]]:
