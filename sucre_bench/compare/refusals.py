@@ -12,6 +12,7 @@ from sucre_bench import results
 from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
+from sucre_bench.results.bundle_format import open_bundle
 from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
@@ -27,13 +28,13 @@ _Image = tuple[str, str]  # scene (with or without its replicate), view
 def load(folders: Iterable[str | Path]) -> pd.DataFrame:
     """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
 
-    Raises InputError when a folder has none, when folders mean different options or code by one method, or hold
-    results on different data.
+    A folder may be a bundle (.zip), too. Raises InputError when a folder has none, when folders mean different options
+    or code by one method, or hold results on different data.
     """
     import pandas as pd
 
     folders = [Path(f) for f in folders]
-    rows = pd.concat([results.read(f) for f in folders], ignore_index=True)
+    rows = pd.concat([_rows(Path(f)) for f in folders], ignore_index=True)
     if len(folders) > 1:
         _refuse_several(
             rows[rows["scene"] != ""], ["dataset", "scene"], "data_id", "the data differ between these runs"
@@ -46,6 +47,14 @@ def load(folders: Iterable[str | Path]) -> pd.DataFrame:
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
     score = ["dataset", "method", "metric", "variant", "scene", "view", "region"]
     return rows.drop_duplicates(score, keep="last").drop(columns="_ok").sort_index(ignore_index=True)
+
+
+def _rows(place: Path) -> pd.DataFrame:
+    """The score table of an output folder, or of a bundle; `verify` checks what a bundle says."""
+    if place.suffix.lower() != ".zip" or place.is_dir():
+        return results.read(place)
+    with open_bundle(place) as bundle:
+        return bundle.rows
 
 
 def _refuse_several(rows: pd.DataFrame, group: list[str], column: str, fault: str) -> None:

@@ -180,6 +180,11 @@ def test_plugin_files_that_a_configuration_names_are_not_loaded(bench, bundles: 
     assert not (tmp_path / "ran").exists()
 
 
+def test_a_bundle_is_compared_like_the_folder_it_is_of(bench, bundles: Path, folder: Path):
+    words = ("--metric", "psnr", "--metric", "uciqe", "--json", "--pixels", "own")
+    assert bench("compare", "none.zip", *words).stdout == bench("compare", str(folder / "results"), *words).stdout
+
+
 def test_a_picture_that_is_gone_cannot_be_bundled(bench, bundles: Path, folder: Path, tmp_path: Path):
     shutil.copytree(folder / "results", tmp_path / "results")
     (tmp_path / "results" / "restored" / "demo" / "gray_world" / "view_001.png").unlink()
