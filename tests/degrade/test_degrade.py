@@ -437,7 +437,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
         ("nois=1", "did you mean 'noise'"),
         ("noise=-1", "degrade.noise: -1.0; give a number in [0, 1]"),
         ("noise=nan", "degrade.noise: nan; give a number"),
-        ("noise=lots", "degrade.noise: Value 'lots'"),
+        ("noise=lots", "degrade.noise: 'lots' is not a number"),
         ("bits=0", "degrade.bits: 0; give a whole number in [1, 16]"),
         ("jpeg_quality=101", "give a whole number in [1, 100]"),
         ("keep=0", "degrade.keep: 0; give a whole number in [1, inf)"),

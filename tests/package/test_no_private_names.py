@@ -9,6 +9,7 @@ import pytest
 from support.places import ROOT
 
 PROJECT = {"sucre_bench", "methods", "datasets", "metrics"}
+PUBLIC = {"_exit", "_fields"}  # documented names of os and of named tuples
 BY_NAME = {"setattr", "delattr", "getattr", "hasattr", "patch", "object"}  # functions that take an attribute's name
 
 
@@ -25,7 +26,7 @@ def private_names(source: str) -> Iterator[str]:
             names = [f"{node.module}.{alias.name}" for alias in node.names]
         elif isinstance(node, ast.Attribute):
             own = isinstance(node.value, ast.Name) and node.value.id in ("self", "cls")
-            names = [] if own else [node.attr]
+            names = [] if own or node.attr in PUBLIC else [node.attr]
         elif isinstance(node, ast.Call) and ast.unparse(node.func).split(".")[-1] in BY_NAME:
             names = [word.value for word in node.args if isinstance(word, ast.Constant) and isinstance(word.value, str)]
         else:
