@@ -39,10 +39,13 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
         LaidOut.of(comparison, column, spread, intervals, (title(column), column.variant))
         for column in comparison.columns
     ]
+    few = "" if intervals else too_few(comparison)
+    if few:
+        laid_out = [own.without_ties() for own in laid_out]
     parts: list[Any] = [Text(comparison.title, style="bold")]
     parts += [part for lines in aligned(comparison.methods, laid_out, width) for part in (lines, Text(""))]
-    said = (legend(comparison, spread, colours=True, intervals=intervals), *left_out(comparison))
-    return Group(*parts, *(Text(line, style="dim") for line in said))
+    said = (few, legend(comparison, spread, colours=True, intervals=intervals, ties=not few), *left_out(comparison))
+    return Group(*parts, *(Text(line, style="dim") for line in said if line))
 
 
 def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
@@ -156,10 +159,9 @@ def _decider(comparison: Comparison, column: Column, chosen: Deciding, few: bool
             replace(cell, value=_percent(comparison, name, column))
             for name, cell in zip(comparison.methods, cells, strict=True)
         )
-    if few:
-        cells = tuple(replace(cell, mark="") for cell in cells)
     cells = tuple(replace(cell, look="") if cell.look == "second" else cell for cell in cells)
-    return replace(laid_out, cells=cells)
+    laid_out = replace(laid_out, cells=cells)
+    return laid_out.without_ties() if few else laid_out
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:

@@ -99,11 +99,13 @@ def blocks(widths: Sequence[int], room: int) -> Iterator[slice]:
 # -- below a table -----------------------------------------------------------------------------------------
 
 
-def legend(comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True) -> str:
+def legend(
+    comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True, ties: bool = True
+) -> str:
     """Say what the numbers of a table are, over what, what its marks mean, and how intervals are made.
 
     colours: whether the table tells better and worse by green and red, rather than better by bold; intervals: whether
-    it shows them.
+    it shows them; ties: whether it marks them.
     """
     if not comparison.columns:
         return "no scores"
@@ -119,7 +121,7 @@ def legend(comparison: Comparison, spread: bool = False, colours: bool = False, 
     parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
         parts.append("green: better, red: worse" if colours else "bold: better")
-    if any(cell.mark for cell in cells):
+    if ties and any(cell.mark for cell in cells):
         parts.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
     parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
     if comparison.restorers and comparison.photographs:

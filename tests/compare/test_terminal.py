@@ -126,6 +126,17 @@ def test_ties_are_marked_only_where_views_suffice(views: int):
     assert "[" not in block.text
 
 
+def test_the_whole_table_marks_ties_of_few_views_only_beside_their_intervals():
+    (comparison,) = compared({"psnr": {"a": [20.0, 25, 30], "b": [21.0, 24, 31]}})
+    shown = []
+    for intervals in (False, True):
+        console = Console(file=io.StringIO(), width=80)
+        console.print(tables.as_table(comparison, 80, intervals=intervals))
+        shown.append(console.file.getvalue())
+    assert ["≈" in text for text in shown] == ["[" in text for text in shown] == [False, True]
+    assert "3 views: too few" in shown[0]
+
+
 def test_a_share_of_nearly_all_pixels_is_not_called_all():
     scores = {"psnr": {"a": [1.0, 2]}, "coverage": {"a": [0.999, 0.998]}}
     assert " 99 " in printed(compared(scores)).text
