@@ -13,7 +13,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer, score_rows
-from sucre_bench.errors import InputError, Lack, SucreBenchError
+from sucre_bench.errors import ANY_FAULT, InputError, Lack
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
@@ -148,14 +148,14 @@ class _Check:
             self.faults.append(f"{_where(rows.iloc[0])}: has scores, but no row of the restoration")
             return
         row = next(whole.itertuples())
-        names = held(self._bundle, row)
-        if names is None:
-            self.unchecked["the bundle has no pictures"] += len(scores)
-            return
         try:
-            self._score(row, scores, names)
-        except SucreBenchError as fault:
-            self.faults.append(str(fault).removeprefix(f"{self._bundle.path}: "))
+            names = held(self._bundle, row)
+            if names is None:
+                self.unchecked["the bundle has no pictures"] += len(scores)
+            else:
+                self._score(row, scores, names)
+        except ANY_FAULT as fault:  # whatever a stranger's file makes fail is a fault of that file
+            self.faults.append(f"{_where(rows.iloc[0])}: {str(fault).removeprefix(f'{self._bundle.path}: ')}")
             self.unchecked["the picture cannot be used"] += len(scores)
 
     def _score(self, row: Any, scores: pd.DataFrame, names: Held) -> None:

@@ -54,8 +54,8 @@ def open_data(rows: pd.DataFrame, places: Mapping[str, Path]) -> Opened:
         where = f"{origin.dataset} / {origin.scene}"
         try:
             scene, data_id = _scene(origin, places[origin.dataset])
-        except SucreBenchError as fault:
-            faults.append(f"{where}: {fault}")
+        except ANY_FAULT as fault:  # whatever a stranger's options make fail is a fault of that bundle
+            faults.append(f"{where}: {one_line(fault)}")
             continue
         if data_id != origin.data_id:
             faults.append(

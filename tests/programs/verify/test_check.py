@@ -65,11 +65,13 @@ def rewritten(path: Path, change: Callable[[dict[str, bytes]], None]) -> None:
             archive.writestr(name, data)
 
 
-def with_table(change: Callable[[pd.DataFrame], None]) -> Callable[[dict[str, bytes]], None]:
+def with_table(change: Callable[[pd.DataFrame], Any]) -> Callable[[dict[str, bytes]], None]:
+    """change: alters the table, or returns another."""
+
     def of(files: dict[str, bytes]) -> None:
         rows = pd.read_csv(io.BytesIO(files["scores.csv"]), keep_default_na=False)
-        change(rows)
-        files["scores.csv"] = rows.to_csv(index=False).encode()
+        changed = change(rows)
+        files["scores.csv"] = (rows if changed is None else changed).to_csv(index=False).encode()
 
     return of
 
@@ -167,6 +169,51 @@ def test_a_bundle_opens_no_files_beside_the_data(bench, bundles: Path, folder: P
     status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
     assert status == 1
     assert any(path in fault for fault in found["faults"])
+
+
+def in_options(**change: Any) -> Callable[[pd.DataFrame], None]:
+    def of(rows: pd.DataFrame) -> None:
+        rows["options"] = json.dumps({**json.loads(rows["options"][0]), **change})
+
+    return of
+
+
+ODD: dict[str, Callable[[pd.DataFrame], Any]] = {
+    **{f"view {name!r}": lambda rows, name=name: rows.__setitem__("view", name)
+       for name in (".", "..", "/", "//", "../../etc/passwd", "a\x07b", "x" * 400)},
+    "no dataset": in_options(dataset=None),
+    "dataset a list": in_options(dataset=["demo"]),
+    "unknown dataset": in_options(dataset={"name": "nobody"}),
+    "option of another type": in_options(dataset={"name": "demo", "width": {"a": [1]}}),
+    "replicate infinite": in_options(replicate=float("inf")),
+    "replicate negative": in_options(replicate=-5),
+    "degradation of another type": in_options(degrade={"noise": "much", "seed": []}),
+    "pixels": lambda rows: rows.__setitem__("n_pixels", 2**60),
+    "metric": lambda rows: rows.__setitem__("metric", "nobody"),
+    "variant": lambda rows: rows.__setitem__("variant", "@@256x"),
+    "only scores": lambda rows: rows[rows["metric"] != "seconds"],
+    "no rows": lambda rows: rows[:0],
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("odd", ODD)
+def test_odd_words_in_a_table_are_faults_and_no_crash(bench, bundles: Path, folder: Path, odd: str):
+    rewritten(bundles / "restored.zip", with_table(ODD[odd]))
+    done = bench("verify", "restored.zip", "--data", str(folder / "dive"))
+    assert done.returncode in (0, 1, 2)
+    assert "12 computed again agree" not in done.stdout
+    assert not (folder / "etc").exists()
+
+
+@pytest.mark.parametrize(
+    "record", [b"", b"[]", b'{"B": ["a", 1, {}], "beta": 1}', b'{"B": [1e999, 0, 0]}', b"[" * 99999]
+)
+def test_odd_records_are_faults_and_no_crash(bench, bundles: Path, record: bytes):
+    def replace_records(files: dict[str, bytes]) -> None:
+        files.update({name: record for name in files if name.startswith("restored/") and name.endswith(".json")})
+
+    rewritten(bundles / "restored.zip", replace_records)
+    assert bench("verify", "restored.zip").returncode in (0, 1)
 
 
 def test_plugin_files_that_a_configuration_names_are_not_loaded(bench, bundles: Path, tmp_path: Path):
