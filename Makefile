@@ -1,13 +1,16 @@
 # make demo        set-up, then the main job on the built-in scene
 # make test        set-up, then the whole test suite
 # make test-short  set-up, then the tests marked `short`; with another Python: make test-short PYTHON=python3.13 VENV=.venv-3.13
+# make fuzz        set-up, then 3,000 generated files for each reader; SEED=7 repeats a campaign
 # make docs        set-up, then the documentation as a site, outputs/site/index.html
 # make setup       .venv with exact versions; seconds when nothing changed
 
 VENV ?= .venv
 bin = $(VENV)/bin
 
-.PHONY: demo test test-short setup check docs
+SEED ?= $(shell od -An -N4 -tu4 /dev/urandom)
+
+.PHONY: demo test test-short fuzz setup check docs
 
 setup:
 	@VENV=$(VENV) scripts/setup.sh
@@ -20,6 +23,10 @@ test: setup
 
 test-short: setup
 	@$(bin)/python -m pytest -n auto -m short $$(grep -rl --include='*.py' 'pytest\.mark\.short' tests)
+
+fuzz: setup
+	@mkdir -p outputs/fuzz && echo "$(strip $(SEED))" >> outputs/fuzz/seeds.txt && echo "seed $(strip $(SEED))"
+	@FUZZ_EXAMPLES=3000 $(bin)/python -m pytest tests/hostile/test_readers.py --hypothesis-seed=$(strip $(SEED))
 
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict

@@ -1,0 +1,195 @@
+"""A table of cases: a fault, a command, its exit code, and what is said of place and remedy, in few lines."""
+
+from __future__ import annotations
+
+import contextlib
+import http.client
+import multiprocessing
+import os
+import re
+import shlex
+import signal
+import socket
+import threading
+from collections.abc import Iterator
+from pathlib import Path
+from urllib.parse import urlsplit
+
+import pytest
+from filelock import FileLock
+from support.colmap_folder import write_dive
+from support.command_line import run_here
+
+from sucre_bench.machine import progress
+from sucre_bench.machine.locks import waited_lock
+from sucre_bench.machine.shown import shown
+from sucre_bench.programs.mark_charts import open_session
+from sucre_bench.programs.mark_charts.server import PageServer
+
+LONG = "x" * 300
+RUN = "run dataset=colmap dataset.root=dive method=gray_world metrics=[coverage] tracking.uri=off report=false"
+
+# A command, its exit code, a pattern of what it says on stderr.
+CASES: dict[str, tuple[str, int, str]] = {
+    "no results folder's name": (f"{RUN} out=", 2, r"out: is empty; name a folder, for example out="),
+    "a blank results folder's name": (f"{RUN} 'out=\" \"'", 2, r"out: is empty; name a folder"),
+    "no time for a view": (f"{RUN} view_timeout_s=0", 2, r"view_timeout_s"),
+    "a word for overwrite that is none": (f"{RUN} overwrite=perhaps", 2, r"overwrite.*(missing|always)"),
+    "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
+    "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
+    "a long plugin": (f"run --plugin {LONG}.py method=gray_world", 2, rf"{LONG}.*; "),
+    "a long path to compare": (f"compare {LONG}", 2, rf"{LONG}.*; "),
+    "a long path to report": (f"report {LONG}", 2, rf"{LONG}.*; "),
+    "a long path to score": (f"score {LONG}", 2, rf"{LONG}.*; "),
+    "a long path to describe": (f"describe colmap dataset.root={LONG}", 2, LONG),
+    "a long path to charts": (f"charts {LONG}.png --accept", 2, LONG),
+    "a long path to texture": (f"texture {LONG} a.ply --method m", 2, rf"{LONG}.*; "),
+    "a long path to video": (f"video {LONG} a.mp4 --methods m", 2, rf"{LONG}.*; "),
+    "a long path to track": (f"track {LONG}", 2, rf"{LONG}.*; "),
+    "a long path to bundle": (f"bundle {LONG} a.zip", 2, rf"{LONG}.*; "),
+    "a long path to verify": (f"verify {LONG}", 2, rf"{LONG}.*; "),
+    "a long path to study": (f"study {LONG} --methods a,b --out a.html", 2, rf"{LONG}.*; "),
+    "a long path to lineup": (f"lineup {LONG}", 2, rf"{LONG}.*; "),
+    "a long path to prepare": (f"prepare {LONG} out", 2, rf"{LONG}.*; "),
+    "a long path to check": (f"check {LONG}.py", 2, LONG),
+    "a long name of a new plugin": (f"new method {LONG}", 2, LONG),
+}
+
+
+@pytest.fixture(scope="module")
+def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    folder = tmp_path_factory.mktemp("cases")
+    write_dive(folder / "dive", ("a.png", "b.png"))
+    return folder
+
+
+@pytest.mark.parametrize(("command", "status", "said"), CASES.values(), ids=CASES)
+def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: str, status: int, said: str):
+    done = run_here(place, *shlex.split(command))
+    assert done.returncode == status
+    assert re.search(said, done.stderr), done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    assert len(done.stderr.splitlines()) <= 2
+
+
+ESCAPE = "a\x1b[2J\x1b]0;x\x07\u202eb.png"
+
+
+def test_control_characters_of_names_are_written_out_in_every_line(tmp_path: Path):
+    write_dive(tmp_path / "dive", ("a.png", "b.png", ESCAPE))
+    (tmp_path / "dive" / "images" / ESCAPE).write_bytes(b"no picture")
+    faults = {}
+    for command in (
+        RUN,
+        "compare outputs --by view",
+        "describe colmap dataset.root=dive --no-sheet",
+        "score dive/images",
+    ):
+        done = run_here(tmp_path, *command.split())
+        for text in (done.stdout, done.stderr):
+            assert not re.search("[\x00-\x08\x0b-\x1f\x7f-\x9f\u202e]", text), command
+        faults[command] = done.stdout + done.stderr
+    assert r"a\x1b[2J\x1b]0;x" in faults[RUN]
+
+
+def test_a_name_that_no_output_can_encode_is_written_out():
+    assert shown("a\udcffb\tc\nd") == "a\\udcffb\tc\nd"
+
+
+class Lines:
+    """Keeps what is said."""
+
+    def __init__(self) -> None:
+        self.lines: list[str] = []
+
+    def started(self, what: str, total: int | None) -> int:
+        return 0
+
+    def advanced(self, line: int) -> None: ...
+
+    def finished(self, line: int) -> None: ...
+
+    def said(self, text: str) -> None:
+        self.lines.append(text)
+
+
+def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:
+    with FileLock(path):
+        held.set()
+        threading.Event().wait()
+
+
+def test_a_lock_that_another_process_holds_is_said_with_a_remedy_that_works(tmp_path: Path):
+    context = multiprocessing.get_context("forkserver")
+    held, lines = context.Event(), Lines()
+    holder = context.Process(target=_hold, args=(tmp_path / "lock", held))
+    holder.start()
+    assert held.wait(60)
+
+    def follow_the_remedy() -> None:
+        while not lines.lines:
+            threading.Event().wait(0.05)
+        found = re.search(r"`kill (\d+)`", lines.lines[0])
+        os.kill(int(found[1]) if found else holder.pid or 0, signal.SIGTERM)
+
+    helper = threading.Thread(target=follow_the_remedy)
+    helper.start()
+    with progress.watched_by(lines), waited_lock(tmp_path / "lock"):
+        pass
+    helper.join()
+    holder.join()
+    assert f"process {holder.pid}" in lines.lines[0]
+    assert f"`kill {holder.pid}`" in lines.lines[0]
+
+
+def test_a_port_in_use_is_said_and_the_remedy_works(place: Path):
+    with socket.socket() as taken:
+        taken.bind(("127.0.0.1", 0))
+        taken.listen()
+        port = str(taken.getsockname()[1])
+        done = run_here(place, "charts", "dive/images/a.png", "--no-browser", "--port", port)
+    assert done.returncode == 2
+    assert f"--port {port}: " in done.stderr
+    assert "0 for any that is free" in done.stderr
+    assert len(done.stderr.splitlines()) == 1
+
+
+@contextlib.contextmanager
+def serving(place: Path) -> Iterator[PageServer]:
+    with contextlib.chdir(place):
+        session = open_session.open_session(("dive/images/a.png",), "dgk", "colmap")
+    with PageServer(session) as server:
+        thread = threading.Thread(target=server.serve_forever)
+        thread.start()
+        try:
+            yield server
+        finally:
+            server.shutdown()
+            thread.join()
+
+
+REQUESTS = {
+    "no address": b"GET http://[ HTTP/1.1\r\nHost: x\r\n\r\n",
+    "no length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Type: application/json\r\n\r\n",
+    "a negative length": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: -1\r\n\r\n",
+    "a length of 5,000 digits": b"POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: " + b"9" * 5000 + b"\r\n\r\n",
+    "a length in other digits": "POST /%b/save HTTP/1.1\r\nHost: %h\r\nContent-Length: ²\r\n\r\n".encode("latin-1"),
+    "a host of another": b"GET /%b/state HTTP/1.1\r\nHost: example.org\r\n\r\n",
+}
+
+
+def test_the_charts_server_refuses_what_is_no_request_of_its_page_and_goes_on(
+    place: Path, capsys: pytest.CaptureFixture[str]
+):
+    with serving(place) as server:
+        host = f"127.0.0.1:{server.server_port}".encode()
+        for name, request in REQUESTS.items():
+            with socket.create_connection(("127.0.0.1", server.server_port), timeout=20) as connection:
+                connection.sendall(request.replace(b"%b", server.token.encode()).replace(b"%h", host))
+                answer = connection.recv(1000)
+            assert re.match(rb"HTTP/1.. 4\d\d ", answer), (name, answer)
+        page = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+        page.request("GET", urlsplit(server.url).path + "state")
+        assert page.getresponse().status == 200
+        page.close()
+    assert "Traceback" not in capsys.readouterr().err
