@@ -46,7 +46,7 @@ def _locked(image: Array) -> Array:
     return image
 
 
-@dataclass(frozen=True, slots=True, eq=False)
+@dataclass(frozen=True, slots=True, weakref_slot=True, eq=False)
 class CommonPoints:
     """The pixels of two views that show the same P patches of the scene.
 

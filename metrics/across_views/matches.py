@@ -7,19 +7,21 @@ and poses put the point, within 1 % of the image's diagonal. The geometry is kno
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from weakref import WeakKeyDictionary
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import depth_at, project, relative_pose, unproject
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.once import locked, once
 from sucre_bench.plugins.decorators import metric
-from sucre_bench.restored_pair import RestoredPair
+from sucre_bench.restored_pair import CommonPoints, RestoredPair
 from sucre_bench.scene import Encoding, Score, View
 
 __all__ = ["Matches"]
@@ -60,16 +62,33 @@ class Matches:
         """Yield the score if the two are neighbours."""
         if not pair.are_neighbours:
             return
-        views = (pair.here.view, pair.there.view)
-        first, second = (_of_photograph(view.rgb, view.encoding) for view in views)
-        before = _verified(views, (first, second))
-        after = _verified(views, (_keypoints(pair.here.shown), _keypoints(pair.there.shown)))
+        before, after = _before(pair), _after(pair)
         share = float(np.mean([np.isfinite(own.shown).all(axis=-1).mean() for own in (pair.here, pair.there)]))
         if variant == "ratio":
             yield Score(after / before if before else np.nan, n_pixels=after, coverage=share, weight=before)
         else:
             value = float(np.log2((after + 1) / (before + 1))) if share else np.nan
             yield Score(value, n_pixels=after, coverage=share)
+
+
+# Of the photographs the number is the same for all methods. They share the pair's points, which are its key.
+_of_photographs: WeakKeyDictionary[CommonPoints, int] = WeakKeyDictionary()
+
+
+def _before(pair: RestoredPair) -> int:
+    """The verified matches between the photographs."""
+    if pair.points not in _of_photographs:
+        views = (pair.here.view, pair.there.view)
+        first, second = (_of_photograph(view.rgb, view.encoding) for view in views)
+        _of_photographs[pair.points] = _verified(views, (first, second))
+    return _of_photographs[pair.points]
+
+
+@functools.lru_cache(maxsize=1)  # the variants of a pair are scored one after the other
+def _after(pair: RestoredPair) -> int:
+    """The verified matches between the restored images."""
+    found = (_keypoints(pair.here.shown), _keypoints(pair.there.shown))
+    return _verified((pair.here.view, pair.there.view), found)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -116,22 +135,27 @@ def _verified(views: tuple[View, View], found: tuple[_Keypoints, _Keypoints]) ->
     return int(np.count_nonzero(np.fmin(ahead, back) <= _NEAR))  # at an outline, one depth may be another surface's
 
 
-def _matched(first: _Keypoints, second: _Keypoints) -> tuple[npt.NDArray[np.int64], npt.NDArray[np.int64]]:
+def _matched(first: _Keypoints, second: _Keypoints) -> tuple[npt.NDArray[np.intp], npt.NDArray[np.intp]]:
     """The keypoints that match, by their places in the two lists."""
-    import cv2
-
     if min(len(first.xy), len(second.xy)) < 2:
-        return np.empty(0, np.int64), np.empty(0, np.int64)
-    matcher = cv2.BFMatcher(cv2.NORM_L2)
+        return np.empty(0, np.intp), np.empty(0, np.intp)
+    norms = [(own.descriptors**2).sum(axis=1) for own in (first, second)]
+    squares = norms[0][:, None] + norms[1] - 2 * first.descriptors @ second.descriptors.T
+    there, is_clear = _nearest(squares)
+    here, is_clear_back = _nearest(squares.T)
+    chosen = np.flatnonzero(is_clear & is_clear_back[there] & (here[there] == np.arange(len(there))))
+    return chosen, there[chosen]
 
-    def nearest(one: _Keypoints, other: _Keypoints) -> dict[int, int]:
-        pairs = matcher.knnMatch(one.descriptors, other.descriptors, k=2)
-        return {best.queryIdx: best.trainIdx for best, second in pairs if best.distance < _RATIO * second.distance}
 
-    back = nearest(second, first)
-    both = [(i, j) for i, j in nearest(first, second).items() if back.get(j) == i]
-    places = np.array(both, dtype=np.int64).reshape(-1, 2)
-    return places[:, 0], places[:, 1]
+def _nearest(squares: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.intp], Mask]:
+    """The nearest column of each row, and whether it is much nearer than the second. squares: of distances."""
+    rows = np.arange(len(squares))
+    nearest = squares.argmin(axis=1)
+    best = squares[rows, nearest]
+    squares[rows, nearest] = np.inf
+    second = squares.min(axis=1)
+    squares[rows, nearest] = best
+    return nearest, best < _RATIO**2 * second
 
 
 def _errors(source: View, target: View, xy: Array, matched: Array) -> Array:
