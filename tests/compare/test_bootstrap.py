@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
+from sucre_bench.compare.bootstrap import Units, differences, mean_intervals, pseudo_values
 
 pytestmark = pytest.mark.short
 
@@ -54,6 +54,21 @@ def test_views_of_a_scene_are_not_independent(scenes: int, views: int, between: 
     assert missed(values, [views] * scenes) == pytest.approx(0.055, abs=0.025)
     if between:
         assert missed(values, [scenes * views]) > 0.15  # views alone promise far too much
+
+
+@pytest.mark.parametrize("of_views", [0.3, 1.0])
+@pytest.mark.parametrize("n", [4, 8])
+def test_scores_of_pairs_keep_the_promise_as_pseudo_values_and_not_as_they_are(n: int, of_views: float):
+    """Each pair's score has a part of either view and one of its own; a view's score is the mean over its pairs."""
+    rng = np.random.default_rng(n)
+    views = of_views * rng.normal(size=(n, SIMULATED))
+    pairs = rng.normal(size=(n, n, SIMULATED))
+    pairs = views[:, None] + views + (pairs + pairs.transpose(1, 0, 2)) / np.sqrt(2)
+    pairs[np.arange(n), np.arange(n)] = 0
+    scores = pairs.sum(axis=1) / (n - 1)
+    assert np.allclose(pseudo_values(scores).mean(axis=0), scores.mean(axis=0))
+    assert missed(pseudo_values(scores), [n]) < 0.08
+    assert missed(scores, [n]) > 0.12
 
 
 def test_scenes_of_different_size_keep_the_promise():

@@ -34,8 +34,11 @@ class Metrics:
         return self._known[key]
 
     def _made(self, metric: str, variant: str) -> Scorer | str:
-        if not isinstance(plugins.discover("metric").get(metric), Plugin):
+        plugin = plugins.discover("metric").get(metric)
+        if not isinstance(plugin, Plugin):
             return f"no metric {metric} is registered here"
+        if plugin.is_of_pairs:
+            return f"{metric} is of several restored views together"
         try:
             (made,) = scorers(metric_choices([f"{metric}:{variant}"]))
         except SucreBenchError:

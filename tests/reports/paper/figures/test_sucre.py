@@ -1,4 +1,4 @@
-"""The figures residuals, scaling and seams, against the rows and files that they are drawn from."""
+"""The figures residuals, scaling, seams and between_views, against the rows and files that they are drawn from."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import colours_for_water
 from sucre_bench.reports.paper import Study
+from sucre_bench.reports.paper.figures import between_views, scaling, seams
 from sucre_bench.reports.paper.figures import residuals as residuals_figure
-from sucre_bench.reports.paper.figures import scaling, seams
 from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.layout import Place
 from sucre_bench.results.restorations import read_record
@@ -218,3 +218,22 @@ def test_where_no_method_changed_the_photograph_there_is_nothing_to_draw(
 ) -> None:
     with pytest.raises(NotApplicableError, match="seams"):
         list(seams.draw(StudyResults(STUDY, stitched[stitched["method"] == "same"], tmp_path)))
+
+
+def test_a_points_change_of_colour_is_drawn_over_the_difference_of_distance(tmp_path: Path) -> None:
+    """Lines at the middles of the ranges, each the mean over views; scores of the whole image are not drawn."""
+    scores = {"image": 9.0, "image/0-0.25 m": 1.0, "image/0.25-0.5 m": 2.0, "image/1-2 m": 4.0}
+    about = {"metric": "consistency", "variant": "patches", "unit": "dE00"}
+    rows = frame(
+        row(method=method, view=view, region=region, value=value + bias + add, **about)
+        for method, bias in (("flat", 0.0), ("worse", 1.0))
+        for view, add in (("a.png", -0.5), ("b.png", 0.5))
+        for region, value in scores.items()
+    )
+    ((suffix, figure),) = between_views.draw(StudyResults(STUDY, rows, tmp_path))
+    assert suffix == ""
+    lines = {line.get_label(): line.get_xydata() for line in figure.axes[0].get_lines()}
+    assert lines["flat"].tolist() == [[0.125, 1], [0.375, 2], [1.5, 4]]
+    assert lines["worse"][:, 1].tolist() == [2, 3, 5]
+    with pytest.raises(NotApplicableError, match="consistency"):
+        list(between_views.draw(StudyResults(STUDY, rows[rows["region"] == "image"], tmp_path)))
