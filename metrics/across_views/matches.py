@@ -10,6 +10,7 @@ from __future__ import annotations
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass
+from typing import Any
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -29,8 +30,8 @@ __all__ = ["Matches"]
 # Keypoints are sought in images of at most so many pixels a side, and so many are kept, the strongest.
 _SIDE_PX, _MOST = 1280, 4000
 
-# A keypoint so near to a hole, px, is the hole's.
-_RIM_PX = 5
+# Holes are filled with the mean of their surroundings, a square of this side, so that they have few keypoints.
+_AROUND_PX = 31
 
 _RATIO = 0.8
 _NEAR = 0.01  # of the diagonal
@@ -110,10 +111,9 @@ def _keypoints(shown: Array) -> _Keypoints:
     """The keypoints of a picture (H, W, 3) in [0, 1], NaN = no colour."""
     import cv2
 
-    coloured = np.isfinite(shown).all(axis=-1)
-    # With black around it, so that the border of the image is a rim, too.
-    usable = cv2.erode(np.pad(coloured, 1).astype(np.uint8), np.ones((2 * _RIM_PX + 1,) * 2))[1:-1, 1:-1]
-    gray = cv2.cvtColor(to_8bit(shown), cv2.COLOR_RGB2GRAY)
+    usable: npt.NDArray[Any] = np.asarray(np.isfinite(shown).all(axis=-1), np.uint8)
+    luma = cv2.cvtColor(to_8bit(shown), cv2.COLOR_RGB2GRAY)
+    gray: npt.NDArray[Any] = np.where(usable, luma, _surroundings(luma, usable)).astype(np.uint8)
     height, width = gray.shape
     scale = min(1.0, _SIDE_PX / max(height, width))
     size = (max(1, round(width * scale)), max(1, round(height * scale)))
@@ -125,6 +125,17 @@ def _keypoints(shown: Array) -> _Keypoints:
         return _Keypoints(np.empty((0, 2)), np.empty((0, 128), np.float32))
     xy = (np.array([point.pt for point in points]) + 0.5) * (width / size[0], height / size[1])
     return _Keypoints(xy, np.asarray(descriptors, dtype=np.float32))
+
+
+def _surroundings(gray: npt.NDArray[Any], usable: npt.NDArray[Any]) -> Array:
+    """The mean (H, W) of the usable pixels around each; 0 where there are none."""
+    import cv2
+
+    sums, counts = (
+        cv2.blur(own.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT)
+        for own in (gray * usable, usable)
+    )
+    return np.asarray(sums / np.maximum(counts, 1e-6))
 
 
 def _verified(views: tuple[View, View], found: tuple[_Keypoints, _Keypoints]) -> int:

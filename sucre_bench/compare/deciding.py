@@ -20,6 +20,7 @@ _MOST = 4
 # Roles of scores that know the true colours, and how many metrics of each are taken.
 _TRUE_COLOURS: tuple[tuple[Role, int], ...] = (("similarity", 2), ("chart-error", 1), ("colour-difference", 1))
 _WITHOUT: tuple[tuple[Role, int], ...] = (("no-reference", 2),)
+_OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
 
 
 @dataclass(frozen=True)
@@ -48,14 +49,14 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     """Return the columns of a comparison that decide; every: all of them, which someone has asked for.
 
     Scores that know the true colours come first. Without any, scores of the picture alone take their place. If there
-    is room, scores without a role follow: those of a plugin under test, for example.
+    is room, scores of several views and those without a role follow: those of a plugin under test, for example.
     """
     if every:
         return Deciding(comparison.columns, None, None)
     ranked = [column for column in _one_a_metric(comparison.columns) if column.ranked]
     roles = {column: _role(column) for column in ranked}
     known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*_of_roles(ranked, roles, _WITHOUT)]
-    chosen = (known + [column for column in ranked if not roles[column]])[:_MOST] or ranked[:_MOST]
+    chosen = (known + [column for column in ranked if roles[column] in _OTHERS])[:_MOST] or ranked[:_MOST]
     filled = next((column for column in comparison.columns if says_filled(column.metric, column.variant)), None)
     seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
     scores = tuple(column for column in chosen if column != filled)
