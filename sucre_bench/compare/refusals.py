@@ -12,7 +12,7 @@ from sucre_bench import results
 from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
-from sucre_bench.results.bundle_format import open_bundle
+from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def load(folders: Iterable[str | Path]) -> pd.DataFrame:
 
 def _rows(place: Path) -> pd.DataFrame:
     """The score table of an output folder, or of a bundle; `verify` checks what a bundle says."""
-    if place.suffix.lower() != ".zip" or place.is_dir():
+    if not is_bundle(place):
         return results.read(place)
     with open_bundle(place) as bundle:
         return bundle.rows

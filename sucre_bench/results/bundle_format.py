@@ -2,6 +2,7 @@
 
     bundle.json        what the bundle says of itself, and the SHA-256 of every file inside and of pictures outside
     scores.csv         the score table
+    common.csv         scores on common pixels, if methods fill different ones
     config.yaml, environment.json, lineup.yaml                 as far as the folder has them
     restored/<dataset>/<method label>/.../<view stem>.json     what each method told, its estimated water say
     restored/<dataset>/<method label>/.../<view stem>.png      the restored images, if they were asked for
@@ -35,9 +36,21 @@ from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["LIMITS", "MANIFEST", "SCORES", "Bundle", "FileHash", "Limits", "hash_of", "open_bundle", "write_bundle"]
+__all__ = [
+    "COMMON",
+    "LIMITS",
+    "MANIFEST",
+    "SCORES",
+    "Bundle",
+    "FileHash",
+    "Limits",
+    "hash_of",
+    "is_bundle",
+    "open_bundle",
+    "write_bundle",
+]
 
-MANIFEST, SCORES = "bundle.json", "scores.csv"
+MANIFEST, SCORES, COMMON = "bundle.json", "scores.csv", "common.csv"
 _FORMAT, _VERSION = "sucre_bench bundle", 1
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that ZIP knows
 _STORED = (".png", ".jpg")  # what is compressed already
@@ -123,7 +136,14 @@ class Bundle:
     @cached_property
     def rows(self) -> pd.DataFrame:
         """The score table, as `results.read` returns it. Raises InputError if it is none."""
-        return _rows(self.path, self.read(SCORES))
+        return _table(self.path / SCORES, self.read(SCORES), COLUMNS)
+
+    @cached_property
+    def common(self) -> pd.DataFrame | None:
+        """The scores on common pixels, as `read_common` returns them; None if it has none. InputError if damaged."""
+        if COMMON not in self.entries:
+            return None
+        return _table(self.path / COMMON, self.read(COMMON), (*COLUMNS, *_OF_COMMON))
 
 
 def hash_of(content: bytes | Path) -> FileHash:
@@ -180,6 +200,11 @@ def _add(archive: zipfile.ZipFile, name: str, content: bytes | Path) -> None:
 
 
 # -- opening -----------------------------------------------------------------------------------------------
+
+
+def is_bundle(path: Path) -> bool:
+    """Whether a path is to be read as a bundle, not as a results folder."""
+    return path.suffix.lower() == ".zip" and not path.is_dir()
 
 
 @contextlib.contextmanager
@@ -269,18 +294,22 @@ def _hashes(told: Mapping[str, Mapping[str, Any]]) -> dict[str, FileHash]:
     return {name: FileHash(str(one["sha256"]), int(one["bytes"])) for name, one in told.items()}
 
 
-def _rows(path: Path, content: bytes) -> pd.DataFrame:
-    """Read the score table: text as it stands, numbers as numbers."""
+def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
+    """Read a table of rows: text as it stands, numbers as numbers. path: for errors."""
     import pandas as pd
 
-    texts = {name: "str" for name in COLUMNS if name not in NUMBERS}
+    texts = {name: "str" for name in columns if name not in NUMBERS}
     try:
         read = pd.read_csv(io.BytesIO(content), dtype=texts, keep_default_na=False, na_values=_NO_NUMBER)
-        rows = read[list(COLUMNS)].astype(frame([]).dtypes.to_dict())
-    except (ValueError, KeyError, OverflowError, pd.errors.ParserError) as fault:
-        raise InputError(f"{path}: {SCORES} is no score table ({one_line(fault)}); bundle again") from fault
-    check_values(path / SCORES, rows)
+        rows = read[list(columns)].astype({**frame([]).dtypes.to_dict(), **texts})
+        for text in rows["methods"].unique() if "methods" in columns else ():
+            if not isinstance(json.loads(text), list):
+                raise ValueError("column 'methods' is no list")
+    except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
+        raise InputError(f"{path}: is no score table ({one_line(fault)}); bundle again") from fault
+    check_values(path, rows)
     return rows
 
 
+_OF_COMMON = ("pixels", "methods")  # columns that only scores on common pixels have
 _NO_NUMBER = {name: [""] for name in NUMBERS}

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sucre_bench.errors import DamagedTableError, one_line
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COLUMNS, Row
 
 if TYPE_CHECKING:
@@ -73,14 +74,22 @@ def common_frame(rows: Iterable[CommonRow]) -> pd.DataFrame:
 
 
 def read_common(*folders: Path) -> pd.DataFrame:
-    """Return the scores on common pixels of results folders; no rows if none were needed.
+    """Return the scores on common pixels of results folders and bundles; no rows if none were needed.
 
     Raises DamagedTableError (an InputError) if a table cannot be read.
     """
     import pandas as pd
 
-    tables = [_read(folder / COMMON_TABLE) for folder in folders if (folder / COMMON_TABLE).is_file()]
-    return pd.concat([table for table in tables if len(table)] or [common_frame([])], ignore_index=True)
+    tables = [table for folder in folders if (table := _of(folder)) is not None and len(table)]
+    return pd.concat(tables or [common_frame([])], ignore_index=True)
+
+
+def _of(folder: Path) -> pd.DataFrame | None:
+    """The table of a results folder or a bundle."""
+    if is_bundle(folder):
+        with open_bundle(folder) as bundle:
+            return bundle.common
+    return _read(folder / COMMON_TABLE) if (folder / COMMON_TABLE).is_file() else None
 
 
 def _read(path: Path) -> pd.DataFrame:

@@ -13,7 +13,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
-from sucre_bench.results.bundle_format import hash_of, write_bundle
+from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
+from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.restorations import restorations
 
 if TYPE_CHECKING:
@@ -55,6 +56,8 @@ def bundle_results(
         raise InputError(f"{path}: has no suffix of a bundle; end it in .zip")
     rows = results.read(folder)
     files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if (folder / n).is_file()}
+    common = read_common(folder)
+    files |= {COMMON: common.to_csv(index=False, lineterminator="\n").encode()} if len(common) else {}
     files |= {name: text.encode() for name, text in (texts or {}).items()}
     found = {file.relative_to(folder).as_posix(): file for file in _files(folder, rows)}
     is_inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
