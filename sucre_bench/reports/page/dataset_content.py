@@ -89,13 +89,13 @@ class Section:
 
     def content(self) -> dict[str, Any]:
         """Return everything that the page shows of the dataset."""
-        values, charts = self._values(), self._charts()
+        values, charts, few = self._values(), self._charts(), too_few(self.table)
         views = [self._view(*place, values, charts) for place in self._chosen()]
         return {
             "name": self.table.title,
-            "legend": text.legend(self.table, intervals=not too_few(self.table)),
+            "legend": text.legend(self.table, intervals=not few, ties=not few),
             "answer": [*answer(self.table, self._deciding), *filter(None, [blind(self._deciding)])],
-            "few": too_few(self.table),
+            "few": few,
             "main": key_of(main.metric, main.variant) if (main := self._deciding.main) else "",
             "photographs": list(self.table.photographs),
             "notes": list(text.left_out(self.table)),
