@@ -6,15 +6,16 @@ of red beside a green and a blue near 0. The three channels of a surface are ali
 
 A colour is its brightness s times a reflectance that differs little from the image's mean w (mean of channels 1):
 
-    J = s (w + e),    e normal with deviation SPREAD in each channel,    s normal with mean s0 and deviation S.
+    J = s (w + e),    e normal with deviation d in each channel,    s normal with mean s0 and deviation S.
 
-With the variance v of J and c = (SPREAD s)^2, the best brightness and colour are
+With the variance v of J and c = (d s)^2, the best brightness and colour are
 
     s = (sum w J / (v + c)) / (sum w^2 / (v + c)),    J' = s' w + c / (c + v) (J - s w),
 
 where s' is s, shrunk towards s0 by its own variance (Efron & Morris 1973). Channels that are known give the brightness,
-and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, s0 and S
-come from the image itself.
+and a channel that is lost follows it. A dark pixel has little chroma, a bright one as much as it shows. w, d, s0
+and S come from the image itself, d being at least LEAST_SPREAD: most images are almost gray, and few things in them
+have colours.
 """
 
 from __future__ import annotations
@@ -25,10 +26,10 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["SPREAD", "ImagePrior", "posterior", "prior_of"]
+__all__ = ["LEAST_SPREAD", "ImagePrior", "posterior", "prior_of"]
 
-# Deviation of reflectances, as a share of brightness. Of .15, .25 and .4 the best on views 3 and 8 of the made scenes.
-SPREAD = 0.25
+# Least deviation of reflectances. Of .15, .25 and .4 the best on views 3 and 8 of the made scenes.
+LEAST_SPREAD = 0.25
 
 _ROUNDS, _ROUNDS_OF_S = 30, 4
 
@@ -55,17 +56,18 @@ def _variance(deviation: Array) -> Array:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ImagePrior:
-    """The mean colour w (3,) of an image, and mean and variance of its brightness."""
+    """The mean colour w (3,) of an image, mean and variance of its brightness, and the spread of its reflectances."""
 
     w: Array
     mean: float
     variance: float
+    spread: float = LEAST_SPREAD
 
     def brightness(self, J: Array, v: Array) -> tuple[Array, Array, Array]:
         """Return of each colour (3, P) its brightness s at least 0, the variance of s, and s shrunk to the mean."""
         shrunk = np.full(J.shape[1], self.mean)
         for _ in range(_ROUNDS_OF_S):
-            inverse = 1 / (v + (SPREAD * shrunk) ** 2)
+            inverse = 1 / (v + (self.spread * shrunk) ** 2)
             weight = self.w**2 @ inverse
             s = ((self.w @ (J * inverse)) / weight).clip(min=0)
             own = (self.w**2 @ (v * inverse)) / (self.w @ self.w) / weight
@@ -83,7 +85,7 @@ class ImagePrior:
     def _shrunk(self, J: Array, v: Array) -> tuple[Array, Array]:
         """Return colours (3, P) and their standard deviations."""
         s, own, bright = self.brightness(J, v)
-        c = (SPREAD * bright) ** 2
+        c = (self.spread * bright) ** 2
         chroma = c / (c + v)
         left = np.outer(self.w**2, self.variance * own / (self.variance + own)) + chroma * v
         return np.outer(self.w, bright) + chroma * (J - np.outer(self.w, s)), np.sqrt(left)
@@ -107,7 +109,16 @@ def _estimated(J: Array, v: Array) -> ImagePrior:
         trust = prior.variance / (prior.variance + own)
         mean = float((trust * s).sum() / trust.sum())
         variance = max(float((trust * ((s - mean) ** 2 - own)).sum() / trust.sum()), _LEAST)
-        weight = 1 / (v + (SPREAD * bright) ** 2)
+        weight = 1 / (v + (prior.spread * bright) ** 2)
         w = (bright * J * weight).sum(axis=1) / (bright**2 * weight).sum(axis=1)
-        prior = ImagePrior(w.clip(min=0) / w.clip(min=0).mean(), mean, variance) if (w > 0).any() else prior
+        w = w.clip(min=0) / w.clip(min=0).mean() if (w > 0).any() else prior.w
+        prior = ImagePrior(w, mean, variance, max(prior.spread * _misfit(prior, J, s, weight), LEAST_SPREAD))
     return prior
+
+
+def _misfit(prior: ImagePrior, J: Array, s: Array, weight: Array) -> float:
+    """Return how much larger deviations from the mean colour are than expected: of three channels, two are free."""
+    chi = (weight * (J - np.outer(prior.w, s)) ** 2).sum(axis=0)
+    known = weight.sum(axis=0) >= np.median(weight.sum(axis=0))  # pixels whose noise does not hide reflectances
+    lit = known & (s >= prior.mean)  # shade has offsets of the water, which are no reflectances
+    return float(np.sqrt(chi[lit].mean() / 2).clip(0.5, 2)) if lit.any() else 1.0
