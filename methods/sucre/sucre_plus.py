@@ -14,7 +14,7 @@ __all__ = ["SucrePlus"]
 @method(
     needs={"depth", "poses"},
     requires=("numba", "torch"),
-    display="black-1-white-99",
+    display="black-0.5-white-99",
     cites=CITES,
     reads=("water", "water_from"),
 )

@@ -38,7 +38,7 @@ def alone(view: View) -> Scene:
         ("stitching", Stitching, {"depth", "poses"}, "none"),
         ("sucre_paper", SucrePaper, {"depth", "poses"}, "stretch-1-99"),
         ("sucre", Sucre, {"depth", "poses"}, "stretch-1-99"),
-        ("sucre_plus", SucrePlus, {"depth", "poses"}, "black-1-white-99"),
+        ("sucre_plus", SucrePlus, {"depth", "poses"}, "black-0.5-white-99"),
     ],
 )
 def test_the_restorers_are_found_with_what_they_need(name: str, cls: type, needs: set[str], how: str) -> None:
