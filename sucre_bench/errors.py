@@ -24,6 +24,7 @@ __all__ = [
     "SucreBenchError",
     "check_number",
     "did_you_mean",
+    "in_one_line",
     "is_number_in",
     "one_line",
     "raise_if_stop",
@@ -180,6 +181,11 @@ def check_number(place: str, value: Any, interval: str, whole: bool = False) -> 
     """Raise InputError unless a value is a number in an interval, see `is_number_in`. place: as the user typed it."""
     if not is_number_in(interval, value, whole):
         raise InputError(f"{place}: {value!r}; give a {'whole ' if whole else ''}number in {interval}")
+
+
+def in_one_line(text: object) -> str:
+    """Return a name from a file as a message may hold it: line breaks of any kind become spaces."""
+    return " ".join(str(text).split())
 
 
 def one_line(fault: BaseException) -> str:

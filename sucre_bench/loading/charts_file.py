@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.reading import check_corners
 from sucre_bench.machine.files import regular
@@ -45,7 +45,9 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
     for name in images:
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
-            raise InputError(f"{path}: '{name}' is not an image of the scene; write names as there, like '{near[0]}'")
+            raise InputError(
+                f"{path}: '{in_one_line(name)}' is not an image of the scene; write names as there, like '{near[0]}'"
+            )
     usual, found = content.get("kind", "dgk"), {}
     for name, charts in images.items():
         if charts:
@@ -61,7 +63,7 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
     image, name: the image's and the chart's; kind: of a chart without one of its own; size: (width, height), the
     image's.
     """
-    place = f"{path}: {image}, {name}"
+    place = f"{path}: {in_one_line(image)}, {in_one_line(name)}"
     if isinstance(entry, dict):
         kind, entry = entry.get("kind", kind), entry.get("corners")
     kind = str(path.parent / kind) if str(kind).lower().endswith(".csv") else str(kind)

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from sucre_bench.errors import DamagedTableError
+from sucre_bench.errors import DamagedTableError, in_one_line
 from sucre_bench.results.rows import COLUMNS, NUMBERS, Status
 
 if TYPE_CHECKING:
@@ -38,7 +38,8 @@ def check_columns(path: Path, file: pyarrow.parquet.ParquetFile) -> None:
     for name in COLUMNS:
         wanted = NUMBERS.get(name, "string")
         if not _is(wanted)(schema.field(name).type):
-            raise damaged(path, f"its column '{name}' holds {schema.field(name).type}, not {_KINDS[wanted]}")
+            found = in_one_line(schema.field(name).type)
+            raise damaged(path, f"its column '{name}' holds {found}, not {_KINDS[wanted]}")
     if file.metadata.num_rows > _MOST_ROWS:
         raise damaged(path, f"it has {file.metadata.num_rows} rows, more than {_MOST_ROWS}")
 

@@ -152,6 +152,8 @@ charts = st.fixed_dictionaries(
 
 @tried
 @given(content=values | charts)
+@example(content={"images": {"a.png": {"\x1e": []}}})
+@example(content={"images": {"a\nb": {"c": []}}})
 def test_made_up_charts_are_named(content: Any):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "charts.json"
@@ -171,6 +173,7 @@ ROWS = results.frame([Row("d", "s", "v.png", "m", value=1.0), Row("d", "s", "w.p
     column=st.lists(values, min_size=2, max_size=2),
     end=st.floats(0, 1) | st.just(1.0),
 )
+@example(name="better", column=[None, {"\x1e": None}], end=1.0)
 def test_made_up_tables_are_named(name: str, column: list[Any], end: float):
     with tempfile.TemporaryDirectory() as folder:
         path = Path(folder) / "scores.parquet"
