@@ -70,12 +70,16 @@ def test_a_new_view_scores_all_views_anew_and_fewer_views_score_nothing(out: Pat
     pd.testing.assert_frame_equal(scores(apart(out, "first=2").rows), three)
 
 
-def test_a_mended_view_scores_its_pairs_anew(out: Path, tmp_path: Path, toys: str):
-    one_fails = apart(out, "method=faulty")
-    assert one_fails.exit_code == 1
-    assert list(scores(one_fails.rows).index) == ["v0.png", "v2.png"]
-    (out / "restored" / "toy" / "faulty" / "v0.png").unlink()
-    assert list(scores(apart(out, "method=faulty").rows).index) == ["v0.png", "v2.png"]
+def test_a_view_that_fails_takes_no_part_until_it_is_mended(out: Path, tmp_path: Path):
+    """The factor stands in a file, which is mended: the method skips v2.png, and at first fails on all."""
+    table = tmp_path / "gain"
+    words = ("method=tabulated", f"method.table={table}", "dataset.views=4")
+    table.write_text("no number")
+    assert apart(out, *words).exit_code == 1
+    table.write_text("1.0")
+    rows = scores(apart(out, *words).rows)
+    assert list(rows.index) == ["v0.png", "v1.png", "v3.png"]
+    assert set(rows["status"]) == {"ok"}
 
 
 def test_shards_together_score_what_the_whole_scores(out: Path, tmp_path: Path):
