@@ -110,7 +110,10 @@ def _estimated(J: Array, v: Array) -> ImagePrior:
         mean = float((trust * s).sum() / trust.sum())
         variance = max(float((trust * ((s - mean) ** 2 - own)).sum() / trust.sum()), _LEAST)
         weight = 1 / (v + (prior.spread * bright) ** 2)
-        w = (bright * J * weight).sum(axis=1) / (bright**2 * weight).sum(axis=1)
+        power = (bright**2 * weight).sum(axis=1)
+        if not power.all():  # a black image has no mean colour
+            return prior
+        w = (bright * J * weight).sum(axis=1) / power
         w = w.clip(min=0) / w.clip(min=0).mean() if (w > 0).any() else prior.w
         prior = ImagePrior(w, mean, variance, max(prior.spread * _misfit(prior, J, s, weight), LEAST_SPREAD))
     return prior

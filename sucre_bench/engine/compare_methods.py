@@ -14,6 +14,7 @@ import numpy as np
 from sucre_bench import compare, plugins, results
 from sucre_bench.arrays import Picture
 from sucre_bench.compare import Comparison
+from sucre_bench.compare.deciding import deciding
 from sucre_bench.compare.text import as_text, number
 from sucre_bench.engine.one_view import restore, score
 from sucre_bench.engine.score import row_without_value
@@ -69,16 +70,17 @@ class Compared:
         found = self.comparison
         return as_text([found], "md") if found else "no scores"
 
-    def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "psnr", height: int = 360) -> Image:
+    def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:
         """Return a view before and after, side by side: the photograph, each method, the reference if there is one.
 
         view: its name or place; labels: default all; metric: the column of `table` whose score stands below a name,
-        where there is one; height: of the picture, pixels. In a notebook, the picture shows itself.
+        where there is one, default the score that sorts the methods; height: of the picture, pixels. In a notebook, the
+        picture shows itself.
         Raises InputError for a label or view that there is not.
         """
         from PIL import Image
 
-        shown = self.scene[view]
+        shown, metric = self.scene[view], metric or self._main_metric()
         unknown = [label for label in labels if label not in self.labels]
         if unknown:
             raise InputError(f"labels: no method '{unknown[0]}'; there are {', '.join(self.labels)}")
@@ -90,6 +92,10 @@ class Compared:
         named = [captioned(_resized(picture, height), name) for name, picture in panels.items()]
         gap = np.full((height, _GAP, 3), 255, np.uint8)
         return Image.fromarray(np.hstack([part for panel in named for part in (gap, panel)][1:]))
+
+    def _main_metric(self) -> str:
+        main = deciding(found).main if (found := self.comparison) else None
+        return f"{main.metric}:{main.variant}" if main else ""
 
     def _title(self, view: str, label: str, metric: str) -> str:
         """The label, with its score if there is one."""

@@ -100,10 +100,10 @@ def read_tiff(path: Path) -> np.ndarray:
 def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
     """Whether two sizes (width, height) differ by scale only: to 1 % of the aspect ratio, or to a pixel's rounding.
 
-    A pixel's rounding is at most 10 % of a height: a picture of one pixel has no shape.
+    A pixel's rounding is at most an eighth of a height: a picture of one pixel has no shape.
     """
     (width, height), (wide, high) = sorted((one, other))
-    return abs(high * width / wide - height) <= max(min(1.0, 0.1 * height), 0.01 * height)
+    return abs(high * width / wide - height) <= max(min(1.0, height / 8), 0.01 * height)
 
 
 def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:

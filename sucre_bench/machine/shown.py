@@ -46,5 +46,7 @@ def escaped_output() -> Iterator[None]:
     sys.stdout, sys.stderr = (_Escaped(stream) for stream in before)
     try:
         yield
-    finally:
-        sys.stdout, sys.stderr = before
+    finally:  # what a plugin has closed stays replaced
+        sys.stdout, sys.stderr = (
+            old if not old.closed else new for old, new in zip(before, (sys.stdout, sys.stderr), strict=True)
+        )

@@ -1,6 +1,5 @@
 from __future__ import annotations
 
-import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -10,6 +9,7 @@ import matplotlib as mpl
 import numpy as np
 import pandas as pd
 import pytest
+import yaml
 from PIL import Image
 
 import sucre_bench
@@ -50,7 +50,7 @@ def test_a_method_has_one_colour_and_marker_whatever_stands_beside_it():
 
 def test_methods_that_are_compared_most_never_give_way():
     table1 = Path(sucre_bench.__file__).parent / "conf/experiment/table1.yaml"
-    methods = re.findall(r"method: (\S+)", table1.read_text())[0].split(",")
+    methods = yaml.safe_load(table1.read_text())["methods"]
     assert len(methods) == 20
     assert {name: own.colour for name, own in style.looks(methods).items()} == {m: style.colour(m) for m in methods}
 
