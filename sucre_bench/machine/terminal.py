@@ -11,6 +11,7 @@ import time
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from typing import IO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.progress import (
@@ -36,6 +37,18 @@ _WORTH_A_LINE = 1.0
 
 class _Console(Console):
     """A console that writes out control characters of names and texts; styles are its own."""
+
+    @property
+    def file(self) -> IO[str]:
+        """The terminal itself: below the streams that write out control characters, and rich's own while it draws."""
+        file = super().file
+        while (inner := getattr(file, "rich_proxied_file", None)) is not None:
+            file = inner
+        return file
+
+    @file.setter
+    def file(self, new_file: IO[str]) -> None:
+        self._file = new_file
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for text, style, control in super().render(renderable, options):

@@ -51,6 +51,14 @@ def test_force_color_colours_a_log_but_draws_no_bars(program: Callable[..., Done
     assert ESCAPE in program("list", "methods", FORCE_COLOR="1").stdout
 
 
+def test_a_terminal_gets_bars_that_are_drawn_in_place(toys: str, tmp_path: Path):
+    words = ("dataset=toy", "method=faulty", "metrics=[redness]", "tracking.uri=off", "report=false")
+    said = in_terminal("run", "--plugin", toys, *words, folder=tmp_path)
+    assert "\x1b[?25l" in said  # the cursor is hidden while bars are drawn
+    assert "\\x1b" not in said  # and their codes are not written out, as those of names are
+    assert "\\r" not in said
+
+
 @pytest.mark.parametrize("command", ["list methods", "list metrics --json", "run --help", "doctor", "run --cfg"])
 def test_a_reader_that_has_enough_is_no_fault(command: str, tmp_path: Path):
     """As `| head -1`; here the reader is gone before anything is written."""
