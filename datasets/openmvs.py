@@ -19,7 +19,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import check_scale
-from sucre_bench.loading.match_images import ImageFolder, inner_path
+from sucre_bench.loading.named_images import ImageFolder, inner_path
 from sucre_bench.loading.openmvs_dmap import Header, read_dmap_depth, read_header
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.loading.view_files import check_length, scaled_pose

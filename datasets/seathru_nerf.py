@@ -21,7 +21,7 @@ from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.image_scale import check_scale
-from sucre_bench.loading.match_images import ImageFolder
+from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.loading.view_files import check_length
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene

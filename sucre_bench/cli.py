@@ -14,7 +14,7 @@ import click
 import sucre_bench
 from sucre_bench.commands import completion
 from sucre_bench.commands.common import say
-from sucre_bench.errors import SucreBenchError
+from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
 from sucre_bench.machine.shown import escaped_output
 from sucre_bench.machine.supervisor import supervised
@@ -148,6 +148,13 @@ class _LazyGroup(click.Group):
         command = getattr(import_module(_COMMANDS[cmd_name].module), _COMMANDS[cmd_name].name)
         assert isinstance(command, click.Command)
         return command
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        if args[0] not in _COMMANDS and not args[0].startswith("-"):
+            ctx.fail(f"no command is called '{args[0]}'; {did_you_mean(args[0], _COMMANDS)}")
+        return super().resolve_command(ctx, args)
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         width = max(map(len, _COMMANDS))

@@ -37,6 +37,8 @@ def test_lists_tell_programs_what_people_read(bench):
     assert "one water for the whole scene" in known["sucre_shared"]["description"]  # of conf/method
     metrics = {m["name"]: m for m in json.loads(bench("list", "metrics", "--json").stdout)}
     assert (metrics["psi"]["unit"], metrics["psi"]["better"], metrics["psi"]["range"]) == ("deg", "lower", [0, 180])
+    assert [m["name"] for m in json.loads(bench("list", "methods", "sucre", "--json").stdout)] == ["sucre"]
+    assert "did you mean 'sucre'" in bench("list", "methods", "sucer").stderr
     assert "demo" in bench("list", "experiments").stdout
     assert "colmap" in bench("list", "datasets").stdout
 

@@ -25,7 +25,7 @@ from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import check_scale
-from sucre_bench.loading.match_images import ImageFolder, inner_path
+from sucre_bench.loading.named_images import ImageFolder, inner_path
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset

@@ -25,7 +25,7 @@ from sucre_bench.datasets.metashape.document import Chunk
 from sucre_bench.errors import InputError
 from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.match_images import without_suffix
+from sucre_bench.loading.named_images import without_suffix
 from sucre_bench.loading.photograph import is_rigid
 from sucre_bench.loading.view_files import scaled_pose
 from sucre_bench.machine.progress import say

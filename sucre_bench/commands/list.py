@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import shutil
 import textwrap
+from collections.abc import Sequence
 from dataclasses import MISSING
 from typing import Any
 
@@ -13,22 +14,26 @@ import click
 from sucre_bench import plugins
 from sucre_bench.commands.common import json_option, load_plugins, plugin_option
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.catalogue import entries, entry, option_entry, preset_entries
+from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
-from sucre_bench.plugins.plugin import Broken, Kind, Plugin
+from sucre_bench.plugins.plugin import Broken, Plugin
 
 __all__ = ["list_"]
 
 
 @click.command("list")
 @click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
+@click.argument("names", nargs=-1, metavar="[NAME]...")
 @json_option
 @plugin_option
-def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
+def list_(what: str, names: tuple[str, ...], as_json: bool, plugin_files: tuple[str, ...]) -> None:
     """List plugins or experiments with their needs and options, and whether they run here.
+
+    NAME lists these alone.
 
     \b
     sucre-bench list methods
+    sucre-bench list methods sucre
     sucre-bench list metrics --plugin my_metric.py
     sucre-bench list experiments
     sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
@@ -38,37 +43,62 @@ def list_(what: str, as_json: bool, plugin_files: tuple[str, ...]) -> None:
     from sucre_bench.machine import terminal
 
     load_plugins(plugin_files)
+    items = _named(what, names)
     if as_json:
-        click.echo(_as_json(what))
+        click.echo(_as_json(what, items))
     elif terminal.has_styles():
-        terminal.out.print(Text.from_ansi(_as_text(what, colour=True)), soft_wrap=True)
+        terminal.out.print(Text.from_ansi(_as_text(what, items, colour=True)), soft_wrap=True)
     else:
-        click.echo(_as_text(what, colour=False))
+        click.echo(_as_text(what, items, colour=False))
 
 
-def _as_json(what: str) -> str:
-    """Everything that is known of each plugin, or the experiments, as a JSON array."""
+_Preset = dict[str, Any]
+_Item = Plugin | Broken | Option | _Preset
+
+
+def _named(what: str, names: Sequence[str]) -> list[_Item]:
+    """Return what has these names; everything if there are none. Raises InputError for a name that nothing has."""
+    known = _everything(what)
+    every = [name for name, _ in known]
+    for name in names:
+        if name not in every:
+            raise plugins.unknown(what[:-1], name, every)
+    return [item for name, item in known if not names or name in names]
+
+
+def _everything(what: str) -> list[tuple[str, _Item]]:
     if what == "degradations":
-        return json.dumps({o.name: option_entry(o) for o in options_of(Degradation)}, indent=1)
-    if what == "experiments":
-        return json.dumps(preset_entries("experiment"), indent=1)
-    kind = _kind(what)
-    return json.dumps(entries(kind), indent=1)
+        return [(option.name, option) for option in options_of(Degradation)]
+    presets = [(str(preset["name"]), preset) for preset in preset_entries(what[:-1])]
+    kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
+    return [*(plugins.discover(kind).items() if kind else ()), *presets]
 
 
-def _as_text(what: str, colour: bool) -> str:
+def _as_json(what: str, items: Sequence[_Item]) -> str:
+    """Everything that is known of each plugin, or the experiments, as a JSON array; of degradations an object."""
+    if what == "degradations":
+        return json.dumps({o.name: option_entry(o) for o in items if isinstance(o, Option)}, indent=1)
+    return json.dumps([entry(i) if isinstance(i, Plugin | Broken) else i for i in items], indent=1)
+
+
+def _as_text(what: str, items: Sequence[_Item], colour: bool) -> str:
     """Each with its needs, licence, options and whether it can run here, wrapped to the terminal."""
-    if what == "experiments":
-        return "\n".join(f"{e['name']}  {e['description']}" for e in preset_entries("experiment"))
-    if what == "degradations":
-        return "\n".join(line for option in options_of(Degradation) for line in _option_lines(option))
-    kind = _kind(what)
-    entries = [_entry(plugin, colour) for plugin in plugins.discover(kind).values()]
-    for told in preset_entries(kind):
-        entries.append("\n".join([_styled(told["name"], colour, bold=True), *_wrapped("", told["description"])]))
+    texts = [_text(what, item, colour) for item in items]
+    if what in ("experiments", "degradations"):
+        return "\n".join(texts)
     if what == "metrics":
-        entries.append("metric:variant, * computed unless others are asked for")
-    return "\n\n".join(entries) or f"no {what}"
+        texts.append("metric:variant, * computed unless others are asked for")
+    return "\n\n".join(texts) or f"no {what}"
+
+
+def _text(what: str, item: _Item, colour: bool) -> str:
+    if isinstance(item, Option):
+        return "\n".join(_option_lines(item))
+    if isinstance(item, Plugin | Broken):
+        return _entry(item, colour)
+    if what == "experiments":
+        return f"{item['name']}  {item['description']}"
+    return "\n".join([_styled(item["name"], colour, bold=True), *_wrapped("", item["description"])])
 
 
 def _entry(plugin: Plugin | Broken, colour: bool) -> str:
@@ -111,7 +141,3 @@ def _wrapped(head: str, text: str) -> list[str]:
 
 def _plain_default(value: Any) -> str:
     return "none" if value is None else str(value)
-
-
-def _kind(what: str) -> Kind:
-    return next(kind for kind in plugins.KINDS if what == f"{kind}s")

@@ -96,9 +96,14 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     for note in study.notes:
         _say(note, "yellow")
     for folder, own in itertools.groupby(study.paths, lambda path: path.parent):
-        click.echo(f"{folder.name:9}{folder}{os.sep}{{{','.join(sorted(path.name for path in own))}}}")
+        click.echo(f"{folder.name:9}{_place(folder, [*own])}")
     if page is not None:
         click.echo(f"page     {page}")
+
+
+def _place(folder: Path, files: Sequence[Path]) -> str:
+    """Where files are: the path of one, or the folder and the number of several."""
+    return str(files[0]) if len(files) == 1 else f"{folder}{os.sep} ({len(files)} files)"
 
 
 def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Written, Path | None]:

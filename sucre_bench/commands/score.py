@@ -22,7 +22,11 @@ __all__ = ["score"]
 
 @click.command()
 @click.argument("images", type=click.Path(path_type=Path))
-@click.option("--reference", type=click.Path(path_type=Path), help="Folder with the same names, or one image.")
+@click.option(
+    "--reference",
+    type=click.Path(path_type=Path),
+    help="Folder of images with the same names (any suffix), or one image.",
+)
 @click.option(
     "--metrics",
     default="",
@@ -88,7 +92,7 @@ def score(
         click.echo(rows.to_csv(index=False), nl=False)
     elif form == "json":
         click.echo(rows.to_json(orient="records", indent=1))
-    else:
+    elif (rows["status"] == "ok").any():
         terminal.out.print(score_folder.summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault

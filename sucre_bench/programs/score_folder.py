@@ -2,9 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,6 +17,7 @@ from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, read_rgb
 from sucre_bench.jobs.job import metric_choices
+from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.machine import progress
 from sucre_bench.scene import Plane, Restoration, View
 
@@ -45,19 +46,20 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
 
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
     every metric that applies, in all its variants. An image that cannot be read, or has no reference of its name, is a
-    failed row. Raises InputError when there is no image, or no folder of references.
+    failed row. A line says when PNG or TIFF images are compared with JPEG references. Raises InputError when there is
+    no image, or no folder of references.
     """
     import pandas as pd
 
     names = list(metrics) or _applicable(reference is not None)
     metric_choices(names)  # a typo is told before anything is read
     files = images_in(images)
-    if reference is not None and not reference.exists():
-        raise InputError(f"{reference}: no such folder; give the references as a folder or one image")
-    label, tables = images.resolve().name, []
+    references = None if reference is None else _References(reference)
+    label, tables, pairs = images.resolve().name, [], list[_Files]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
-            view = View(name, _Files(path, _partner(name, reference)))
+            pairs.append(_Files(path, None if references is None else references.of(name)))
+            view = View(name, pairs[-1])
             if view.reference is not None and view.reference.shape != view.rgb.shape:
                 sizes = [f"{w}x{h}" for h, w, _ in (view.rgb.shape, view.reference.shape)]
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
@@ -65,6 +67,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
         except InputError as fault:
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
             tables.append(results.frame([failed]))
+    _say_lossy(pairs)
     rows = pd.concat(tables, ignore_index=True)
     return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
 
@@ -81,17 +84,53 @@ def images_in(folder: Path) -> dict[str, Path]:
     return {str(p.relative_to(folder)): p for p in found}
 
 
-def _partner(name: str, reference: Path | None) -> Path | None:
-    """The reference of an image: the same name, any suffix, in the same folder or in that of the references itself."""
-    if reference is None:
-        return None
-    if reference.is_file():
-        return reference
-    for wanted in (reference / name, reference / Path(name).name):
-        near = [p for p in sorted(wanted.parent.glob("*")) if p.stem == wanted.stem and p.suffix.lower() in SUFFIXES]
-        if wanted.is_file() or near:
-            return wanted if wanted.is_file() else near[0]
-    raise InputError(f"{reference / name}: no such reference; it needs the same names as the images")
+class _References:
+    """The images that others are compared with: one file, or a folder with the same names, with any image's suffix."""
+
+    def __init__(self, place: Path) -> None:
+        """Raises InputError where there is no such file or folder."""
+        if not place.exists():
+            raise InputError(f"{place}: no such folder; give the references as a folder or one image")
+        self._place, self._folder = place, None if place.is_file() else ImageFolder(place)
+
+    def of(self, name: str) -> Path:
+        """Return the reference of an image, given by its path below its folder. InputError if none or several fit.
+
+        A file fits that has the image's name, or else its stem. It lies in a folder of the same name as the image, or
+        one of both lies in no folder.
+        """
+        if self._folder is None:
+            return self._place
+        if (self._place / name).is_file():
+            return self._place / name
+        found = [file for file in self._folder.find(name) if _is_in_folder_of(PurePosixPath(file), PurePosixPath(name))]
+        if not found:
+            stem = PurePosixPath(name).stem
+            raise InputError(f"{self._place / name}: no such reference; give a folder with an image named {stem}")
+        if len(found) > 1:
+            raise InputError(
+                f"{self._place}: {name} may be {' or '.join(found[:2])}; give the folder of one of them as --reference"
+            )
+        return self._place / found[0]
+
+
+def _is_in_folder_of(file: PurePosixPath, image: PurePosixPath) -> bool:
+    folders, wanted = file.parent.parts, image.parent.parts
+    return not folders or folders[len(folders) - len(wanted) :] == wanted
+
+
+def _say_lossy(files: Iterable[_Files]) -> None:
+    """Say in one line that images without loss are compared with JPEG files."""
+    lossy = [one for one in files if one.compared_with and _is_jpeg(one.compared_with) and not _is_jpeg(one.image)]
+    if lossy:
+        progress.say(
+            f"{lossy[0].compared_with}: a JPEG file, which has lost detail, so scores are not exact; "
+            "for exact ones give the dataset's own references"
+        )
+
+
+def _is_jpeg(file: Path) -> bool:
+    return file.suffix.lower() in (".jpg", ".jpeg")
 
 
 def _applicable(with_reference: bool) -> list[str]:

@@ -20,7 +20,7 @@ from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.find_folders import folders_below, inside, walk
 from sucre_bench.loading.fingerprints import fingerprint
 from sucre_bench.loading.image_folder import image_names
-from sucre_bench.loading.match_images import ImageFolder, inner_path
+from sucre_bench.loading.named_images import ImageFolder, inner_path
 
 
 def circle(root: Path) -> Path:

@@ -70,6 +70,33 @@ def test_a_missing_reference_is_named_and_the_others_are_scored(bench, folders):
     assert (scores(done.stdout)["metric"] == "psnr").sum() == 1
 
 
+def test_references_of_a_results_folder_are_found_by_stem_and_said_to_be_lossy(bench, folders, tmp_path: Path):
+    """Their suffix is .jpg, and they lie in a folder of the dataset."""
+    references = tmp_path / "references" / "demo"
+    references.mkdir(parents=True)
+    cv2.imwrite(str(references / "a.jpg"), cv2.imread(str(folders[1] / "a.png")), [cv2.IMWRITE_JPEG_QUALITY, 100])
+    done = bench("score", str(folders[0] / "a.png"), "--reference", str(references.parent), "--metrics", "psnr")
+    assert (done.returncode, done.stderr.count("JPEG")) == (0, 1)
+    assert "psnr" in done.stdout
+
+
+def test_a_reference_that_may_be_one_of_two_is_asked_for_and_no_empty_table_is_printed(bench, folders, tmp_path: Path):
+    for dataset in ("demo", "reef"):
+        (tmp_path / "references" / dataset).mkdir(parents=True)
+        (tmp_path / "references" / dataset / "a.jpg").write_bytes((folders[1] / "a.png").read_bytes())
+    done = bench("score", str(folders[0] / "a.png"), "--reference", str(tmp_path / "references"), "--metrics", "psnr")
+    assert (done.returncode, done.stdout) == (1, "")
+    assert "demo/a.jpg or reef/a.jpg" in done.stderr
+
+
+def test_a_reference_in_a_folder_of_another_name_is_another_image(bench, folders, tmp_path: Path):
+    images, truth = folders
+    (truth / "sub").rename(truth / "other")
+    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr", "--format", "csv")
+    assert done.returncode == 1
+    assert "sub/b.png: no such reference" in done.stderr
+
+
 def test_a_missing_folder_of_references_is_one_line(bench, folders):
     done = bench("score", str(folders[0]), "--reference", "nowhere")
     assert done.returncode == 2

@@ -23,9 +23,9 @@ from sucre_bench.compare.text import NUMBERS
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.secrets import masked
-from sucre_bench.reports.page.bundle import bundle
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
+from sucre_bench.reports.page.join_scripts import join_scripts
 from sucre_bench.reports.page.policy import policy
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
@@ -61,7 +61,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
     contents = [_json(section.content()) for section in sections]
     styles = "\n".join(_source(f"{name}.css") for name in _STYLES)
-    scripts = bundle("main", lambda name: _source(f"{name}.js"))
+    scripts = join_scripts("main", lambda name: _source(f"{name}.js"))
     plotly = _plotly() if (rows["status"] == "ok").any() else b""
     page = pages.get_template("page.html.j2").render(
         policy=policy([scripts, plotly.decode()], [styles]),
@@ -145,7 +145,7 @@ def _source(name: str) -> str:
 
 
 def _plotly() -> bytes:
-    """Plotly's own bundle."""
+    """Plotly's own script."""
     return files("plotly").joinpath("package_data/plotly.min.js").read_bytes()
 
 

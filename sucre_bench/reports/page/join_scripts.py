@@ -9,13 +9,13 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-__all__ = ["bundle"]
+__all__ = ["join_scripts"]
 
 _IMPORT = re.compile(r'^import (?:\{([^{}]*)\} from )?"\./(\w+)\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:const|let|async function|function) ([\w$]+))", re.MULTILINE)
 
 
-def bundle(entry: str, read: Callable[[str], str]) -> str:
+def join_scripts(entry: str, read: Callable[[str], str]) -> str:
     """Return one script that runs a module after all that it imports.
 
     entry: the module's name, without ".js"; read: returns a module's text. Raises ValueError if modules import each
