@@ -37,10 +37,10 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
 
     with terminal.live():
         made = bundle_results(folder, file, pictures, by, _line_up(folder))
-    size = file.stat().st_size / 1e6
-    click.echo(f"bundle   {file}, {size:.1f} MB")
+    size = file.stat().st_size
+    click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")
     click.echo(f"id       {made.id}")
-    click.echo(f"scores   {made.n_scores}")
+    click.echo(f"scores   {made.n_scores}, and seconds and memory")
     click.echo(f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash")
     if made.local_paths:
         say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")

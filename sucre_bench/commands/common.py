@@ -7,12 +7,17 @@ from typing import Any, TypeVar
 
 import click
 
-__all__ = ["KINDS", "json_option", "labels_of", "load_plugins", "plugin_option", "refuse_options", "say"]
+__all__ = ["KINDS", "counted", "json_option", "labels_of", "load_plugins", "plugin_option", "refuse_options", "say"]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 # As `plugins.KINDS`, which would import numpy for every --help.
 KINDS = click.Choice(["method", "dataset", "metric"])
+
+
+def counted(number: int, name: str) -> str:
+    """Return a number with its name: "1 table", "2 tables"."""
+    return f"{number} {name}{'' if number == 1 else 's'}"
 
 
 def json_option(command: _F) -> _F:

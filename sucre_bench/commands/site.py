@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import load_plugins, plugin_option, say
+from sucre_bench.commands.common import counted, load_plugins, plugin_option, say
 from sucre_bench.errors import InputError, OutputError
 
 if TYPE_CHECKING:
@@ -43,12 +43,14 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_fil
     from sucre_bench.programs.site.page import write_page
 
     load_plugins(plugin_files)
+    _check_folders(data)
     paths = sorted(bundles.glob("*.zip"))
     if not paths:
         raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
     with terminal.live():
         entries = [_entry(path, data) for path in paths]
         made = board(entries)
+    _note_unknown(data, entries)
     page = write_page(out, made, heading)
     for entry in entries:
         if entry.rows is not None:
@@ -57,8 +59,24 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_fil
             entry.state
         ]
         say(f"{entry.check:20} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colour)
-    click.echo(f"page     {page}: {len(made.tables)} tables of {len(entries)} bundles")
+    click.echo(f"page     {page}: {counted(len(made.tables), 'table')} of {counted(len(entries), 'bundle')}")
     sys.exit(1 if any(entry.state is State.DIFFERS for entry in entries) else 0)
+
+
+def _check_folders(data: Sequence[str]) -> None:
+    for text in data:
+        label, _, folder = text.rpartition("=")
+        if not label:
+            raise InputError(f"--data {text}: names no dataset; write DATASET=DIR")
+        if not Path(folder).is_dir():
+            raise InputError(f"{folder}: no such folder; give the folder of the data")
+
+
+def _note_unknown(data: Sequence[str], entries: Sequence[Entry]) -> None:
+    known = sorted({str(name) for entry in entries if entry.rows is not None for name in entry.rows["dataset"]})
+    for label in (text.rpartition("=")[0] for text in data):
+        if label not in known:
+            say(f"note: --data {label}=...: no bundle has this dataset; they have {', '.join(known)}", "yellow")
 
 
 def _entry(path: Path, data: Sequence[str]) -> Entry:
@@ -70,17 +88,18 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
 
     try:
         with open_bundle(path) as bundle:
-            found = verify(bundle, data_folders(bundle, data, only_named=True))
+            own = set(bundle.rows["dataset"])
+            given = [text for text in data if text.rpartition("=")[0] in own]
+            found = verify(bundle, data_folders(own, given))
             rows, version = bundle.rows, bundle.version
     except InputError as fault:
         return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), str(fault).removeprefix(f"{path}: "), None)
-    n = found.n_agree + len(found.differing) + sum(found.unchecked.values())
-    state = State.VERIFIED if found.n_agree == n else State.PARTLY if found.n_agree else State.HASHES
+    state = State.VERIFIED if found.is_whole else State.PARTLY if found.n_agree else State.HASHES
     faults = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing)]
     more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
     fault_text = f"{faults[0]}{more}" if faults else ""
     state = state if found.holds else State.DIFFERS
-    return Entry(path.name, found.id, found.by, version, state, (found.n_agree, n), fault_text, rows)
+    return Entry(path.name, found.id, found.by, version, state, (found.n_agree, found.n_scores), fault_text, rows)
 
 
 def _copy(source: Path, target: Path) -> None:

@@ -5,17 +5,17 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands.common import json_option, load_plugins, plugin_option, say
+from sucre_bench.errors import InputError, unknown_name
 
 if TYPE_CHECKING:
     from sucre_bench.programs.verify.check import Verified
-    from sucre_bench.results.bundle_format import Bundle
 
 __all__ = ["data_folders", "verify"]
 
@@ -55,7 +55,7 @@ def verify(
 
     load_plugins(plugin_files)
     with contextlib.redirect_stdout(sys.stderr), terminal.live(), open_bundle(file) as bundle:
-        found = check.verify(bundle, data_folders(bundle, data), tolerance)
+        found = check.verify(bundle, data_folders(set(bundle.rows["dataset"]), data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id
     if as_json:
         click.echo(json.dumps(_as_object(found, is_other), indent=1))
@@ -67,19 +67,24 @@ def verify(
     sys.exit(0 if found.holds and not is_other else 1)
 
 
-def data_folders(bundle: Bundle, given: Sequence[str], only_named: bool = False) -> dict[str, Path]:
-    """Return the folder of the data by dataset label. given: "DIR" for all datasets, "DATASET=DIR" for one.
+def data_folders(labels: Collection[str], given: Sequence[str]) -> dict[str, Path]:
+    """Return the folder of the data by dataset label. labels: of all datasets; given: "DIR" for all, "DATASET=DIR".
 
-    only_named: "DATASET=DIR" alone counts, as far as the bundle has that dataset.
+    Raises InputError for a folder that is not there, and for a label that no dataset has.
     """
-    labels = list(dict.fromkeys(bundle.rows["dataset"]))
     folders: dict[str, Path] = {}
     for text in given:
-        label, _, folder = text.rpartition("=")
+        label, equals, folder = text.rpartition("=")
         if label in labels:
-            folders[label] = Path(folder)
-        elif not only_named:
-            folders |= dict.fromkeys(labels, Path(text))
+            own = {label: Path(folder)}
+        elif equals and not Path(text).is_dir():
+            raise unknown_name("--data", label, labels, "dataset")
+        else:
+            own = dict.fromkeys(labels, Path(text))
+        folders |= own
+        for place in own.values():
+            if not place.is_dir():
+                raise InputError(f"{place}: no such folder; give the folder of the data")
     return folders
 
 
@@ -89,8 +94,8 @@ def _print(found: Verified, tolerance: float) -> None:
     click.echo(f"files    {found.n_files} hashes checked")
     n_not = sum(found.unchecked.values())
     click.echo(
-        f"scores   {found.n_agree} computed again agree within {100 * tolerance:g} %, {len(found.differing)} differ, "
-        f"{n_not} not computed again"
+        f"scores   {found.n_agree} computed again agree within {100 * tolerance:g} % or 8-bit rounding, "
+        f"{len(found.differing)} differ, {n_not} not computed again"
     )
     for reason, count in found.unchecked.items():
         click.echo(f"         {count}: {reason}")
@@ -110,8 +115,10 @@ def _print(found: Verified, tolerance: float) -> None:
 def _verdict(found: Verified, is_other: bool) -> str:
     if is_other or not found.holds:
         return "NOT verified: something differs"
+    if found.is_whole:
+        return "verified: every hash holds, every score was computed again and agrees"
     if found.n_agree:
-        return "verified: every hash holds, every score that can be computed again agrees"
+        return f"in part: every hash holds, {found.n_agree} of {found.n_scores} scores were computed again and agree"
     return "hashes hold; no score could be computed again"
 
 

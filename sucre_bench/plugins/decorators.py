@@ -135,7 +135,8 @@ def metric(
     """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
 
     variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
-    unit: as printed; better: "higher", "lower", or "none" for a metric that only describes; range: of possible values;
+    unit: as printed; better: "higher", "lower", or "none" for a metric that only describes; range: of possible values,
+    (0, 360) with unit "deg" for angles of a full turn, of which 0 and 360 are the same;
     name: default the class's in snake_case; needs: what a scene must offer, "restoration" for a metric that does
     not apply to just any picture, "restored_views" for one of pairs of views, which has ``score_pair(pair, variant)``;
     requires: import names of packages it uses; cites, licence: of its definition;

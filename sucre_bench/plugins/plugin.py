@@ -127,6 +127,11 @@ class Plugin:
         return "restored_views" in self.needs
 
     @property
+    def period(self) -> float:
+        """After how much a metric's values begin anew: 360 for a hue, in deg from 0 to 360; infinite for any other."""
+        return 360.0 if (self.unit, self.range) == ("deg", (0, 360)) else math.inf
+
+    @property
     def summary(self) -> str:
         """The first sentence of the class's docstring."""
         return (inspect.getdoc(self.cls) or "").split("\n\n")[0].replace("\n", " ")

@@ -16,6 +16,7 @@ from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.restorations import restorations
+from sucre_bench.results.rows import COSTS
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -33,8 +34,9 @@ _TEXTS = ("config.yaml", "environment.json")
 class Bundled:
     """A bundle that was written.
 
-    id: see `Bundle`; n_scores: rows with a value; n_inside, n_outside: pictures in it, and pictures of which it has the
-    hash alone; local_paths: folders of this machine that options of methods or datasets name.
+    id: see `Bundle`; n_scores: rows with a value, but for seconds and memory; n_inside, n_outside: pictures in it, and
+    pictures of which it has the hash alone; local_paths: folders of this machine that options of methods or datasets
+    name.
     """
 
     path: Path
@@ -65,7 +67,7 @@ def bundle_results(
     left = {name: file for name, file in found.items() if name not in files}
     outside = {name: hash_of(file) for name, file in progress.track(left.items(), "hashing pictures")}
     made = write_bundle(path, rows, files, outside, by, version_of("sucre-bench") or "")
-    n_scores = int((rows["status"] == "ok").sum())
+    n_scores = int(((rows["status"] == "ok") & ~rows["metric"].isin(COSTS)).sum())
     return Bundled(path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows))
 
 

@@ -4,25 +4,25 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.engine.score import Scorer, score_rows
+from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, Lack
-from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.programs.verify.agreeing import Key, Pictured, agrees, computed
 from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
 from sucre_bench.programs.verify.pictures import Held, held, picture, restoration_of
 from sucre_bench.results.bundle_format import Bundle
-from sucre_bench.results.restorations import Measured, restorations
+from sucre_bench.results.restorations import restorations
 from sucre_bench.results.rows import COSTS, Row
 from sucre_bench.scene import Arrays, Restoration, Scene, View
 
@@ -33,8 +33,6 @@ __all__ = ["TOLERANCE", "Differing", "Verified", "verify"]
 
 # Pictures have 8 bits, scores were computed before that rounding: it changes psi by up to 1.6 %, others by less.
 TOLERANCE = 0.02
-
-_Key = tuple[str, str, str]  # metric, variant, region
 
 
 @dataclass(frozen=True)
@@ -69,6 +67,16 @@ class Verified:
     n_agree: int
     unchecked: Mapping[str, int]
     other_versions: tuple[str, ...]
+
+    @property
+    def n_scores(self) -> int:
+        """How many scores the bundle has; seconds and memory are none."""
+        return self.n_agree + len(self.differing) + sum(self.unchecked.values())
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every score was computed again and agrees."""
+        return 0 < self.n_agree == self.n_scores
 
     @property
     def holds(self) -> bool:
@@ -164,13 +172,14 @@ class _Check:
         view = self._view(row, names, scene, kept.restoration)
         restoration = with_truth(kept.restoration, scene, view) if scene else kept.restoration
         chosen = {key: self._metrics.of(*key) for key in zip(scores["metric"], scores["variant"], strict=True)}
-        found = _computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
+        pictured = Pictured(restoration, view)
+        found = computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
         for score in scores.itertuples():
             scorer = chosen[score.metric, score.variant]
             doubt = "" if kept.is_sure else "black pixels and holes look alike"
             if scene is None and isinstance(scorer, Scorer) and "reference" in scorer.plugin.needs:
                 doubt = f"{score.metric} needs the exact reference of the data"  # the bundle has it as a JPEG
-            self._judge(score, scorer, found, restoration, view, doubt)
+            self._judge(score, scorer, found, pictured, doubt)
 
     def _view(self, row: Any, names: Held, scene: Scene | None, restoration: Restoration) -> View:
         """The view from the data, or else from the bundle's pictures, as far as they go."""
@@ -184,23 +193,17 @@ class _Check:
         return View(row.view, Arrays(pixels, reference=reference))
 
     def _judge(
-        self,
-        score: Any,
-        scorer: Scorer | str,
-        found: Mapping[_Key, Row],
-        restoration: Restoration,
-        view: View,
-        doubt: str,
+        self, score: Any, scorer: Scorer | str, found: Mapping[Key, Row], pictured: Pictured, doubt: str
     ) -> None:
         """Count a score as agreeing, differing or not checked. doubt: why a difference would prove nothing."""
         again = found.get((score.metric, score.variant, score.region))
         if isinstance(scorer, str):
             self.unchecked[scorer] += 1
-        elif again is None or again.status != "ok":
+        elif again is None or (again.status != "ok" and not self._agrees(score, again, scorer, pictured)):
             self._not_again(score, again, found)
-        elif self._metrics.rests_on_unrounded(scorer, again, restoration, view):
+        elif self._metrics.rests_on_unrounded(scorer, again, pictured.restoration, pictured.view):
             self.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
-        elif self._agrees(score, again.value):
+        elif self._agrees(score, again, scorer, pictured):
             self._count_version(score, scorer)
             self.n_agree += 1
         elif doubt:
@@ -209,7 +212,7 @@ class _Check:
             self._count_version(score, scorer)
             self.differing.append(_differing(score, again.value))
 
-    def _not_again(self, score: Any, again: Row | None, found: Mapping[_Key, Row]) -> None:
+    def _not_again(self, score: Any, again: Row | None, found: Mapping[Key, Row]) -> None:
         """A score that is in the table, and for which nothing comes out now."""
         alone = again or found.get((score.metric, score.variant, "image"))
         if alone is not None and alone.status == "skipped" and Lack.read(alone.reason):
@@ -219,23 +222,19 @@ class _Check:
         else:
             self.differing.append(_differing(score, math.nan))
 
-    def _agrees(self, score: Any, value: float) -> bool:
-        if not (math.isfinite(score.value) and math.isfinite(value)):
-            return bool(score.value == value)
-        size = max(abs(score.value), self._sizes.get((score.metric, score.variant), 0.0))
-        return abs(score.value - value) <= self._tolerance * size + 1e-9
+    def _agrees(self, score: Any, again: Row, scorer: Scorer, pictured: Pictured) -> bool:
+        """Whether a score is as it comes out again, as far as pictures of 8 bits can tell."""
+        size = self._sizes.get((score.metric, score.variant), 0.0)
+        if again.status == "ok" and agrees(score.value, again.value, scorer.plugin, size, self._tolerance):
+            return True
+        reach = pictured.reach(scorer, (score.metric, score.variant, score.region), again.value)
+        if not math.isfinite(reach):
+            return True
+        return agrees(score.value, again.value, scorer.plugin, size, self._tolerance, reach)
 
     def _count_version(self, score: Any, scorer: Scorer) -> None:
         if score.code.partition(".")[2] != scorer.code:
             self.other_versions.add(score.metric)
-
-
-def _computed(restoration: Restoration, view: View, chosen: Sequence[Scorer]) -> dict[_Key, Row]:
-    shown = restoration.image
-    if view.encoding == "linear":  # metrics get the restoration in the view's encoding
-        restoration = replace(restoration, image=srgb_decode(restoration.image).astype(np.float32))
-    rows = score_rows(Measured(restoration, math.nan, math.nan), shown, view, chosen, Row())
-    return {(row.metric, row.variant, row.region): row for row in rows}
 
 
 def _differing(score: Any, value: float) -> Differing:

@@ -46,7 +46,8 @@ class _Origin:
 def open_data(rows: pd.DataFrame, places: Mapping[str, Path]) -> Opened:
     """Open the data of rows. places: folder of the data, by dataset label.
 
-    A dataset's other options are those of the bundle, but none may lead out of the folder.
+    A dataset's other options are those of the bundle, but none may lead out of the folder. Data that are made, since
+    their dataset needs no folder, are made in the user's cache. Nothing is written into `places`.
     """
     scenes: dict[tuple[str, str], Scene] = {}
     faults: list[str] = []
@@ -81,11 +82,14 @@ def _scene(origin: _Origin, root: Path) -> tuple[Scene, str]:
         plugin = plugins.find("dataset", str(given.pop("name")))
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
         raise InputError(f"its options cannot be read ({one_line(fault)}); ask who made the bundle") from fault
-    types = {option.name: option.type for option in options_of(plugin.cls)}
+    known = {option.name: option for option in options_of(plugin.cls)}
+    types = {name: option.type for name, option in known.items()}
     if _ROOT not in types:
         raise InputError(f"dataset '{plugin.name}' has no option {_ROOT}; leave --data out")
-    given = {**given, _ROOT: str(root)}
-    _refuse_paths({**{k: v for k, v in given.items() if k != _ROOT}, **degrade})
+    given.pop(_ROOT, None)
+    _refuse_paths({**given, **degrade})
+    if known[_ROOT].default is not None:  # without a folder the data are made, in the user's cache: not in `root`
+        given[_ROOT] = str(root)
     options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
     choice = Choice(plugin, origin.dataset, options, replicate=replicate)
     drawn = _drawn(degrade, replicate)

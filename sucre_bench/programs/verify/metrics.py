@@ -57,4 +57,4 @@ class Metrics:
 
 
 def _equal(one: float, other: float) -> bool:
-    return one == other or math.isclose(one, other, rel_tol=1e-9)
+    return one == other or (math.isnan(one) and math.isnan(other)) or math.isclose(one, other, rel_tol=1e-9)

@@ -21,6 +21,7 @@ from sucre_bench.scene import Restoration
 __all__ = ["Held", "held", "picture", "restoration_of"]
 
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
+_TRUTH = "true_water"  # in a record it is what the bundle says; metrics get that of the data
 _MOST_PIXELS = 400_000_000
 
 
@@ -104,7 +105,9 @@ def restoration_of(bundle: Bundle, names: Held, n_coloured: int) -> Restored:
         image = np.where(black[..., None], np.float32(np.nan), image)
     record = _record(bundle, names.record) if names.record else {}
     water = water_of(record, bundle.path / names.record)
-    return Restored(Restoration(image, water, info=record), holes in (0, int(black.sum())))
+    return Restored(
+        Restoration(image, water, info={k: v for k, v in record.items() if k != _TRUTH}), holes in (0, int(black.sum()))
+    )
 
 
 def _record(bundle: Bundle, name: str) -> dict[str, Any]:

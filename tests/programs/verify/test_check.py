@@ -98,6 +98,46 @@ def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Pa
     assert sum(found["unchecked"].values()) == 4  # negative intensities are not in a picture
 
 
+@pytest.fixture(scope="module")
+def charted(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Scores of single patches, of which each has few pixels, and of hues near 0 and near gray."""
+    place = tmp_path_factory.mktemp("charted")
+    words = (*MADE, "method=gray_world,seathru", "metrics=[psi,de00,hue:all,water]", "tracking.uri=off", "report=false")
+    assert run_here(place, "run", "-m", *words, "out=results").returncode == 0
+    assert run_here(place, "bundle", "results", "b.zip", "--pictures", "restored").returncode == 0
+    (place / "empty").mkdir()
+    return place
+
+
+def test_rounding_to_8_bits_is_no_difference_of_a_patch(bench, charted: Path):
+    status, found = verified(bench, str(charted / "b.zip"), "--data", str(charted / "empty"))
+    assert (status, found["differing"], found["unchecked"]) == (0, [], {})
+    assert not list((charted / "empty").iterdir()), "made data are kept elsewhere"
+    status, found = verified(bench, str(charted / "b.zip"))
+    assert (status, found["n_agree"]) == (0, 0), "the true water is in the data, not in the bundle's records"
+
+
+@pytest.mark.parametrize(("metric", "change"), [("de00", 3.0), ("hue", 30.0)])
+def test_a_patch_that_was_flattered_is_found_out(bench, charted: Path, tmp_path: Path, metric: str, change: float):
+    shutil.copy(charted / "b.zip", tmp_path / "b.zip")
+
+    def flatter(rows: pd.DataFrame) -> None:
+        first = rows[(rows["metric"] == metric) & rows["region"].str.contains("/") & (rows["status"] == "ok")].index[0]
+        rows["value"] = rows["value"].where(rows.index != first, pd.to_numeric(rows["value"]) + change)
+
+    rewritten(tmp_path / "b.zip", with_table(flatter))
+    status, found = verified(bench, "b.zip", "--data", str(charted / "empty"))
+    assert (status, [one["metric"] for one in found["differing"]]) == (1, [metric])
+
+
+def test_data_that_are_not_there_are_not_made(bench, bundles: Path):
+    for words, said in ((["nothere"], "nothere: no such folder"), (["reef=."], "no dataset 'reef'")):
+        done = bench("verify", "restored.zip", "--data", *words)
+        assert done.returncode == 2
+        assert said in done.stderr
+    assert not (bundles / "nothere").exists()
+
+
 def test_references_in_the_bundle_stand_for_the_data(bench, bundles: Path):
     status, found = verified(bench, "all.zip")
     assert (status, found["n_agree"]) == (0, 12)
