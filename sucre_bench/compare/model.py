@@ -22,14 +22,22 @@ __all__ = [
     "Note",
     "NoteKind",
     "Verdict",
+    "may_be_chance",
 ]
 
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
 NO_DIFFERENCE: Difference = (math.nan, math.nan, math.nan)
 
-# With fewer views, intervals are so wide that they decide nothing: tables for people leave them out.
+# Over fewer views intervals are rough: so few scores do not show how scores are distributed. The short tables for people
+# mark no ties there, and leave the intervals to those who ask for them.
 FEWEST_VIEWS = 5
+
+
+def may_be_chance(difference: Difference) -> bool:
+    """Return whether the interval of a difference includes 0; False without an interval. The one rule of ties."""
+    _, low, high = difference
+    return low <= 0 <= high
 
 
 @dataclass(frozen=True)
@@ -57,6 +65,11 @@ class Column:
     def ranked(self) -> bool:
         """Whether methods win or lose by it."""
         return self.better != "none" and self.metric not in COSTS
+
+    @property
+    def has_few_views(self) -> bool:
+        """Whether its views are too few for more than a rough interval."""
+        return self.n_views < FEWEST_VIEWS
 
 
 @dataclass(frozen=True)

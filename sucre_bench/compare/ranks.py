@@ -11,11 +11,13 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
-from sucre_bench.compare.model import NO_DIFFERENCE, Cell, Column, Difference, Measured
+from sucre_bench.compare.model import NO_DIFFERENCE, Cell, Column, Difference, Measured, may_be_chance
 
 __all__ = ["against", "cells"]
 
-_EQUAL = 1e-12  # scores that differ by rounding only
+# Scores that differ by less than this share of their size are equal: images and most metrics are float32, which has
+# seven figures. The size of a method's scores is their mean without signs.
+_EQUAL = 1e-6
 
 
 def cells(column: Column, measured: Measured, apart: Collection[str] = ()) -> list[Cell]:
@@ -40,19 +42,20 @@ def cells(column: Column, measured: Measured, apart: Collection[str] = ()) -> li
 
 def _ranked(column: Column, measured: Measured, made: Sequence[Cell]) -> list[Cell]:
     views, sign = measured.views, _sign(column)
-    mean = _means(views)
-    pairs = _Pairs.of(mean * sign, measured.independent)
-    places, ranks, wins = pairs.places(), pairs.ranks(), _best_in(views * sign)
+    size = _size(views)
+    pairs = _Pairs.of(_means(views) * sign, size, measured.independent)
+    places, ranks, wins = pairs.places(), pairs.ranks(), _best_in(views * sign, size)
     best = int(np.argmin(places))
+    behind = [pairs.difference(best, m) for m in range(len(made))]
     return [
         replace(
             cell,
             place=int(places[m]),
             rank=int(ranks[m]) if column.ranked else int(places[m]),
-            tie=bool(column.ranked and places[m] > 1 and pairs.gap[best, m] - pairs.half[best, m] <= _EQUAL),
-            behind=_difference(pairs.gap[best, m], pairs.half[best, m]),
+            tie=bool(column.ranked and places[m] > 1 and may_be_chance(behind[m])),
+            behind=behind[m],
             wins=float(wins[m]),
-            effect=_effect(views[:, best], views[:, m], sign) if m != best else np.nan,
+            effect=_effect(_less(views[:, best], views[:, m], size[[best, m]].max()) * sign) if m != best else np.nan,
         )
         for m, cell in enumerate(made)
     ]
@@ -66,18 +69,22 @@ def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline:
     if column.better == "none":
         return list(cells)
     views, sign = measured.views, _sign(column)
-    mean = _means(views)
-    with np.errstate(invalid="ignore"):
-        gap, half = mean - mean[baseline], np.full_like(mean, np.nan)
+    mean, size = _means(views), _size(views)
+    size = np.maximum(size, size[baseline])
+    half = np.full_like(mean, np.nan)
     others = [m for m in range(len(cells)) if m != baseline]
     if measured.independent is not None and others:
         half[others] = differences(measured.independent, [(baseline, m) for m in others])
-    wins = _beats(views * sign, baseline)
+    gap = _less(mean, mean[baseline], size)
+    lead = -_less(views, views[:, [baseline]], size) * sign
     made = []
     for m, cell in enumerate(cells):
-        change = NO_DIFFERENCE if m == baseline else _difference(gap[m], half[m])
-        effect = np.nan if m == baseline else _effect(views[:, baseline], views[:, m], sign)
-        made.append(replace(cell, change=change, wins=float(wins[m]), effect=effect))
+        if m == baseline:
+            made.append(replace(cell, change=NO_DIFFERENCE, wins=np.nan, effect=np.nan))
+            continue
+        change = _difference(gap[m], half[m], size[m])
+        wins = float((lead[:, m] > 0).sum() + 0.5 * (lead[:, m] == 0).sum())
+        made.append(replace(cell, change=change, wins=wins, effect=_effect(lead[:, m])))
     return made
 
 
@@ -99,63 +106,75 @@ def _interval(column: Column, measured: Measured) -> tuple[Array, Array]:
     return np.maximum(low, column.range[0]), np.minimum(high, column.range[1])
 
 
-def _difference(gap: float, half: float) -> Difference:
-    return float(gap), float(gap - half), float(gap + half)
+def _size(views: Array) -> Array:
+    """(M,) how large a method's scores are, their mean without signs; 0 if one is not finite. views: (V, M)."""
+    size = np.abs(views).mean(axis=0)
+    return np.where(np.isfinite(size), size, 0.0)
+
+
+def _known(differences: Array | float, size: Array | float) -> Array:
+    """Differences of scores of a size, 0 in the place of those that are nothing beside it."""
+    return np.where(np.abs(differences) <= _EQUAL * size, 0.0, differences)
+
+
+def _less(values: Array, others: Array | float, size: Array | float) -> Array:
+    """Differences of scores of a size; 0 between equals, be they infinite."""
+    with np.errstate(invalid="ignore"):
+        return np.where(values == others, 0.0, _known(values - others, size))
+
+
+def _difference(gap: float, half: float, size: float) -> Difference:
+    ends = _known(np.array([gap, gap - half, gap + half]), size)
+    return float(ends[0]), float(ends[1]), float(ends[2])
 
 
 @dataclass(frozen=True)
 class _Pairs:
-    """gap: (M, M), how far method j is behind method i, [i, j]; half: (M, M), half of the interval, NaN without one."""
+    """Pairs of methods [i, j]. gap: (M, M), how far method j is behind method i; half: (M, M), half of the interval,
+    NaN without one; size: (M, M), of the larger scores.
+    """
 
     gap: Array
     half: Array
+    size: Array
 
     @classmethod
-    def of(cls, worse: Array, independent: Units | None) -> _Pairs:
-        """worse: (M,) means, the best the smallest."""
-        with np.errstate(invalid="ignore"):
-            gap, half = worse - worse[:, None], np.full((len(worse), len(worse)), np.nan)
+    def of(cls, worse: Array, size: Array, independent: Units | None) -> _Pairs:
+        """worse: (M,) means, the best the smallest; size: (M,) of the methods' scores."""
+        sizes = np.maximum(size, size[:, None])
+        gap, half = _less(worse, worse[:, None], sizes), np.full_like(sizes, np.nan)
         if independent is not None:
             np.fill_diagonal(half, np.where(np.isfinite(worse), 0.0, np.nan))
             if pairs := list(combinations(range(len(worse)), 2)):
                 i, j = np.transpose(pairs)
                 half[i, j] = half[j, i] = differences(independent, pairs)
-        return cls(gap, half)
+        return cls(gap, half, sizes)
+
+    def difference(self, i: int, j: int) -> Difference:
+        """How far method j is behind method i, with its interval."""
+        return _difference(self.gap[i, j], self.half[i, j], self.size[i, j])
 
     def places(self) -> Array:
         """1 + how many methods have the better mean."""
-        return np.asarray(1 + (self.gap > _EQUAL).sum(axis=0))
+        return np.asarray(1 + (self.gap > 0).sum(axis=0))
 
     def ranks(self) -> Array:
         """1 + how many methods are better by more than chance; by their mean where chance is not known."""
-        surely = self.gap - np.nan_to_num(self.half) > _EQUAL
-        return np.asarray(1 + surely.sum(axis=0))
+        methods = range(len(self.gap))
+        surely = [[self.gap[i, j] > 0 and not may_be_chance(self.difference(i, j)) for j in methods] for i in methods]
+        return np.asarray(1 + np.sum(surely, axis=0))
 
 
-def _best_in(worse: Array) -> Array:
+def _best_in(worse: Array, size: Array) -> Array:
     """In how many views each method is the best; equal methods share a view. worse: (V, M), the best the smallest."""
-    leads = worse <= worse.min(axis=1, keepdims=True) + _EQUAL
+    best = np.maximum(size, size[worse.argmin(axis=1)][:, None])
+    leads = _less(worse, worse.min(axis=1, keepdims=True), best) == 0
     return np.asarray((leads / leads.sum(axis=1, keepdims=True)).sum(axis=0))
 
 
-def _beats(worse: Array, baseline: int) -> Array:
-    """In how many views each method beats the baseline; an equal view counts half. NaN for the baseline."""
-    lead = -_less(worse, worse[:, [baseline]])
-    wins = np.asarray(((lead > _EQUAL) + 0.5 * (np.abs(lead) <= _EQUAL)).sum(axis=0))
-    wins[baseline] = np.nan
-    return wins
-
-
-def _less(values: Array, other: Array) -> Array:
-    """A difference in which equal infinities are equal."""
-    with np.errstate(invalid="ignore"):
-        return np.where(values == other, 0.0, values - other)
-
-
-def _effect(reference: Array, views: Array, sign: int) -> float:
-    """The mean gain over the reference, in standard deviations of the gain. views: (V,); positive = better."""
-    gain = _less(reference, views) * sign
+def _effect(gain: Array) -> float:
+    """The mean gain over a reference, in standard deviations of the gain. gain: (V,); positive = better."""
     if len(gain) < 2 or not np.isfinite(gain).all():
         return np.nan
     spread = gain.std(ddof=1)
-    return float(gain.mean() / spread) if spread > _EQUAL else np.nan
+    return float(gain.mean() / spread) if spread > _EQUAL * np.abs(gain).mean() else np.nan

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 
-from sucre_bench.compare.model import Column, Comparison, Verdict
+from sucre_bench.compare.model import Column, Comparison, Verdict, may_be_chance
 
 __all__ = ["verdicts"]
 
@@ -32,7 +32,7 @@ def _leader(comparison: Comparison, column: Column) -> Iterator[Verdict]:
     gap, low, high = next_best.behind
     if next_best.place == 1 or not math.isfinite(gap):
         return
-    yield Verdict(column, best, second, gap, (low, high), first.wins, abs(next_best.effect), low <= 0)
+    yield Verdict(column, best, second, gap, (low, high), first.wins, abs(next_best.effect), next_best.tie)
 
 
 def _against_baseline(comparison: Comparison, column: Column) -> Iterator[Verdict]:
@@ -47,4 +47,4 @@ def _against_baseline(comparison: Comparison, column: Column) -> Iterator[Verdic
             pair, wins = (name, baseline), cell.wins
         else:
             pair, wins = (baseline, name), column.n_views - cell.wins
-        yield Verdict(column, *pair, size, interval, wins, abs(cell.effect), interval[0] <= 0)
+        yield Verdict(column, *pair, size, interval, wins, abs(cell.effect), may_be_chance(cell.change))
