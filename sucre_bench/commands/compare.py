@@ -108,7 +108,6 @@ def compare(
 
 def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:
     """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
-    from sucre_bench import compare
     from sucre_bench.compare import text as tables
     from sucre_bench.machine import terminal
 
@@ -127,8 +126,6 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
     for table in compared:
         own = table if all_metrics or metrics else tables.decisive(table)
         terminal.out.print(tables.as_table(own, width, spread, intervals))
-        for verdict in compare.verdicts(own) if intervals else ():
-            click.echo(tables.verdict_text(own, verdict))
 
 
 def _say_gated(verdict: Gated, baseline: str) -> None:
@@ -146,7 +143,8 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     elif verdict.outcome == "no score":
         say(f"FAILED   {what}: no score on a view that {baseline} has one of", "red")
     elif verdict.outcome == "unknown":
-        say(f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; one view has no interval", "yellow")
+        lacks = "one view has" if column.n_views == 1 else "these scores have"
+        say(f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval", "yellow")
     else:
         chance = ", which may be chance" if gain < verdict.gate.limit else ""
         say(f"passed   {what} {by}, {limit}{chance}", "green")

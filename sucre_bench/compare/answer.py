@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Iterator, Sequence
 
 from sucre_bench.compare.deciding import Deciding
-from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Verdict
+from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number
+from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.tables import against
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.words import listed
 
-__all__ = ["answer", "blind", "too_few"]
+__all__ = ["answer", "blind", "over_views", "rough"]
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
@@ -23,12 +25,45 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
     return [line for line in lines(comparison, chosen) if line]
 
 
-def too_few(comparison: Comparison) -> str:
-    """Return what says that the views do not suffice for intervals; "" where they do."""
-    counts = [column.n_views for column in comparison.columns if column.n_units]
-    if not counts or max(counts) >= FEWEST_VIEWS:
-        return ""
-    return f"{max(counts)} view{'s' * (max(counts) != 1)}: too few for intervals"
+def rough(columns: Sequence[Column]) -> str:
+    """Return what says which scores are over too few views for more than rough intervals; "" where none is."""
+    counts = _counts(columns)
+    few = [(names, own) for names, own in counts if own[0].has_few_views]
+    if len(counts) == 1 and few:
+        return f"{_views(few[0][1][0])}: {_interval_of_few(few[0][1][0])}"
+    return "; ".join(f"{names}: over {_views(own[0])}, {_interval_of_few(own[0])}" for names, own in few)
+
+
+def over_views(columns: Sequence[Column]) -> list[str]:
+    """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
+    (_, first), *others = _counts(columns) or [("", list(columns[:1]))]
+    if not first:
+        return []
+    if first[0].has_few_views and not others:
+        hint = ", --intervals shows them" if first[0].n_views > 1 else ""
+        return [f"{rough(columns)}{hint}"]
+    fewer = [
+        f"{names}: over {_views(own[0])}" + (f", {_interval_of_few(own[0])}" if own[0].has_few_views else "")
+        for names, own in others
+    ]
+    return [f"means over {_views(first[0])}", *fewer]
+
+
+def _counts(columns: Sequence[Column]) -> list[tuple[str, list[Column]]]:
+    """The scores with the same number of views, and their names; the largest number first."""
+    measured = [column for column in columns if column.n_units]
+    scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
+    scores = sorted(scores or measured, key=lambda column: -column.n_views)
+    groups = [list(own) for _, own in itertools.groupby(scores, lambda column: column.n_views)]
+    return [(", ".join(dict.fromkeys(column.metric for column in own)), own) for own in groups]
+
+
+def _views(column: Column) -> str:
+    return f"{column.n_views} view{'s' * (column.n_views != 1)}"
+
+
+def _interval_of_few(column: Column) -> str:
+    return "no intervals" if column.n_views < 2 else "intervals are rough"
 
 
 def blind(chosen: Deciding) -> str:
@@ -43,7 +78,8 @@ def _leaders(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
     (main, *others) = _main_first(chosen)
     best = {column: _best(comparison, column) for column in (main, *others)}
     gain = "" if main in found else _over_photograph(comparison, main, best[main])
-    yield f"{main.metric}: {_lead(found[main]) if main in found else gain}" if main in found or gain else ""
+    said = [_lead(found[main])] if main in found else [_equals(comparison, main), gain]
+    yield f"{main.metric}: {'; '.join(filter(None, said))}" if any(said) else ""
     leading: dict[str, list[str]] = {}
     for column in others:
         if column in found:
@@ -65,6 +101,12 @@ def _best(comparison: Comparison, column: Column) -> str:
     return min(places, key=places.__getitem__, default="")
 
 
+def _equals(comparison: Comparison, column: Column) -> str:
+    """The competitors that share the best mean; "" for one alone."""
+    first = [name for name in comparison.restorers if (c := comparison.cells.get((name, column))) and c.place == 1]
+    return f"{listed(first)} are equal" if len(first) > 1 else ""
+
+
 def _lead(verdict: Verdict) -> str:
     by = " ".join(filter(None, [number(verdict.difference), verdict.column.unit]))
     return f"{verdict.leader} leads {verdict.second} by {by}{_chance(verdict, 'best')}"
@@ -74,7 +116,7 @@ def _chance(verdict: Verdict, wins: str) -> str:
     views = verdict.column.n_views
     if views < 2:
         return ", on one view"
-    if views < FEWEST_VIEWS:
+    if verdict.column.has_few_views:
         return f", {wins} in {round(verdict.wins, 1):g} of {views} views"
     return ", which may be chance" if verdict.may_be_chance else ", more than chance"
 
@@ -84,7 +126,11 @@ def _photograph_leads(comparison: Comparison, column: Column, best: str) -> bool
     sign = -1 if column.better == "lower" else 1
     first = comparison.cells.get((best, column))
     shown = [cell for name in comparison.photographs if (cell := comparison.cells.get((name, column)))]
-    return bool(first and any(sign * (cell.mean - first.mean) > 0 for cell in shown))
+    return bool(first and any(_is_above(sign * cell.mean, sign * first.mean) for cell in shown))
+
+
+def _is_above(mean: float, other: float) -> bool:
+    return mean > other and not math.isclose(mean, other, rel_tol=EQUAL)
 
 
 def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
@@ -98,8 +144,10 @@ def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
     if _photograph_leads(comparison, column, best):
         return ""
     by = " ".join(filter(None, [number(abs(cell.change[0])), column.unit]))
-    surely = column.n_views < FEWEST_VIEWS or not cell.change[1] <= 0 <= cell.change[2]
-    return f"{best} is better than {photograph} by {by}{'' if surely else ', which may be chance'}"
+    if not cell.change[0]:
+        return f"{best} equals {photograph}"
+    chance = ", which may be chance" if may_be_chance(cell.change) else ""
+    return f"{best} is better than {photograph} by {by}{chance}"
 
 
 def _against_baseline(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
@@ -113,12 +161,11 @@ def _against_baseline(comparison: Comparison, chosen: Deciding) -> Iterator[str]
 
 
 def _sides(baseline: str, found: Sequence[Verdict], short: bool = False) -> str:
-    sides: dict[str, list[str]] = {"better": [], "worse": [], "may be chance": []}
+    sides: dict[str, list[str]] = {"better": [], "worse": [], "may be chance": [], "equal": []}
     for verdict in found:
         name = verdict.second if verdict.leader == baseline else verdict.leader
-        unsure = verdict.may_be_chance and verdict.column.n_views >= FEWEST_VIEWS
-        side = "may be chance" if unsure else "worse" if verdict.leader == baseline else "better"
-        sides[side].append(name)
+        side = "may be chance" if verdict.may_be_chance else "worse" if verdict.leader == baseline else "better"
+        sides[side if verdict.difference else "equal"].append(name)
     if short:
         return ", ".join(f"{len(names)} {side}" for side, names in sides.items() if names)
     return "; ".join(f"{side}: {listed(names)}" for side, names in sides.items() if names)

@@ -112,11 +112,9 @@ def _outcome(gain: Difference, limit: float) -> Literal["passed", "failed", "unk
     value, _, high = gain
     if math.isnan(value):
         return "no score"
-    if value >= limit:
-        return "passed"
     if math.isnan(high):
         return "unknown"
-    return "failed" if high < 0 else "passed"
+    return "failed" if value < limit and high < 0 else "passed"
 
 
 def _worst(rows: pd.DataFrame, dataset: str, column: Column, method: str, baseline: str) -> list[tuple[str, float]]:

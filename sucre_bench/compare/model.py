@@ -12,6 +12,7 @@ from sucre_bench.compare.bootstrap import Units
 from sucre_bench.results.rows import COSTS
 
 __all__ = [
+    "EQUAL",
     "FEWEST_VIEWS",
     "NO_DIFFERENCE",
     "Cell",
@@ -29,9 +30,13 @@ __all__ = [
 Difference = tuple[float, float, float]
 NO_DIFFERENCE: Difference = (math.nan, math.nan, math.nan)
 
-# Over fewer views intervals are rough: so few scores do not show how scores are distributed. The short tables for people
-# mark no ties there, and leave the intervals to those who ask for them.
+# Over fewer views intervals are rough: so few scores do not show how scores are distributed. Short tables mark no ties
+# there, and show the intervals only when asked.
 FEWEST_VIEWS = 5
+
+# Scores that differ by less than this share of their size are equal: images and most metrics are float32, which has
+# seven figures.
+EQUAL = 1e-6
 
 
 def may_be_chance(difference: Difference) -> bool:

@@ -11,13 +11,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
-from sucre_bench.compare.model import NO_DIFFERENCE, Cell, Column, Difference, Measured, may_be_chance
+from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, Difference, Measured, may_be_chance
 
 __all__ = ["against", "cells"]
-
-# Scores that differ by less than this share of their size are equal: images and most metrics are float32, which has
-# seven figures. The size of a method's scores is their mean without signs.
-_EQUAL = 1e-6
 
 
 def cells(column: Column, measured: Measured, apart: Collection[str] = ()) -> list[Cell]:
@@ -114,7 +110,7 @@ def _size(views: Array) -> Array:
 
 def _known(differences: Array | float, size: Array | float) -> Array:
     """Differences of scores of a size, 0 in the place of those that are nothing beside it."""
-    return np.where(np.abs(differences) <= _EQUAL * size, 0.0, differences)
+    return np.where(np.abs(differences) <= EQUAL * size, 0.0, differences)
 
 
 def _less(values: Array, others: Array | float, size: Array | float) -> Array:
@@ -177,4 +173,4 @@ def _effect(gain: Array) -> float:
     if len(gain) < 2 or not np.isfinite(gain).all():
         return np.nan
     spread = gain.std(ddof=1)
-    return float(gain.mean() / spread) if spread > _EQUAL * np.abs(gain).mean() else np.nan
+    return float(gain.mean() / spread) if spread > EQUAL * np.abs(gain).mean() else np.nan

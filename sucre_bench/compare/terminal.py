@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 import re
 import textwrap
 from collections import Counter
@@ -12,10 +13,13 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import answer, blind, too_few
+from sucre_bench.compare.answer import answer, blind, over_views, rough
 from sucre_bench.compare.deciding import Deciding, deciding
 from sucre_bench.compare.laid_out import LaidOut, aligned
-from sucre_bench.compare.words import ARROW, left_out, legend, shown, title
+from sucre_bench.compare.model import FEWEST_VIEWS
+from sucre_bench.compare.numbers import signed
+from sucre_bench.compare.verdicts import verdicts
+from sucre_bench.compare.words import ARROW, left_out, legend, shown, title, verdict_text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
@@ -30,22 +34,32 @@ _MOST_BLOCKS = 3  # datasets with a block of their own
 def as_table(comparison: Comparison, width: int, spread: bool = False, intervals: bool = True) -> RenderableType:
     """Return a rich renderable: all columns, in blocks of as many as `width` characters have room for.
 
-    spread: with standard deviations; intervals: with 95 % intervals.
+    The methods are in the order of `as_blocks`, and lines are broken between words. spread: with standard deviations;
+    intervals: with 95 % intervals, and a sentence for each lead.
     """
     from rich.console import Group
     from rich.text import Text
 
+    chosen = deciding(comparison)
+    comparison = replace(comparison, methods=_best_first(comparison, chosen))
     laid_out = [
         LaidOut.of(comparison, column, spread, intervals, (title(column), column.variant))
         for column in comparison.columns
     ]
-    few = "" if intervals else too_few(comparison)
-    if few:
-        laid_out = [own.without_ties() for own in laid_out]
-    parts: list[Any] = [Text(comparison.title, style="bold")]
+    if not intervals:
+        few = [column.has_few_views for column in comparison.columns]
+        laid_out = [own.without_ties() if few else own for own, few in zip(laid_out, few, strict=True)]
+    ties = any(cell.mark for own in laid_out for cell in own.cells)
+    parts: list[Any] = [_wrapped(_head(comparison, chosen), width, "bold")]
     parts += [part for lines in aligned(comparison.methods, laid_out, width) for part in (lines, Text(""))]
-    said = (few, legend(comparison, spread, colours=True, intervals=intervals, ties=not few), *left_out(comparison))
-    return Group(*parts, *(Text(line, style="dim") for line in said if line))
+    said = ["" if intervals else rough(comparison.columns), legend(comparison, spread, True, intervals, ties)]
+    parts += [_wrapped(line, width, "dim") for line in (*said, *left_out(comparison)) if line]
+    leads = [verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
+    return Group(*parts, *(_wrapped(line, width) for line in leads))
+
+
+def _head(comparison: Comparison, chosen: Deciding) -> str:
+    return f"{comparison.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
 
 
 def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
@@ -55,13 +69,15 @@ def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
     """
     from rich.console import Group
 
-    chosen, few = deciding(comparison, every), too_few(comparison)
+    chosen = deciding(comparison, every)
     methods = _best_first(comparison, chosen)
     own = replace(comparison, methods=methods, columns=chosen.columns)
-    laid_out = [_decider(own, column, chosen, bool(few)) for column in own.columns]
-    head = f"{own.title}{'' if chosen.main is None else f', best {chosen.main.metric} first'}"
-    parts: list[Any] = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, comparison.photographs)]
-    said = [_signs(own, laid_out, few), blind(chosen), *_notes(own)]
+    laid_out = [_decider(own, column, chosen) for column in own.columns]
+    parts: list[Any] = [
+        _wrapped(_head(own, chosen), width, "bold"),
+        *aligned(methods, laid_out, width, comparison.photographs),
+    ]
+    said = [_signs(own, laid_out, over_views(own.columns)), blind(chosen), *_notes(own)]
     parts += [_wrapped(line, width, "dim") for line in said if line]
     return Group(*parts, *(_wrapped(line, width) for line in answer(own, chosen)))
 
@@ -99,17 +115,32 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
         heading = (one.title.removeprefix(prefix), "")
         laid_out.append(
             LaidOut(
-                heading, tuple(replace(cell, interval="", mark="" if too_few(one) else cell.mark) for cell in cells)
+                heading,
+                tuple(replace(cell, interval="", mark="" if column.has_few_views else cell.mark) for cell in cells),
             )
         )
     head = f"{title(mains[0])} of {len(titles)} datasets{': ' + prefix if prefix else ''}"
-    few = {too_few(one) for one in comparisons}
-    signs = _signs(comparisons[0], laid_out, few.pop() if len(few) == 1 else "")
-    best = Counter(own[0] for own in ranked)
-    line = f"best {mains[0].metric}: {', '.join(f'{name} in {n}' for name, n in best.most_common())} of {len(titles)}"
+    signs = _signs(comparisons[0], laid_out, _over_datasets(mains))
+    best = Counter(
+        own[0]
+        for one, own, column in zip(comparisons, ranked, mains, strict=True)
+        if own[0] not in apart and (own[0], column) in one.cells
+    )
+    counts = ", ".join(f"{name} in {n}" for name, n in best.most_common())
+    line = f"best {mains[0].metric}: {counts} of {len(titles)}" if best else ""
     parts = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, apart)]
     said = [_wrapped(text, width, "dim") for text in (signs, *_pixels(comparisons, mains))]
-    return Group(*parts, *said, _wrapped(line, width))
+    return Group(*parts, *said, *([_wrapped(line, width)] if line else []))
+
+
+def _over_datasets(mains: Sequence[Column]) -> list[str]:
+    """Over how many views the main score of several datasets is."""
+    views = [column.n_views for column in mains]
+    few = sum(column.has_few_views for column in mains)
+    if min(views) == max(views):
+        return over_views(mains[:1])
+    rough_in = f"in {few} datasets over fewer than {FEWEST_VIEWS}, where intervals are rough"
+    return [f"means over {min(views)} to {max(views)} views", *([rough_in] if few else [])]
 
 
 def _pixels(comparisons: Sequence[Comparison], mains: Sequence[Column]) -> Iterator[str]:
@@ -145,39 +176,42 @@ def _best_first(comparison: Comparison, chosen: Deciding) -> tuple[str, ...]:
     return (*names, *(name for name in comparison.photographs if name not in names))
 
 
-def _decider(comparison: Comparison, column: Column, chosen: Deciding, few: bool) -> LaidOut:
+def _decider(comparison: Comparison, column: Column, chosen: Deciding) -> LaidOut:
     if column == chosen.filled:
-        head = ("filled", "" if comparison.baseline else "%")
+        head = ("filled", "%")
     elif column == chosen.seconds:
         head = ("s/view", "")
     else:
         head = (f"{column.metric} {ARROW[column.better]}".rstrip(), column.unit)
     laid_out = LaidOut.of(comparison, column, False, False, head)
     cells = laid_out.cells
-    if column == chosen.filled and not comparison.baseline:
+    if column == chosen.filled:
         cells = tuple(
             replace(cell, value=_percent(comparison, name, column))
             for name, cell in zip(comparison.methods, cells, strict=True)
         )
     cells = tuple(replace(cell, look="") if cell.look == "second" else cell for cell in cells)
     laid_out = replace(laid_out, cells=cells)
-    return laid_out.without_ties() if few else laid_out
+    return laid_out.without_ties() if column.has_few_views else laid_out
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:
-    """A share in per cent, never rounded up to all."""
+    """A share in per cent, never rounded up to all; a difference of shares with its sign, never rounded to none."""
     cell = comparison.cells.get((name, column))
-    return "-" if cell is None else f"{100 * cell.mean:.0f}" if not 0.995 <= cell.mean < 1 else "99"
+    if cell is None:
+        return "-"
+    if math.isnan(cell.change[0]):
+        return f"{100 * cell.mean:.0f}" if not 0.995 <= cell.mean < 1 else "99"
+    change = 100 * cell.change[0]
+    return f"{change:+.0f}" if abs(change) >= 1 else signed(change)
 
 
-def _signs(comparison: Comparison, laid_out: Sequence[LaidOut], few: str) -> str:
-    """What the signs of a block mean."""
+def _signs(comparison: Comparison, laid_out: Sequence[LaidOut], over: Sequence[str]) -> str:
+    """What the signs of a block mean. over: how many views."""
     cells = [cell for column in laid_out for cell in column.cells]
     looks = {cell.look for cell in cells}
     baseline = comparison.baseline
-    views = max((column.n_views for column in comparison.columns), default=0)
-    parts = [f"differences to {baseline}"] if baseline else [few or f"means over {views} views"]
-    parts += [few] if baseline and few else []
+    parts = [f"differences to {baseline}"] * bool(baseline) + [*over]
     parts += ["bold: best"] * ("best" in looks)
     parts += ["green: better, red: worse"] * bool(looks & {"better", "worse"})
     parts += [f"≈: no different from {baseline or 'the best'} by more than chance"] * any(c.mark for c in cells)

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
+from sucre_bench.compare.model import FEWEST_VIEWS, Cell, Column, Comparison, Note, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number, signed
 
 __all__ = ["ARROW", "Shown", "blocks", "left_out", "legend", "listed", "shown", "title", "verdict_text"]
@@ -56,10 +56,10 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     holes = f"○{cell.holes}" if cell.holes else ""
     if _is_change(cell):
         change, low, high = cell.change
-        surely = low > 0 or high < 0
+        surely = math.isfinite(low) and not may_be_chance(cell.change)
         is_better = (change > 0) == (column.better == "higher")
         look: Literal["", "better", "worse"] = "better" if is_better else "worse"
-        mark = "≈" if low <= 0 <= high else ""
+        mark = "≈" if change and may_be_chance(cell.change) else ""
         return Shown(
             mark, signed(change), _interval(low, high, signed), holes, look if surely and column.ranked else ""
         )
@@ -149,15 +149,20 @@ def _how(comparison: Comparison, has_interval: bool) -> str:
     """Which intervals these are: of means, and of differences between methods."""
     if not has_interval:
         return "no intervals: one view says nothing of chance"
+    few = any(1 < column.n_views < FEWEST_VIEWS for column in comparison.columns if column.ranked)
+    rough = (
+        f"; over fewer than {FEWEST_VIEWS} views they are rough: so few scores do not show how scores are distributed"
+    )
     units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
     means = f"intervals: bootstrap over {units}"
+    end = rough if few else ""
     n = len(comparison.methods if comparison.baseline else comparison.restorers or comparison.methods)
     pairs = n - 1 if comparison.baseline else n * (n - 1) // 2
     if pairs < 1:
-        return means
+        return means + end
     differences = "simultaneous (max-t) for" if pairs > 1 else "Student's, for"
     count = f"the {pairs} differences to {comparison.baseline}" if comparison.baseline else f"all {pairs} pairs"
-    return f"{means}; of differences: {differences} {count if pairs > 1 else 'the pair'}"
+    return f"{means}; of differences: {differences} {count if pairs > 1 else 'the pair'}{end}"
 
 
 def left_out(comparison: Comparison) -> list[str]:

@@ -68,8 +68,9 @@ def test_a_method_that_lost_everything_fails():
     assert outcome("psnr=-0.5", new=np.full(6, np.nan)) == "no score"
 
 
-def test_one_view_has_no_interval():
-    rows = table(new=STEADY)
+@pytest.mark.parametrize("change", [STEADY, -STEADY])
+def test_one_view_has_no_interval(change: np.ndarray):
+    rows = table(new=change)
     (found,) = gated(rows[rows["view"] == "v0.png"], [Gate.read("psnr=-0.5")], "old")
     assert (found.outcome, found.fails) == ("unknown", False)
 

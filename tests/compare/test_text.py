@@ -174,7 +174,7 @@ def test_parts_of_cells_stand_below_each_other():
     comparison = table({"a": [20.0, 25, 30, None], "bb": [121.0, 140, 99, 9], "c": [1.0, 2.0, 2.5, 1.0]})
     lines = terminal(comparison).splitlines()[3:6]
     assert len({line.index("[") for line in lines}) == 1
-    assert [line.split()[0] for line in lines] == ["a", "bb", "c"]
+    assert [line.split()[0] for line in lines] == ["bb", "a", "c"]
 
 
 @pytest.mark.parametrize("width", [60, 80, 140])

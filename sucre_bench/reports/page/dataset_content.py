@@ -11,7 +11,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
-from sucre_bench.compare.answer import answer, blind, too_few
+from sucre_bench.compare.answer import answer, blind, rough
 from sucre_bench.compare.deciding import Deciding, deciding
 from sucre_bench.compare.pixels import FILLED
 from sucre_bench.compare.text import shown
@@ -89,11 +89,12 @@ class Section:
 
     def content(self) -> dict[str, Any]:
         """Return everything that the page shows of the dataset."""
-        values, charts, few = self._values(), self._charts(), too_few(self.table)
+        values, charts, few = self._values(), self._charts(), rough(self._deciding.columns)
+        enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
         views = [self._view(*place, values, charts) for place in self._chosen()]
         return {
             "name": self.table.title,
-            "legend": text.legend(self.table, intervals=not few, ties=not few),
+            "legend": text.legend(self.table, intervals=enough, ties=enough),
             "answer": [*answer(self.table, self._deciding), *filter(None, [blind(self._deciding)])],
             "few": few,
             "main": key_of(main.metric, main.variant) if (main := self._deciding.main) else "",
