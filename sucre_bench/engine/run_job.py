@@ -14,6 +14,7 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.decoded import sharing_decoded
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.guard import limited, unharmed
+from sucre_bench.engine.hints import hints_of
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
@@ -67,7 +68,8 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
         part.flush()
         return
     try:
-        with _shared_pairs(job), sharing_decoded(job):
+        views = {task.view.name for task in todo}
+        with _shared_pairs(job), sharing_decoded(job), hints_of(job, views):
             over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
             for task in progress.track(todo, f"{job.method.label} on {job.dataset.label}"):
                 part.add(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))

@@ -167,7 +167,8 @@ def _compose_jobs(parsed: list[Override], line_up: LineUp, multirun: bool) -> _C
     for combination in every:
         try:
             configurations.append(_compose([*_texts(settings), *combination.overrides]))
-            planned.append(Job.composed(configurations[-1], combination.swept))
+            job = Job.composed(configurations[-1], combination.swept)
+            planned.append(replace(job, method_word=combination.method_word))
         except SucreBenchError as fault:
             raise _at_its_place(fault, combination.typed, line_up, others) from fault
     return _Composed(planned, configurations[0], is_sweep)

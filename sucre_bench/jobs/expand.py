@@ -33,12 +33,13 @@ class Combination:
     """One job.
 
     overrides: as Hydra takes them; swept: the keys that its labels name; typed: how the user typed a key that Hydra
-    gets by another name.
+    gets by another name; method_word: what stands before an option of this method alone, "sucre" say.
     """
 
     overrides: tuple[str, ...]
     swept: tuple[str, ...]
     typed: Mapping[str, str]
+    method_word: str
 
 
 @dataclass(frozen=True)
@@ -113,7 +114,14 @@ def _of_pair(
         if word.is_sweep_override():
             swept.append(option.key if option else word.key_or_group)
     for chosen in itertools.product(*texts.values()):
-        yield Combination(tuple(_with_variants(chosen)), tuple(swept), typed)
+        yield Combination(tuple(_with_variants(chosen)), tuple(swept), typed, _method_word(entries["method"], pair))
+
+
+def _method_word(methods: Sequence[Entry], pair: Mapping[Kind, Entry]) -> str:
+    """The label or name of a pair's method where there are several, else "method"."""
+    own = pair["method"]
+    is_word = own.label.replace("-", "_").isidentifier()
+    return "method" if len(methods) == 1 else own.label if is_word else own.name
 
 
 def _entries(kind: Kind, typed: Sequence[Override], line_up: LineUp) -> tuple[Entry, ...]:

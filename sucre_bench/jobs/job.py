@@ -96,7 +96,8 @@ class Job:
     """One dataset, one method, some metrics: what one Hydra job does.
 
     degrade: what is done to the dataset first; shard: which part of the views it does; config: all of this as YAML, see
-    `read`; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none.
+    `read`; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none; method_word:
+    what stands before an option of this method alone in the command, "sucre" in a sweep over methods.
     """
 
     dataset: Choice
@@ -123,6 +124,7 @@ class Job:
     tracking: Tracking
     config: str
     shared_pairs: str = ""
+    method_word: str = "method"
 
     @property
     def drawn(self) -> Degradation:

@@ -9,10 +9,11 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sized
 from contextlib import contextmanager
 from contextvars import ContextVar
+from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
-__all__ = ["Watcher", "is_watched", "line", "say", "track", "watched_by"]
+__all__ = ["Watcher", "is_watched", "line", "said_through", "say", "track", "watched_by"]
 
 T = TypeVar("T")
 
@@ -37,6 +38,38 @@ def watched_by(watcher: Watcher) -> Iterator[None]:
         yield
     finally:
         _watcher.reset(token)
+
+
+@dataclass(frozen=True)
+class _Through:
+    """A watcher that shows what `change` makes of each text, and nothing for None."""
+
+    inner: Watcher
+    change: Callable[[str], str | None]
+
+    def started(self, what: str, total: int | None) -> int:
+        return self.inner.started(what, total)
+
+    def advanced(self, line: int) -> None:
+        self.inner.advanced(line)
+
+    def finished(self, line: int) -> None:
+        self.inner.finished(line)
+
+    def said(self, text: str) -> None:
+        if (changed := self.change(text)) is not None:
+            self.inner.said(changed)
+
+
+@contextmanager
+def said_through(change: Callable[[str], str | None]) -> Iterator[None]:
+    """Inside, `say` prints what `change` makes of each text; nothing where it returns None."""
+    watcher = _watcher.get()
+    if watcher is None:
+        yield
+        return
+    with watched_by(_Through(watcher, change)):
+        yield
 
 
 def is_watched() -> bool:

@@ -1,0 +1,41 @@
+from __future__ import annotations
+
+import subprocess
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+
+PLUGIN = """
+from dataclasses import dataclass
+from sucre_bench import Restoration, method
+from sucre_bench.machine.progress import say
+
+
+@method()
+@dataclass(frozen=True)
+class Wary:
+    strong: bool = False
+
+    def restore(self, scene, view):
+        say(f"{view.name}: {len(view.name)}.5% are dark; method.strong=true helps")
+        say("no view has this")
+        return Restoration(view.rgb)
+"""
+
+
+@pytest.mark.parametrize(("methods", "word"), [("wary", "method"), ("wary,gain", "wary")])
+def test_a_hint_names_method_and_dataset_once_and_an_option_as_the_command_takes_it(
+    bench: Callable[..., subprocess.CompletedProcess[str]], toys: str, tmp_path: Path, methods: str, word: str
+):
+    (tmp_path / "wary.py").write_text(PLUGIN)
+    done = bench("run", "-m", "--plugin", toys, "--plugin", "wary.py", "dataset=toy", f"method={methods}",
+                 "metrics=[redness]", "tracking.uri=off", "report=false", "out=results")  # fmt: skip
+    assert done.returncode == 0, done.stderr
+    hints = [line for line in done.stderr.splitlines() if "are dark" in line]
+    views = len(list((tmp_path / "results/restored/toy/wary").glob("*.png")))
+    assert len(hints) == 1
+    assert hints[0].startswith("wary on toy: v")
+    assert f" {word}.strong=true" in hints[0]
+    assert f"wary on toy: {views - 1} more views" in done.stderr
+    assert done.stderr.splitlines().count("no view has this") == views
