@@ -88,12 +88,14 @@ def compare(
     """
     from sucre_bench import compare
     from sucre_bench.compare import text as tables
+    from sucre_bench.machine import terminal
     from sucre_bench.results.common_scores import read_common
 
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
         raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
-    rows = compare.load(folders)
+    with terminal.live():
+        rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
     rows = compare.on_pixels(rows, read_common(*folders), pixels)
     compared = compare.compare(rows, metrics, by, baseline=baseline)

@@ -12,6 +12,7 @@ from sucre_bench import results
 from sucre_bench.compare.fresh import is_fresh
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
+from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COSTS
 
@@ -22,19 +23,23 @@ __all__ = ["load", "refuse"]
 
 T = TypeVar("T")
 
+_SCORE = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
+_SAME = 1e-6  # relative difference of one score on two machines
+
 _Image = tuple[str, str]  # scene (with or without its replicate), view
 
 
 def load(folders: Iterable[str | Path]) -> pd.DataFrame:
     """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
 
-    A folder may be a bundle (.zip), too. Raises InputError when a folder has none, when folders mean different options
-    or code by one method, or hold results on different data.
+    Says with `progress.say` where folders have different values. A folder may be a bundle (.zip), too.
+    Raises InputError when a folder has none, when folders mean different options or code by one method, or hold results
+    on different data.
     """
     import pandas as pd
 
     folders = [Path(f) for f in folders]
-    rows = pd.concat([_rows(Path(f)) for f in folders], ignore_index=True)
+    rows = pd.concat([_rows(Path(f)).assign(_folder=str(f)) for f in folders], ignore_index=True)
     if len(folders) > 1:
         _refuse_several(
             rows[rows["scene"] != ""], ["dataset", "scene"], "data_id", "the data differ between these runs"
@@ -44,9 +49,29 @@ def load(folders: Iterable[str | Path]) -> pd.DataFrame:
         _refuse_several(
             own, ["dataset", "method"], "_code", "these folders hold it from different versions of its code"
         )
+        _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
-    score = ["dataset", "method", "metric", "variant", "scene", "view", "region"]
-    return rows.drop_duplicates(score, keep="last").drop(columns="_ok").sort_index(ignore_index=True)
+    return rows.drop_duplicates(_SCORE, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
+
+
+def _say_differing(rows: pd.DataFrame) -> None:
+    """Say that folders have other values of the same scores, of which the newest are taken."""
+    scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
+    twice = scores[scores.duplicated(_SCORE, keep=False)]
+    of_score = twice.groupby(_SCORE)["value"]
+    low, high = of_score.min(), of_score.max()
+    differing = low.index[high - low > _SAME * high.abs().combine(low.abs(), max)]
+    if not len(differing):
+        return
+    own = twice[twice.set_index(_SCORE).index.isin(differing)]
+    shown = own.sort_values("time", kind="stable").drop_duplicates(_SCORE, keep="last")["_folder"]
+    methods = [" / ".join(pair) for pair in dict.fromkeys(zip(own["dataset"], own["method"], strict=True))]
+    more = f" and {len(methods) - 3} more" if len(methods) > 3 else ""
+    progress.say(
+        f"{_names(list(dict.fromkeys(own['_folder'])))} have other values of {len(differing)} of the {len(of_score)} "
+        f"scores that both have, of {', '.join(methods[:3])}{more}; the table has the newest, of "
+        f"{_names(list(dict.fromkeys(shown)))}. Run one with another label to see both"
+    )
 
 
 def _rows(place: Path) -> pd.DataFrame:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -59,7 +60,7 @@ def check(command: Command) -> list[Planned]:
         key = results.fingerprint({**job.dataset.record, "replicate": job.dataset.seed})[1]
         try:
             for choice in (job.method, *(m.choice for m in job.metrics)):
-                _made(choice)
+                _made(choice, command)
             if key not in opened:
                 opened[key] = open_scenes(job.dataset)
             planned.append(Planned(job, tuple(tasks(job, opened[key])), _data_id(job, opened[key])))
@@ -87,15 +88,30 @@ def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:
     return list({(p.kind, p.name): p for p in every}.values())
 
 
-def _made(choice: Choice) -> None:
+def _made(choice: Choice, command: Command) -> None:
     try:
         with step(f"the making of '{choice.plugin.name}'"):
             choice.make()
-    except SucreBenchError:
-        raise
+    except SucreBenchError as fault:
+        raise InputError(_as_typed(str(fault), choice, command)) from fault
     except BaseException as fault:
         raise_if_stop(fault)
         raise InputError(f"{choice.plugin.name}: {one_line(fault)}; mend its options") from fault
+
+
+def _as_typed(text: str, choice: Choice, command: Command) -> str:
+    """A plugin's error with its options as the user names them: its "method.model" is "onnx.model" beside others."""
+    kind, name = choice.plugin.kind, choice.plugin.name
+    typed = {word.partition("=")[0] for word in command.words}
+    is_one_of_several = kind == "method" and len({job.method.label for job in command.jobs}) > 1
+
+    def key(found: re.Match[str]) -> str:
+        keys = [f"{owner}.{found[1]}" for owner in (choice.label, name, kind)]
+        default = keys[0] if is_one_of_several and choice.label.isidentifier() else keys[-1]
+        return next((one for one in keys if one in typed), default)
+
+    options = "|".join(map(re.escape, choice.options))
+    return re.sub(rf"(?<![\w/.]){kind}\.({options})\b", key, text) if options else text
 
 
 def _data_id(job: Job, scenes: Sequence[Scene]) -> str:
@@ -118,22 +134,31 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
         there = rows[rows["dataset"] == job.dataset.label]
         scenes = {results.unreplicated(scene)[0] for scene in there["scene"]} - {""}
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
+            option = _label_option([plan.job.dataset for plan in planned], job.dataset)
+            remedy = " or ".join(dict.fromkeys(["out=...", option]))
             said.append(
                 f"{job.out}: its '{job.dataset.label}' is scene {sorted(scenes)[0]}, not {plan.tasks[0].scene.name}; "
-                "give another out=... or dataset.label=..."
+                f"give another {remedy}"
             )
+        option = _label_option([plan.job.method for plan in planned], job.method)
         same_folder = set(there["method"]) - {job.method.label}
         for other in sorted(o for o in same_folder if file_name(o) == file_name(job.method.label)):
-            said.append(
-                f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give it another method.label"
-            )
+            said.append(f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give another {option}")
         own = there[(there["method"] == job.method.label) & (there["scene"] != "")]
         if len(own) and set(own["options_id"]) != {results.fingerprint(job.method.record)[1]}:
             said.append(
-                f"{job.out}: its '{job.method.label}' has other options; "
-                "give another method.label=... or overwrite=always"
+                f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"
             )
     return said
+
+
+def _label_option(chosen: Sequence[Choice], one: Choice) -> str:
+    """The word that gives one of a run's methods or datasets another label; out=... where no word is for it alone."""
+    labels = {choice.label: choice.plugin.name for choice in chosen}
+    if len(labels) == 1:
+        return f"{one.plugin.kind}.label=..."
+    called = [label for label, name in labels.items() if one.label in (label, name)]
+    return f"{one.label}.label=..." if len(called) == 1 and one.label.isidentifier() else "out=..."
 
 
 @dataclass(frozen=True)

@@ -79,7 +79,7 @@ def combinations(typed: Sequence[Override], line_up: LineUp) -> list[Combination
     metrics_typed = any(word.key_or_group == "metrics" for word in typed)
     said = [word for word in parse(line_up.words()) if not (metrics_typed and _head(word) == "metrics")]
     words = [*said, *(word for word in typed if word.key_or_group not in KINDS)]
-    options = {id(word): option for word in words if (option := _option(word, entries))}
+    options = {id(word): option for word in words if (option := _option(word, entries, line_up))}
     for option in options.values():
         _check_someone_has(option, entries[option.kind])
     return [
@@ -149,7 +149,7 @@ def _telling_apart(kind: Kind, entry: Entry, all_: Sequence[Entry]) -> Iterator[
         yield from (f"{kind}.{option}" for option in entry.options if option != "degrade")
 
 
-def _option(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> _Option | None:
+def _option(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> _Option | None:
     """The option that a word is, None for a word for the whole run. InputError for a word that is neither."""
     head, dot, rest = word.key_or_group.partition(".")
     for kind in KINDS:
@@ -162,7 +162,7 @@ def _option(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> _Option 
         raise InputError(f"{word.input_line}: '{head}' is a dataset and a method here; write {either}")
     if owned:
         return (fitting or owned)[0]
-    if fault := unknown_word(word, entries):
+    if fault := unknown_word(word, entries, line_up):
         raise fault
     return None
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, unknown_name
-from sucre_bench.jobs.lineup import Entry, Kind
+from sucre_bench.jobs.lineup import Entry, Kind, LineUp
 from sucre_bench.jobs.presets import option_names, plugin_of
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.jobs.schema import GROUPS, RunConfig
@@ -34,8 +34,11 @@ def not_an_override(text: str, fault: Exception) -> InputError:
     return InputError(f"{text}: {_first_line(fault)}; an override reads key=value")
 
 
-def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> InputError | None:
-    """Return what is wrong with a word that is no option of a chosen dataset or method; None for one of the run."""
+def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> InputError | None:
+    """Return what is wrong with a word that is no option of a chosen dataset or method; None for one of the run.
+
+    line_up: of which other words may have replaced the datasets or methods.
+    """
     text, key = word.input_line, word.key_or_group
     head, dot, _ = key.partition(".")
     known = [option.name for option in options_of(RunConfig)]
@@ -49,6 +52,9 @@ def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]]) -> Inp
             return InputError(f"{text}: is an option of a {kind}; write {' or '.join(f'{b}.{text}' for b in before)}")
         if dot and plugin_of(kind, head):
             return InputError(f"{text}: '{head}' is not among the {kind}s; add it: -m {kind}={names},{head}")
+        if dot and head in {entry.label for entry in line_up.entries(kind)}:
+            given = f"{kind}={names}"
+            return InputError(f"{text}: '{head}' is not among the {kind}s of this run; leave out {given} or {key}")
     if dot and plugin_of("metric", head):
         return InputError(f"{text}: is an option of a metric; write metrics.{text}")
     owners_there = (name for chosen in entries.values() for entry in chosen for name in (entry.name, entry.label))

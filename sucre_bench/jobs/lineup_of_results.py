@@ -118,7 +118,7 @@ def _entries(kind: Kind, made: Sequence[_Made], seed: int, folder: Path) -> tupl
         options = {name: value for name, value in given(kind, record, seed).items() if name != "name"}
         key = one.dataset if is_dataset else one.method
         chosen[key] = Entry(str(record["name"]), {"label": label, **_moved(kind, record, options, folder), **degrade})
-    names = Counter(name for name, _ in {(entry.name, entry.label) for entry in chosen.values()})
+    names = Counter(entry.name for entry in chosen.values())
     return tuple(_without_needless_label(entry, names[entry.name]) for entry in chosen.values())
 
 
@@ -133,8 +133,9 @@ def _undegraded(one: _Made) -> str:
     return one.dataset.removesuffix(suffix) or str(one.dataset_record["name"])
 
 
-def _without_needless_label(entry: Entry, labels: int) -> Entry:
-    is_needless = entry.label == entry.name and labels == 1
+def _without_needless_label(entry: Entry, entries: int) -> Entry:
+    """The entry without a label that it has anyway. entries: how many there are of its name; several name options."""
+    is_needless = entry.label == entry.name and entries == 1
     return replace(entry, options={k: v for k, v in entry.options.items() if k != "label" or not is_needless})
 
 

@@ -160,6 +160,23 @@ def test_one_label_for_two_configurations_is_not_compared(tmp_path):
         compare.load([tmp_path / "one", tmp_path / "two"])
 
 
+def test_folders_with_other_values_of_one_score_are_named(bench, tmp_path):
+    """Rounding on another machine is no other value."""
+    for name, value, time in (
+        ("one", 1.0, "2026-01-02"),
+        ("same", 1.0 + 1e-9, "2026-01-01"),
+        ("two", 2.0, "2026-01-01"),
+    ):
+        (tmp_path / name).mkdir()
+        rows = [replace(ROW, time=time, value=1.0 if view == "a" else value, view=view) for view in "abc"]
+        frame(rows).to_parquet(tmp_path / name / "scores.parquet")
+    done = bench("compare", "one", "two", "--format", "csv")
+    assert "one and two have other values of 2 of the 3 scores" in done.stderr
+    assert "the newest, of one." in done.stderr
+    assert ",1.0," in done.stdout, "the newest"
+    assert bench("compare", "one", "same").stderr == ""
+
+
 def test_ranks_tie_where_chance_cannot_be_told_from_a_lead():
     """b is a little behind a in every view, c far behind both, d as good as c but for noise."""
     noise = np.random.default_rng(4).normal(0, 0.1, 12)

@@ -281,6 +281,32 @@ def test_the_line_up_of_a_folder_says_where_it_asks_for_more(tmp_path: Path):
     assert any("gain on toy" in note for note in found.notes)
 
 
+def test_the_line_up_of_a_sweep_keeps_the_labels_of_a_dataset_with_options(tmp_path: Path):
+    run(tmp_path / "results", "dataset.views=2", "degrade.noise=0,0.1", multirun=True)
+    made = from_file(tmp_path / "l.yaml", line_up_of(tmp_path / "results", tmp_path).line_up.as_yaml())
+    assert [job.dataset.label for job in made] == ["toy", "toy,noise=0.1"]
+
+
+def test_a_label_that_a_word_took_out_of_the_run_is_said_to_be_missing(tmp_path: Path):
+    with pytest.raises(InputError, match="'logged' is not among the methods of this run"):
+        from_file(tmp_path / "l.yaml", LINE_UP.replace("gain2.gain: [3]", ""), "method=halved", "logged.label=other")
+
+
+def test_other_options_for_a_label_of_a_line_up_are_answered_with_a_word_that_works(bench, tmp_path: Path):
+    (tmp_path / "l.yaml").write_text("datasets: [toy]\nmethods: [gain, {name: halved, label: half}]\nmetrics: [psnr]")
+    words = ("run", "--plugin", str(TOYS), "l.yaml", "out=results", "tracking.uri=off", "report=false")
+    assert bench(*words).returncode == 0
+    refused = bench(*words, "half.display=white-99")
+    assert (refused.returncode, "half.label=..." in refused.stderr) == (2, True)
+    assert bench(*words, "half.display=white-99", "half.label=shown").returncode == 0
+
+
+@pytest.mark.parametrize("key", ["onnx.model", "method.model"])
+def test_a_method_that_lacks_a_file_names_the_option_as_it_was_typed(bench, key: str):
+    done = bench("run", "-m", "dataset=demo", "method=underwater,onnx", f"{key}=none.onnx")
+    assert (done.returncode, f"file in {key}" in done.stderr) == (2, True)
+
+
 def test_the_command_writes_a_file_that_runs(bench, tmp_path: Path):
     run(tmp_path / "results", "method=gain,halved", multirun=True)
     done = bench("lineup", "results", "--plugin", str(TOYS))
