@@ -12,6 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
+from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.cielab import ciede2000, contrast, lab_d50
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.restored_pair import RestoredPair
@@ -49,14 +50,12 @@ class Consistency:
         """Yield the mean over the patches, then one for each range of difference in distance."""
         here, there, known = _lab(pair)
         share, n = float(known.mean()), int(known.sum())
-        if n < _FEWEST:
-            yield Score(np.nan, coverage=share)
-            return
         differences = ciede2000(here, there)
         if variant == "relative":
             total = float(n * (contrast(here) + contrast(there)) / 2)
-            value = float(differences.sum()) / total if total > 0 else np.nan
-            yield Score(value, n_pixels=n, coverage=share, weight=total)
+            if not total:
+                raise NotApplicableError("all points of a view have one colour; nothing to relate differences to")
+            yield Score(float(differences.sum()) / total, n_pixels=n, coverage=share, weight=total)
             return
         yield Score(float(differences.mean()), n_pixels=n, coverage=share, weight=n)
         change = np.abs(np.diff(pair.points.distance, axis=0)[0])[known]
@@ -83,12 +82,16 @@ class PointContrast:
         """Yield the mean over both views."""
         here, there, known = _lab(pair)
         share, n = float(known.mean()), int(known.sum())
-        value = (contrast(here) + contrast(there)) / 2 if n >= _FEWEST else np.nan
-        yield Score(value, n_pixels=n, coverage=share, weight=n)
+        yield Score((contrast(here) + contrast(there)) / 2, n_pixels=n, coverage=share, weight=n)
 
 
 def _lab(pair: RestoredPair) -> tuple[Array, Array, Mask]:
-    """CIE Lab (K, 3) of the patches that have a colour in both views, in each; and which of all these are (P,)."""
+    """CIE Lab (K, 3) of the patches that have a colour in both views, in each; and which of all these are (P,).
+
+    Raises NotApplicableError if they are fewer than five.
+    """
     here, there = pair.means(pair.here.shown, pair.there.shown)
     known = np.asarray(np.isfinite(here).all(axis=1))
+    if known.sum() < _FEWEST:
+        raise NotApplicableError(f"the two views have fewer than {_FEWEST} patches with colours in common")
     return lab_d50(here[known]), lab_d50(there[known]), known

@@ -18,6 +18,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import depth_at, project, relative_pose, unproject
+from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.once import locked, once
@@ -60,16 +61,24 @@ class Matches:
     """
 
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
-        """Yield the score if the two are neighbours."""
+        """Yield the score if the two are neighbours.
+
+        Raises NotApplicableError for two without colours, and for a ratio to no match at all.
+        """
         if not pair.are_neighbours:
             return
         before, after = _before(pair), _after(pair)
+        if variant == "ratio" and not before:
+            raise NotApplicableError(
+                "the photographs have no verified match, so there is no ratio; see matches:doublings"
+            )
         share = float(np.mean([np.isfinite(own.shown).all(axis=-1).mean() for own in (pair.here, pair.there)]))
         if variant == "ratio":
-            yield Score(after / before if before else np.nan, n_pixels=after, coverage=share, weight=before)
+            yield Score(after / before, n_pixels=after, coverage=share, weight=before)
         else:
-            value = float(np.log2((after + 1) / (before + 1))) if share else np.nan
-            yield Score(value, n_pixels=after, coverage=share)
+            if not share:
+                raise NotApplicableError("the restored views have no colours")
+            yield Score(float(np.log2((after + 1) / (before + 1))), n_pixels=after, coverage=share)
 
 
 # Of the photographs the number is the same for all methods. They share the pair's points, which are its key.
