@@ -63,18 +63,14 @@ class Matches:
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
         """Yield the score if the two are neighbours.
 
-        Raises NotApplicableError for two without colours, and for a ratio to no match at all.
+        The ratio is NaN if the photographs have no match. Raises NotApplicableError for two views without colours.
         """
         if not pair.are_neighbours:
             return
         before, after = _before(pair), _after(pair)
-        if variant == "ratio" and not before:
-            raise NotApplicableError(
-                "the photographs have no verified match, so there is no ratio; see matches:doublings"
-            )
         share = float(np.mean([np.isfinite(own.shown).all(axis=-1).mean() for own in (pair.here, pair.there)]))
         if variant == "ratio":
-            yield Score(after / before, n_pixels=after, coverage=share, weight=before)
+            yield Score(after / before if before else np.nan, n_pixels=after, coverage=share, weight=before)
         else:
             if not share:
                 raise NotApplicableError("the restored views have no colours")
