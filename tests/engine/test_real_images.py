@@ -31,11 +31,20 @@ def by_chart(rows: pd.DataFrame, method: str) -> dict[str, list[float]]:
     return {str(v): own.sort_values("region")["value"].tolist() for v, own in charts.groupby("view")}
 
 
-def test_sucre_brings_the_charts_of_sea_thru_d5_closer_to_their_colours(tmp_path: Path):
-    views = f"views=[{','.join(INPUT_PSI)}]"
-    outcome = run("seathru_d5_charts", tmp_path, "method=underwater,sucre_paper", views, "metrics=[psi]")
+SUCRE = ("sucre_paper", "sucre", "sucre_plus")
+
+
+@pytest.fixture(scope="module")
+def d5(tmp_path_factory: pytest.TempPathFactory) -> Outcome:
+    """The two photographs of Sea-thru's D5 with their eight charts."""
+    words = f"method={','.join(('underwater', *SUCRE))}", f"views=[{','.join(INPUT_PSI)}]", "metrics=[psi,negative]"
+    outcome = run("seathru_d5_charts", tmp_path_factory.mktemp("d5"), *words)
     assert outcome.exit_code == 0
-    unrestored, restored = (by_chart(outcome.rows, m) for m in ("underwater", "sucre_paper"))
+    return outcome
+
+
+def test_sucre_brings_the_charts_of_sea_thru_d5_closer_to_their_colours(d5: Outcome):
+    unrestored, restored = (by_chart(d5.rows, m) for m in ("underwater", "sucre_paper"))
     for view, expected in INPUT_PSI.items():
         assert unrestored[view] == pytest.approx(expected, abs=1)
         assert (np.array(restored[view]) < unrestored[view]).all()
@@ -44,18 +53,15 @@ def test_sucre_brings_the_charts_of_sea_thru_d5_closer_to_their_colours(tmp_path
     scene = next(sb.load_scenes("colmap", root=DATA / "seathru_d5_charts"))
     for view in INPUT_PSI:
         for chart in scene[view].charts:
-            before, after = (patches(tmp_path, method, view, chart) for method in ("underwater", "sucre_paper"))
+            before, after = (patches(d5.out, method, view, chart) for method in ("underwater", "sucre_paper"))
             assert before["red"][0] < 1.2 * before["red"][1:].max()
             assert after["red"][0] > 1.3 * after["red"][1:].max()
             assert after["yellow"][:2].min() > 1.2 * after["yellow"][2]
 
 
-def test_sucre_plus_is_closer_still_and_few_of_its_colours_are_negative(tmp_path: Path):
-    views, methods = f"views=[{','.join(INPUT_PSI)}]", ("sucre_paper", "sucre", "sucre_plus")
-    outcome = run("seathru_d5_charts", tmp_path, f"method={','.join(methods)}", views, "metrics=[psi,negative]")
-    assert outcome.exit_code == 0
-    psi = {name: np.array(list(by_chart(outcome.rows, name).values())) for name in methods}  # (views, charts)
-    negative = outcome.rows[outcome.rows["metric"] == "negative"].groupby("method")["value"].mean()
+def test_sucre_plus_is_closer_still_and_few_of_its_colours_are_negative(d5: Outcome):
+    psi = {name: np.array(list(by_chart(d5.rows, name).values())) for name in SUCRE}  # (views, charts)
+    negative = d5.rows[d5.rows["metric"] == "negative"].groupby("method")["value"].mean()
     assert psi["sucre_plus"].mean() < min(psi["sucre_paper"].mean() - 1, 20)
     assert psi["sucre_plus"].std(ddof=1) < psi["sucre"].std(ddof=1) - 0.3
     assert negative["sucre_plus"] < 0.02 < 0.5 < negative["sucre"]

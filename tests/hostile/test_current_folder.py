@@ -41,12 +41,14 @@ ALONE = (
 )
 _ONE_PROCESS = """
 import sys
-from sucre_bench.cli import main
+from sucre_bench.cli import cli
+from sucre_bench.errors import SucreBenchError
+from sucre_bench.machine.children import isolated_children
 for words in sys.argv[1:]:
-    sys.argv[1:] = words.split()
     try:
-        main()
-    except SystemExit:
+        with isolated_children():
+            cli(words.split(), standalone_mode=False)
+    except (SystemExit, SucreBenchError):
         pass
 """
 
