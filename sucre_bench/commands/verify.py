@@ -13,6 +13,7 @@ import click
 
 from sucre_bench.commands.common import json_option, load_plugins, plugin_option, say
 from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:
     from sucre_bench.programs.verify.check import Verified
@@ -28,7 +29,7 @@ _MOST = 20  # scores that are listed
 @click.option("--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle.")
 @click.option(
     "--tolerance",
-    default=0.02,
+    default=TOLERANCE,
     show_default=True,
     type=click.FloatRange(0, 1),
     help="Allowed difference of a score, as a share of it: pictures have 8 bits.",

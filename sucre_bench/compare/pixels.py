@@ -19,7 +19,7 @@ from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import restoration_rows
+from sucre_bench.results.rows import restoration_rows, restorations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,11 +59,12 @@ def on_pixels(rows: pd.DataFrame, common: pd.DataFrame, pixels: Pixels = "common
     rows = rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
     if pixels == "own":
         return rows
-    restorations = restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "") & is_fresh(rows)])
-    if not (restorations["coverage"] < 1).any():
+    whole = restorations(rows)
+    if not (whole["coverage"] < 1).any():  # no method leaves a hole, in data old or new
         return rows
-    rows = _without_little(rows, restorations)
-    states = _states(restorations[restorations["coverage"] >= LEAST_FILLED], common)
+    whole = restorations(rows[is_fresh(rows)])
+    rows = _without_little(rows, whole)
+    states = _states(whole[whole["coverage"] >= LEAST_FILLED], common)
     own = rows[_of_pixels(rows) & (rows["status"] == "ok")]
     own = own[[place in states for place in _places(own)]]
     return _replaced(rows, own, common, states) if len(own) else rows
@@ -178,7 +179,7 @@ def filled_rows(rows: pd.DataFrame) -> pd.DataFrame:
     scored = asked[_of_pixels(asked)]
     if any(says_filled(*pair) for pair in set(zip(asked["metric"], asked["variant"], strict=True))):
         scored = scored.iloc[:0]
-    whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok") & (rows["view"] != "")])
+    whole = restorations(rows[rows["_fresh"]])
     if scored.empty or not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any():
         return whole.iloc[:0]
     about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}

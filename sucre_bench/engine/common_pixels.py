@@ -28,7 +28,7 @@ from sucre_bench.results.common_scores import (
     read_common,
     write_common,
 )
-from sucre_bench.results.rows import COLUMNS, RESTORATION, Row
+from sucre_bench.results.rows import COLUMNS, Row, restorations
 from sucre_bench.results.table import locked as locked_table
 
 if TYPE_CHECKING:
@@ -100,8 +100,8 @@ def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[_Place, 
 
 
 def _restorations(rows: pd.DataFrame) -> pd.DataFrame:
-    ok = rows[(rows["status"] == "ok") & (rows["view"] != "") & (rows["metric"] == RESTORATION)]
-    return ok[ok["coverage"] >= LEAST_FILLED]
+    whole = restorations(rows)
+    return whole[whole["coverage"] >= LEAST_FILLED]
 
 
 def _metrics(planned: Sequence[Planned], out: Path) -> PixelMetrics:

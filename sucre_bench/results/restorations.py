@@ -11,7 +11,7 @@ import time
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -24,20 +24,16 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import write_mask
-from sucre_bench.results.rows import Row, restoration_rows
+from sucre_bench.results.rows import Row
 from sucre_bench.results.stored_files import FILES, described
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Encoding, Restoration, View, Water
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 __all__ = [
     "Measured",
     "read_full",
     "read_full_arrays",
     "read_record",
-    "restorations",
     "write_arrays",
     "write_full",
     "write_pictures",
@@ -144,11 +140,6 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
     except (ValueError, RecursionError) as fault:
         raise InputError(f"{path}: cannot be read ({fault}); delete it and run again") from fault
     return content
-
-
-def restorations(rows: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows that stand for restorations that ended well: one a view and method, of metric "seconds"."""
-    return restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "")])
 
 
 _ARRAY = "array of"

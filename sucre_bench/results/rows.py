@@ -30,6 +30,7 @@ __all__ = [
     "frame",
     "replicated",
     "restoration_rows",
+    "restorations",
     "score_rows",
     "tuples",
     "unreplicated",
@@ -137,6 +138,11 @@ def tuples(rows: pd.DataFrame, *columns: str) -> Iterator[Any]:
 def restoration_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """Return the rows that stand for restorations, one for each view by each method: see `Row`."""
     return rows[rows["metric"] == RESTORATION]
+
+
+def restorations(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows that stand for restorations that ended well: one a view and method, see `Row`."""
+    return restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "")])
 
 
 def score_rows(rows: pd.DataFrame) -> pd.DataFrame:

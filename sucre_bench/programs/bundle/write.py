@@ -15,8 +15,7 @@ from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.restorations import restorations
-from sucre_bench.results.rows import COSTS
+from sucre_bench.results.rows import COSTS, restorations
 
 if TYPE_CHECKING:
     import pandas as pd

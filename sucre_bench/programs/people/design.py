@@ -19,7 +19,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import layout
-from sucre_bench.results.restorations import restorations
+from sucre_bench.results.rows import restorations
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -17,8 +17,7 @@ from sucre_bench.programs.people import design
 from sucre_bench.programs.people.agreement import Agreement, MetricAgreement, metric_agreement, observer_agreement
 from sucre_bench.programs.people.bradley_terry import Preferences, Votes, fit, preferences
 from sucre_bench.programs.people.votes import Numbered, as_numbers, read_votes
-from sucre_bench.results.restorations import restorations
-from sucre_bench.results.rows import COSTS, Row
+from sucre_bench.results.rows import COSTS, Row, restorations
 
 if TYPE_CHECKING:
     import pandas as pd

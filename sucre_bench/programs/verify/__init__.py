@@ -3,3 +3,6 @@
 In: a bundle, see `sucre_bench.results.bundle_format`, and the data if they are here. Out: `Verified`.
 Metrics and datasets are those registered here. Nothing of the bundle is executed or unpacked onto the disk.
 """
+
+# The allowed difference as a share of a score. Pictures have 8 bits, scores were computed before that rounding.
+TOLERANCE = 0.02

@@ -17,22 +17,19 @@ from sucre_bench.errors import ANY_FAULT, InputError, Lack
 from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.agreeing import Key, Pictured, agrees, computed
 from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
 from sucre_bench.programs.verify.pictures import Held, held, picture, restoration_of
 from sucre_bench.results.bundle_format import Bundle
-from sucre_bench.results.restorations import restorations
-from sucre_bench.results.rows import COSTS, Row
+from sucre_bench.results.rows import COSTS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
 
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["TOLERANCE", "Differing", "Verified", "verify"]
-
-# Pictures have 8 bits, scores were computed before that rounding: it changes psi by up to 1.6 %, others by less.
-TOLERANCE = 0.02
+__all__ = ["Differing", "Verified", "verify"]
 
 
 @dataclass(frozen=True)

@@ -22,7 +22,7 @@ from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout
 from sucre_bench.results.layout import file_name
-from sucre_bench.results.restorations import restorations
+from sucre_bench.results.rows import restorations
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -21,7 +21,8 @@ from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results.layout import file_name
-from sucre_bench.results.restorations import read_record, restorations
+from sucre_bench.results.restorations import read_record
+from sucre_bench.results.rows import restorations
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

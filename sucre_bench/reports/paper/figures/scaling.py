@@ -17,7 +17,8 @@ import numpy as np
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import metrics_of
-from sucre_bench.results.restorations import read_record, restorations
+from sucre_bench.results.restorations import read_record
+from sucre_bench.results.rows import restorations
 
 if TYPE_CHECKING:
     import pandas as pd
