@@ -65,7 +65,7 @@ class Reading:
         if own == (width, height):
             return image, {}
         self._check_size(view, own, path)
-        # What is made of a hole and its neighbours is a hole: NaN spreads.
+        # A pixel that is mixed from a hole and its neighbours becomes a hole too: NaN spreads.
         how = cv2.INTER_AREA if own[0] > width else cv2.INTER_LINEAR
         return np.asarray(cv2.resize(image, (width, height), interpolation=how)), {"resized_from": list(own)}
 

@@ -47,7 +47,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
 
 
 def _line_up(folder: Path) -> dict[str, str]:
-    """The line-up file that runs these results again; none, with the reason said, where it cannot be made."""
+    """Return the line-up file that runs these results again. If it cannot be made, say why and return none."""
     from sucre_bench import results
     from sucre_bench.errors import SucreBenchError
     from sucre_bench.jobs.lineup_of_results import line_up_of

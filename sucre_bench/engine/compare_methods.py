@@ -134,7 +134,7 @@ def compare_methods(
     made = _made(methods)
     chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
     metrics = list(metrics) or _default_metrics()
-    metric_choices(metrics)  # a typo is told before anything is restored
+    metric_choices(metrics)  # raises for a mistyped name, before any view is restored
     tables, pictures = [], {}
     with _shown(show_progress):
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):

@@ -116,7 +116,7 @@ class Plugin:
     def is_of_pixels(self) -> bool:
         """Whether it ranks pictures by their pixels, so that methods must be compared on the same ones.
 
-        Not scores of charts, nor of what the method computed besides the picture.
+        A metric of charts does not, nor one of what the method computed besides the picture.
         """
         ranks = self.kind == "metric" and self.better != "none"
         return ranks and self.needs <= {"reference", "depth", "poses"}

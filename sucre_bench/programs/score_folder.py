@@ -52,7 +52,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     import pandas as pd
 
     names = list(metrics) or _applicable(reference is not None)
-    metric_choices(names)  # a typo is told before anything is read
+    metric_choices(names)  # raises for a mistyped name, before any image is read
     files = images_in(images)
     references = None if reference is None else _References(reference)
     label, tables, pairs = images.resolve().name, [], list[_Files]()

@@ -1,4 +1,4 @@
-"""A table of cases: a fault, a command, its exit code, and what is said of place and remedy, in few lines."""
+"""A table of faults: each command ends with its exit code, and names the place and the remedy in few lines."""
 
 from __future__ import annotations
 
