@@ -71,6 +71,7 @@ def score(
     from sucre_bench.machine import terminal
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
+    from sucre_bench.results.csv_text import csv_text
 
     load_plugins(plugin_files)
     names = [name.strip() for name in metrics.split(",") if name.strip()]
@@ -84,12 +85,12 @@ def score(
     with contextlib.redirect_stdout(sys.stderr), terminal.live():  # what a metric prints is no part of the table
         rows = score_folder.score_folder(images, reference, names)
     if file:
-        write_atomically(file, rows.to_csv(index=False).encode())
+        write_atomically(file, csv_text(rows).encode())
     form = "json" if as_json else how
     if published:
         _print_matches(published, rows, form)
     elif form == "csv":
-        click.echo(rows.to_csv(index=False), nl=False)
+        click.echo(csv_text(rows), nl=False)
     elif form == "json":
         click.echo(rows.to_json(orient="records", indent=1))
     elif (rows["status"] == "ok").any():
@@ -109,6 +110,7 @@ def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> 
 
     from sucre_bench.machine import terminal
     from sucre_bench.programs import match_published
+    from sucre_bench.results.csv_text import csv_text
 
     matches = [(column, match_published.compare(column, rows)) for column in published.columns]
     if form != "terminal":
@@ -118,7 +120,7 @@ def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> 
             for one in found
         )
         click.echo(
-            table.to_json(orient="records", indent=1) if form == "json" else table.to_csv(index=False),
+            table.to_json(orient="records", indent=1) if form == "json" else csv_text(table),
             nl=form == "json",
         )
         return

@@ -13,6 +13,7 @@ from typing import Any, Literal
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.words import Shown, blocks, left_out, legend, shown, title
+from sucre_bench.results.csv_text import csv_text
 
 __all__ = ["Format", "as_text"]
 
@@ -32,7 +33,7 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
             return json.dumps([{k: _null(v) for k, v in r.items()} for r in records], indent=1) + "\n"
         import pandas as pd
 
-        return str(pd.DataFrame(records).to_csv(index=False))
+        return csv_text(pd.DataFrame(records))
     one = {"md": _markdown, "latex": _latex, "html": _html}[how]
     return "\n".join(one(comparison, len(comparisons) > 1, spread) for comparison in comparisons)
 

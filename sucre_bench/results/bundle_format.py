@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.machine.files import open_atomically
 from sucre_bench.results.check_table import check_values
+from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
 
 if TYPE_CHECKING:
@@ -166,7 +167,7 @@ def write_bundle(
     version: str,
 ) -> str:
     """Write a bundle and return its id. files: by their name in the bundle. Raises OutputError if that fails."""
-    files = {SCORES: rows.to_csv(index=False, lineterminator="\n").encode(), **files}
+    files = {SCORES: csv_text(rows).encode(), **files}
     inside = {name: hash_of(content) for name, content in files.items()}
     manifest = _manifest(by, version, inside, outside)
     with open_atomically(path) as file, zipfile.ZipFile(file, "w") as archive:
@@ -298,10 +299,11 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
     """Read a table of rows: text as it stands, numbers as numbers. path: for errors."""
     import pandas as pd
 
-    texts = {name: "str" for name in columns if name not in NUMBERS}
     try:
-        read = pd.read_csv(io.BytesIO(content), dtype=texts, keep_default_na=False, na_values=_NO_NUMBER)
-        rows = read[list(columns)].astype({**frame([]).dtypes.to_dict(), **texts})
+        read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False)[list(columns)]
+        # Not by pandas: some of its versions lose the last digits of a number.
+        numbers = {name: [float(text or "nan") for text in read[name]] for name in columns if name in NUMBERS}
+        rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
         for text in rows["methods"].unique() if "methods" in columns else ():
             if not isinstance(json.loads(text), list):
                 raise ValueError("column 'methods' is no list")
@@ -312,4 +314,3 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
 
 
 _OF_COMMON = ("pixels", "methods")  # columns that only scores on common pixels have
-_NO_NUMBER = {name: [""] for name in NUMBERS}

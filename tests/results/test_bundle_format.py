@@ -9,6 +9,7 @@ import zipfile
 from dataclasses import replace
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
 import pytest
 
@@ -53,6 +54,15 @@ def test_what_is_written_comes_back(tmp_path: Path):
         assert (bundle.id, bundle.by, bundle.version) == (made, "Jane", "1.2")
         assert bundle.read("restored/one.png") == b"picture"
         pd.testing.assert_frame_equal(bundle.rows, rows())
+
+
+@pytest.mark.parametrize("value", [14.689221706938191, -6.211417699675681, 1e-300, 0.1 + 0.2, 5e22])
+def test_every_digit_of_a_score_comes_back_however_numpy_prints(tmp_path: Path, value: float):
+    scores = rows().assign(value=value)
+    with np.printoptions(legacy="1.13", precision=3):  # what some packages set for the whole process
+        write_bundle(tmp_path / "b.zip", scores, {}, {}, "Jane", "1.2")
+    with open_bundle(tmp_path / "b.zip") as bundle:
+        assert list(bundle.rows["value"]) == [value] * len(scores)
 
 
 def test_an_altered_file_is_named(tmp_path: Path):

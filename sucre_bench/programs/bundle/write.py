@@ -15,6 +15,7 @@ from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
+from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.rows import COSTS, restorations
 
 if TYPE_CHECKING:
@@ -58,7 +59,7 @@ def bundle_results(
     rows = results.read(folder)
     files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if (folder / n).is_file()}
     common = read_common(folder)
-    files |= {COMMON: common.to_csv(index=False, lineterminator="\n").encode()} if len(common) else {}
+    files |= {COMMON: csv_text(common).encode()} if len(common) else {}
     files |= {name: text.encode() for name, text in (texts or {}).items()}
     found = {file.relative_to(folder).as_posix(): file for file in _files(folder, rows)}
     is_inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]

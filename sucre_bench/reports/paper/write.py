@@ -17,6 +17,7 @@ from sucre_bench.reports.paper import figures
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.follow_option import records
 from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.layout import file_name, log_path
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     if study.along:
         tables = [table for one in results.followed for table in one.comparisons]
         sentences = ""  # the tables against a baseline have the differences
-        csv = str(pd.DataFrame([record for one in results.followed for record in records(one)]).to_csv(index=False))
+        csv = csv_text(pd.DataFrame([record for one in results.followed for record in records(one)]))
     else:
         tables = results.comparisons
         sentences = "".join(f"- {line}\n" for table in tables for line in _sentences(table))

@@ -14,6 +14,7 @@ from PIL import Image
 
 import sucre_bench
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.imaging.cielab import colour_science
 from sucre_bench.reports.paper import Study
 from sucre_bench.reports.paper.figures import against, pictures, scores, style
 from sucre_bench.reports.paper.follow_option import Value
@@ -68,7 +69,7 @@ def test_methods_of_one_figure_have_colours_of_their_own_while_there_are_enough(
 
 def test_colours_are_told_apart_by_colour_blind_people_too():
     """CIEDE2000 under Machado's simulations: 2 is just visible side by side; Okabe & Ito alone reach 12."""
-    import colour
+    colour = colour_science()
 
     hexes = np.array([[int(h[i : i + 2], 16) / 255 for i in (1, 3, 5)] for h in style.PALETTE])
     linear = colour.models.eotf_sRGB(hexes)
