@@ -101,36 +101,36 @@ def _in(module: str, help: str, name: str = "") -> _Command:
 # The table of contents of --help. A command is imported when it is called: its line of help stands here.
 SECTIONS: dict[str, dict[str, _Command]] = {
     "Restore and compare": {
-        "run": _in("run", "Restore a dataset's views with methods, and score them."),
-        "lineup": _in("lineup", "Write the line-up that made a results folder, to run again."),
-        "compare": _in("compare", "One table of results folders: what decides, who leads."),
-        "score": _in("score", "Score a folder of images with any metric, as published."),
+        "run": _in("run", "Restore views of a dataset with methods, and score them."),
+        "lineup": _in("lineup", "Write the line-up of a results folder, to run it again."),
+        "compare": _in("compare", "Compare methods: one table, and who leads."),
+        "score": _in("score", "Score a folder of images with any published metric."),
     },
     "Your own data": {
-        "prepare": _in("prepare", "Turn photos into a scene: cameras, depth maps, a page."),
-        "describe": _in("describe", "Say what a dataset holds, and what is wrong with it."),
-        "charts": _in("charts", "Mark colour charts, in a page of the browser."),
+        "prepare": _in("prepare", "Make a scene of photos: cameras, depth maps."),
+        "describe": _in("describe", "Describe what a dataset holds, and list its faults."),
+        "charts": _in("charts", "Mark colour charts on a page in your browser."),
     },
     "Look at results": {
-        "report": _in("report", "Write the page of tables and pictures."),
+        "report": _in("report", "Write the page of a results folder: tables, pictures."),
         "texture": _in("texture", "Write a scene as points or a mesh in restored colours."),
         "video": _in("video", "Write a video of the views before and after."),
-        "study": _in("study", "Ask people which pictures they prefer, without names."),
-        "track": _in("track", "Log a results folder in mlflow; open mlflow's page."),
+        "study": _in("study", "Ask people which restored images they prefer."),
+        "track": _in("track", "Log a results folder in mlflow, and open its page."),
     },
     "Share results": {
         "bundle": _in("bundle", "Write a results folder as one file, with hashes."),
-        "verify": _in("verify", "Check a bundle: hashes, data, scores computed again."),
-        "site": _in("site", "Write a page over many bundles: a lab's board."),
+        "verify": _in("verify", "Check a bundle: hashes, data, scores."),
+        "site": _in("site", "Write a lab's board: a page over many bundles."),
     },
     "Extend": {
         "list": _in("list", "List plugins, their options, and whether they run here.", "list_"),
-        "new": _in("new", "Write a plugin to start from, and its test."),
+        "new": _in("new", "Write a working plugin to start from, and its test."),
         "check": _in("check", "Check whether a plugin keeps the contract."),
     },
     "This machine": {
-        "doctor": _in("doctor", "Say what runs on this machine, and how to get the rest."),
-        "completion": _in("completion", "Print the script that completes commands in your shell."),
+        "doctor": _in("doctor", "List what works on this machine, and what is missing."),
+        "completion": _in("completion", "Print the script for <TAB> completion in your shell."),
     },
 }
 _COMMANDS = {name: command for section in SECTIONS.values() for name, command in section.items()}
@@ -171,11 +171,11 @@ def cli() -> None:
     """Compare methods that restore the colours of underwater images.
 
     \b
-    sucre-bench run dataset=demo method=gray_world     one method on a made dive
+    sucre-bench run dataset=demo method=gray_world     one method, built-in scene
     sucre-bench run -m dataset=demo method=underwater,gray_world,sucre out=results
-    sucre-bench compare results                        who leads, and by chance?
-    sucre-bench prepare photos/ dive/                  a scene of your own photos
+    sucre-bench compare results                        who leads, by how much?
+    sucre-bench prepare photos/ dive/                  make a scene of your photos
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
 
-    Each command's --help begins with examples. `sucre-bench completion --help` explains completion with <TAB>.
+    The --help of each command begins with examples.
     """

@@ -49,7 +49,7 @@ def _commands() -> Iterator[str]:
 
 def _keys() -> Iterator[str]:
     yield "## Keys of `sucre-bench run`\n"
-    yield "Beside these, `dataset=`, `method=` and `metrics=` choose plugins; `sucre-bench list` shows their options.\n"
+    yield "`dataset=`, `method=` and `metrics=` choose plugins; `sucre-bench list` has their options. The other keys:\n"
     yield "| key | default | what it does |\n|---|---|---|"
     for option in options_of(RunConfig):
         if option.name not in ("dataset", "method", "metrics", "study", *_GROUPS):

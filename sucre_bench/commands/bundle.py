@@ -20,17 +20,18 @@ __all__ = ["bundle"]
     type=click.Choice(["none", "restored", "all"]),
     default="none",
     show_default=True,
-    help="Which pictures go in: restored ones; all: also views and references, if they are yours to publish.",
+    help="restored: put the restored images in; all: also views and references, if you may publish them.",
 )
-@click.option("--by", default="", metavar="TEXT", help='Who publishes it, for example "Reef Lab".')
+@click.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
 def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
-    """Write the scores, configuration and hashes of a results folder as one file.
+    """Write a results folder as one file: scores, configuration and hashes.
 
     \b
     sucre-bench bundle results paper.zip
     sucre-bench bundle results paper.zip --pictures restored --by "Reef Lab"
 
-    The same results give the same bytes. Print the id where readers find it: it stands for every hash in the bundle.
+    The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
+    give the same bytes and the same id.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.programs.bundle.write import bundle_results

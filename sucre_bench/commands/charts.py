@@ -24,10 +24,10 @@ _DATASET = "colmap"  # reads images that are given without dataset=
     metavar="VIEW... [KEY=VALUE]...",
     shell_complete=complete.complete_views,
 )
-@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of new charts.")
-@click.option("--accept", is_flag=True, help="Open no page; accept the proposals whose patches are in order.")
+@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
+@click.option("--accept", is_flag=True, help="Open no page; accept all proposals whose patches are in order.")
 @click.option("--no-browser", is_flag=True, help="Print the address of the page; do not open a browser.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; 0: any free port.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; 0 (default): any free port.")
 def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
     """Mark colour charts: click their four corners on a page in your browser.
 
@@ -37,10 +37,10 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     sucre-bench charts dive/images/a.png --kind colorchecker24
     sucre-bench charts dataset=colmap dataset.root=dive/ --accept
 
-    VIEW is an image in the folder images/ of a scene, or with dataset= the name of a view. Kinds: dgk, colorchecker24,
-    colorchecker_sg, or a CSV file. ColorCheckers are detected. A chart marked in one view is proposed in all other
-    views by depth and poses; you confirm it there. The page shows the named views first. charts.json of the scene
-    stores everything.
+    VIEW is an image in the folder images/ of a scene. With dataset=, it is the name of a view. The kinds are dgk,
+    colorchecker24, colorchecker_sg, or a CSV file. The command finds charts of the kind colorchecker24 by itself. Depth
+    and poses carry a marked chart to the other views, where you confirm it. The page shows the named views first. The
+    scene's charts.json stores everything.
     """
     import webbrowser
 

@@ -21,12 +21,12 @@ __all__ = ["check"]
 @click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=complete_words)
 @click.option("--kind", type=KINDS, help="Needed if plugins of two kinds have this name.")
 @click.option(
-    "--on", default="demo", show_default=True, metavar="DATASET", help="Dataset for the last rule: a real view."
+    "--on", default="demo", show_default=True, metavar="DATASET", help="Dataset of the real view in the last rule."
 )
 @click.option("--quick", is_flag=True, help="Leave out rules that start processes or make scenes.")
 @json_option
 def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool) -> None:
-    """Test a plugin against the contract; for each breach, say what to change.
+    """Check whether a plugin keeps the contract, and say what to change.
 
     \b
     sucre-bench check gray_world
@@ -35,7 +35,9 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     sucre-bench check colmap dataset.root=dive/
 
     PLUGIN is a name, or a .py file with plugins. Options follow as in `sucre-bench run`: method.NAME=VALUE,
-    dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE. The exit code is 1 if a rule is broken.
+    dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE.
+
+    Exit codes: 0, the plugin keeps every rule; 1, it breaks a rule; 2, the command has a mistake.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.programs.contract import contract, text

@@ -22,13 +22,13 @@ def counted(number: int, name: str) -> str:
 
 def json_option(command: _F) -> _F:
     """Add --json, for programs: the command prints one JSON value on stdout and nothing else there."""
-    text = "For programs: one JSON object on stdout, and nothing else there."
+    text = "Print one JSON object on stdout and nothing else, for programs."
     return click.option("--json", "as_json", is_flag=True, help=text)(command)
 
 
 def plugin_option(command: _F) -> _F:
     """Add --plugin FILE, which may be repeated; give its value to `load_plugins`."""
-    text = "A .py file with plugins of your own."
+    text = "Load the plugins of this .py file; may be repeated."
     return click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help=text)(command)
 
 

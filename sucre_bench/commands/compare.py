@@ -22,25 +22,31 @@ __all__ = ["compare"]
 
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))
-@click.option("--by", type=click.Choice(["method", "view", "region"]), default="method", show_default=True)
+@click.option(
+    "--by",
+    type=click.Choice(["method", "view", "region"]),
+    default="method",
+    show_default=True,
+    help="One table for each dataset, for each view, or for each region (a chart).",
+)
 @click.option(
     "--metric",
     "metrics",
     multiple=True,
     metavar="NAME[:VARIANT]",
     shell_complete=complete.complete_metrics,
-    help="Only these; may be repeated.",
+    help="Show only this column; may be repeated.",
 )
-@click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this one.")
+@click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this method.")
 @click.option(
     "--fail-below",
     "limits",
     multiple=True,
     metavar="[METHOD/]METRIC=LIMIT",
-    help="With --baseline, exit with 1 if a method is worse by more than this, and by more than chance. psnr=-0.5: by"
-    " more than 0.5 dB. May be repeated.",
+    help="With --baseline: exit with 1 if a method is worse than the baseline by more than LIMIT and by more than"
+    " chance. psnr=-0.5 means 0.5 dB. May be repeated.",
 )
-@click.option("--common", is_flag=True, help="Where methods ran on different images, compare on those they share.")
+@click.option("--common", is_flag=True, help="If methods ran on different images, compare on the images they share.")
 @click.option("--intervals", is_flag=True, help="Show 95 % intervals, and a sentence for each lead.")
 @click.option("--all-metrics", is_flag=True, help="Show all columns, not only those that decide.")
 @click.option(
@@ -48,8 +54,8 @@ __all__ = ["compare"]
     type=click.Choice(["common", "own"]),
     default="common",
     show_default=True,
-    help="Where methods fill shares of an image that differ by more than 1 %: score them on the pixels that all of them"
-    " fill, or each on its own.",
+    help="If methods fill different pixels of an image (by more than 1 %): score all on the common pixels, or each on"
+    " its own.",
 )
 @click.option("--spread", is_flag=True, help="Show standard deviations too.")
 @click.option(
@@ -58,6 +64,7 @@ __all__ = ["compare"]
     type=click.Choice(["terminal", "md", "latex", "html", "csv", "json"]),
     default="terminal",
     show_default=True,
+    help="Format of the tables. All formats but terminal have every column, with 95 % intervals.",
 )
 @click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 def compare(
@@ -74,7 +81,7 @@ def compare(
     how: Any,
     as_json: bool,
 ) -> None:
-    """One table over one or more output folders: the scores that decide, and who leads.
+    """Compare the methods of one or more results folders: one table, and who leads.
 
     \b
     sucre-bench compare results
@@ -83,8 +90,7 @@ def compare(
     sucre-bench compare results --baseline sucre --fail-below mine/psnr=-0.5
     sucre-bench compare results --json | jq '.[] | {method, metric, mean}'
 
-    Methods are compared on the same images only. Runs that are not comparable are refused, with the reason. Every
-    format but that of the terminal has all columns, with 95 % intervals.
+    All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare
     from sucre_bench.compare import text as tables

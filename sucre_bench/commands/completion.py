@@ -125,15 +125,16 @@ def install() -> None:
 @click.command("completion")
 @click.argument("shell", type=click.Choice(list(SHELLS)))
 def completion(shell: str) -> None:
-    """Print the script that completes commands, options and key=value words in a shell.
+    """Print the script with which <TAB> completes commands, options and key=value words.
 
     \b
     echo 'source <(sucre-bench completion bash)' >> ~/.bashrc
     echo 'source <(sucre-bench completion zsh)' >> ~/.zshrc
     sucre-bench completion fish > ~/.config/fish/completions/sucre-bench.fish
 
-    It then works in every new shell that finds sucre-bench, for example after `source .venv/bin/activate`. For this
-    shell only: source <(sucre-bench completion bash). Needs bash 4.4; in ~/.zshrc, put the line after compinit.
+    Completion then works in every new shell that finds sucre-bench, for example after `source .venv/bin/activate`. For
+    the current shell only: source <(sucre-bench completion bash). bash must be 4.4 or newer. In ~/.zshrc, put the line
+    after compinit.
     """
     click.echo(script(shell, click.get_current_context().find_root().command), nl=False)
 

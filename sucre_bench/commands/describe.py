@@ -27,7 +27,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg")
     "--sheet",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="File of the contact sheet, .png or .jpg [default: SCENE-sheet.png]",
+    help="Where to write the contact sheet, .png or .jpg [default: SCENE-sheet.png]",
 )
 @click.option("--no-sheet", is_flag=True, help="Write no contact sheet.")
 @click.option(
@@ -35,7 +35,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg")
     default=400,
     show_default=True,
     type=click.IntRange(1),
-    help="Describe at most this many views of a scene, evenly chosen.",
+    help="Describe at most this many views of a scene, evenly spread.",
 )
 @plugin_option
 def describe(
@@ -46,16 +46,17 @@ def describe(
     most: int,
     plugin_files: tuple[str, ...],
 ) -> None:
-    """Say what a dataset holds, write a contact sheet, and list faults with their remedies.
+    """Describe what a dataset holds, write a contact sheet, and list faults with their remedies.
 
     \b
     sucre-bench describe ./dive
     sucre-bench describe colmap dataset.root=dive/
     sucre-bench describe dataset=demo dataset.water=turbid every=4 --json
 
-    A folder is recognised by its files. Words are those of `sucre-bench run`: dataset=, its options, views=, every=,
-    first=, degrade.
-    The exit code is 0 unless no view could be read.
+    The command recognises a folder by its files. It takes these words of `sucre-bench run`: dataset= and its options,
+    views=, every=, first= and degrade.
+
+    Exit codes: 0, at least one view was read; 2, no view could be read, or the command has a mistake.
     """
     from sucre_bench.engine.tasks import select
     from sucre_bench.errors import InputError

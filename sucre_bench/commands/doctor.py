@@ -14,17 +14,23 @@ __all__ = ["doctor"]
 
 
 @click.command("doctor")
-@click.option("--out", default=Path(), type=click.Path(path_type=Path), help="Folder whose disk to check.")
+@click.option(
+    "--out",
+    default=Path(),
+    type=click.Path(path_type=Path),
+    help="Results folder whose disk to check [default: the current folder].",
+)
 @json_option
 def doctor(out: Path, as_json: bool) -> None:
-    """Say what works on this machine, what is missing, and the command that installs it.
+    """List what works on this machine, what is missing, and the commands that install it.
 
     \b
     sucre-bench doctor
     sucre-bench doctor --out /scratch/results
     sucre-bench doctor --json | jq '.features[] | select(.state != "ready")'
 
-    The exit code is 1 if something is broken or a required package is missing; optional packages do not count.
+    Exit codes: 0, all required packages work; 1, something is broken or a required package is missing. Missing optional
+    packages do not count.
     """
     from sucre_bench.programs import doctor
 

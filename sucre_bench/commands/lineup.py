@@ -17,19 +17,19 @@ __all__ = ["lineup"]
     "--out",
     type=click.Path(path_type=Path, allow_dash=True),
     metavar="FILE",
-    help="The file to write; - prints it. [default: RESULTS/lineup.yaml]",
+    help="Where to write the line-up; - prints it. [default: RESULTS/lineup.yaml]",
 )
 @plugin_option
 def lineup(folder: Path, out: Path | None, plugin_files: tuple[str, ...]) -> None:
-    """Write the line-up that made a results folder: datasets, configurations, metrics and settings in one file.
+    """Write the line-up of a results folder: one file with its datasets, configurations, metrics and settings.
 
     \b
     sucre-bench lineup results/
     sucre-bench lineup results/ --out paper.yaml
     sucre-bench run paper.yaml out=again
 
-    The file has every configuration in the folder's score table, with a label and its options. Settings (views, study,
-    and so on) are those of the last command. Paths in the file are relative to it.
+    The file has every configuration of the score table, with its label and options. Other settings, for example views
+    and study, are those of the last command. Paths in the file are relative to its folder.
     """
     from sucre_bench.jobs.lineup_of_results import line_up_of
     from sucre_bench.jobs.rerun import shell

@@ -27,9 +27,7 @@ __all__ = ["list_"]
 @json_option
 @plugin_option
 def list_(what: str, names: tuple[str, ...], as_json: bool, plugin_files: tuple[str, ...]) -> None:
-    """List plugins or experiments with their needs and options, and whether they run here.
-
-    NAME lists these alone.
+    """List plugins, experiments or degradations, with their options, and whether they run here.
 
     \b
     sucre-bench list methods
@@ -37,6 +35,8 @@ def list_(what: str, names: tuple[str, ...], as_json: bool, plugin_files: tuple[
     sucre-bench list metrics --plugin my_metric.py
     sucre-bench list experiments
     sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
+
+    With NAME, list prints only this one.
     """
     from rich.text import Text
 

@@ -19,9 +19,9 @@ __all__ = ["new"]
     "--package",
     type=click.Path(path_type=Path, file_okay=False),
     metavar="DIR",
-    help="Write a package of its own there.",
+    help="Write a package with this plugin into DIR.",
 )
-@click.option("--depth", is_flag=True, help="For a method that needs depth: it leaves holes where depth is unknown.")
+@click.option("--depth", is_flag=True, help="Write a method that needs depth.")
 def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
     """Write a working plugin to start from, and its test.
 
@@ -30,8 +30,8 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
     sucre-bench new method fade_less --depth
     sucre-bench new metric redness --package ~/my-metrics
 
-    In a checkout of sucre_bench the files go into methods/, datasets/ or metrics/, and into the folder of
-    the same name in tests/; elsewhere into the current folder. Nothing is overwritten.
+    In a checkout of sucre_bench, the files go into methods/, datasets/ or metrics/, and into the same folder of tests/.
+    Elsewhere they go into the current folder. The command overwrites nothing.
     """
     from sucre_bench.programs.contract.new import write_new
     from sucre_bench.programs.contract.text import shown_path

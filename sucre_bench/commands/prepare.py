@@ -20,31 +20,32 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
 @click.option(
     "--masks",
     type=click.Path(path_type=Path),
-    help="Folder of masks, a.jpg.png or a.png for a.jpg; black parts are not used.",
+    help="Folder of masks: a.jpg.png or a.png for a.jpg. Black pixels get no matches and no depth.",
 )
 @click.option(
     "--matching",
     type=click.Choice(["auto", "exhaustive", "sequential"]),
     default="auto",
     show_default=True,
-    help="Match all pairs of photos, or neighbours by name; auto: all pairs up to 80 photos.",
+    help="exhaustive: match all pairs of photos; sequential: neighbours by name; auto: all pairs up to 80 photos.",
 )
 @click.option(
-    "--camera", type=click.Choice(_CAMERAS), default="SIMPLE_RADIAL", show_default=True, help="COLMAP camera model."
+    "--camera", type=click.Choice(_CAMERAS), default="SIMPLE_RADIAL", show_default=True, help="COLMAP's camera model."
 )
 @click.option(
     "--cameras",
     type=click.Choice(["single", "folder", "image"]),
     default="single",
     show_default=True,
-    help="Photos that share a camera; photos of different sizes never do.",
+    help="single: all photos share a camera; folder: those of a folder do; image: none do. Photos of different sizes"
+    " never do.",
 )
 @click.option(
     "--max-size",
     type=click.IntRange(min=0),
     default=0,
     metavar="PIXELS",
-    help="Shrink larger photos to this longest side; 0: do not.",
+    help="Shrink larger photos to this longest side; 0 (default): do not.",
 )
 @click.option(
     "--surface",
@@ -59,9 +60,9 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     default=800,
     show_default=True,
     metavar="PIXELS",
-    help="Longest side of the images that the plane sweep uses.",
+    help="Longest side of the images in the plane sweep.",
 )
-@click.option("--scale", "factor", type=float, metavar="FACTOR", help="Metres per unit of the model, if known.")
+@click.option("--scale", "factor", type=float, metavar="FACTOR", help="Metres per unit of the model, if you know it.")
 @click.option(
     "--distance",
     "distances",
@@ -82,7 +83,7 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
     "--depth-track",
     type=click.Path(path_type=Path),
     metavar="CSV",
-    help="Table with columns image,depth: metres below the water's surface.",
+    help="Table with the columns image,depth: metres below the water's surface.",
 )
 @click.option("--again", is_flag=True, help="Replace an OUT that was made with other options.")
 def prepare(
@@ -95,16 +96,16 @@ def prepare(
     again: bool,
     **options: Any,
 ) -> None:
-    """Turn a folder of photos into a scene: undistorted images, a COLMAP model and depth maps.
+    """Make a scene of a folder of photos: undistorted images, a COLMAP model and depth maps.
 
     \b
     sucre-bench prepare photos/ dive/
     sucre-bench prepare photos/ dive/ --distance IMG_1.jpg IMG_9.jpg 1.85
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
 
-    Look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length, --depth-track
-    or --scale the depths are not metres. You may add one of these later; it stays until you give another. Finished
-    stages are not repeated, and after a stop the same command continues.
+    Then look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length,
+    --depth-track or --scale the depths are not metres. You may add one of these later; the command keeps it until you
+    give another. If you stop prepare, the same command continues.
     """
     from sucre_bench.jobs.quoting import quoted
     from sucre_bench.machine import terminal

@@ -12,10 +12,12 @@ __all__ = ["report"]
 @click.command("report")
 @click.argument("folder", type=click.Path(path_type=Path))
 def report(folder: Path) -> None:
-    """Write FOLDER/report/index.html, a page of tables, plots and pictures that opens from disk.
+    """Write the page of a results folder: FOLDER/report/index.html.
 
     \b
     sucre-bench report results
+
+    The page has tables, plots and pictures. It opens from disk, without a network.
     """
     from sucre_bench import compare, results
     from sucre_bench.reports import page

@@ -48,30 +48,31 @@ def run(
     sucre-bench run --dry-run -m method=gray_world,sucre
     sucre-bench run --json dataset=demo method=gray_world | jq .table
 
-    Words are Hydra's key=value. dataset=, method=, metrics=[a,b] choose plugins (`sucre-bench list`); their options
-    follow a dot: method.pairing=depth. With -m, values parted by commas are all run, and an option after a method's
-    name is for that method alone. A line-up is a file with all of this; words after it prevail.
+    Every word is key=value. dataset=, method= and metrics=[a,b] choose plugins (`sucre-bench list`). An option of a
+    plugin follows a dot: method.pairing=depth. With -m, the command runs every combination of the values with commas
+    between them. An option after a method's name is for that method alone. A line-up is a file with all of this; a word
+    of the command replaces the same key of the file.
 
     \b
-    out=FOLDER              where results go; the same one again adds to it
-    views=[NAME,...]        only these, or those of a .txt list
-    every=N first=N         each Nth view, the first N
-    metrics=[psnr,psi]      only these; metrics=[uciqe:all] with every variant
-    dataset=./FOLDER        finds out what the folder is
-    baseline=LABEL          compare the others with this method
-    degrade.noise=0.02      worse data: `sucre-bench list degradations`
-    save=full               also J, B, beta, gamma (.npz), for metrics of later on
-    overwrite=always        again what is there; never: keep whatever there is
-    overwrite=failed        again the views at which the process died
-    view_timeout_s=60       a method that takes longer for a view has failed there
-    seed=N                  other draws
-    report=false            no page
-    tracking.uri=off        no mlflow; or the address of yours
+    out=FOLDER              write results there; the same folder again adds to it
+    views=[NAME,...]        only these views; views=list.txt: one name a line
+    every=N first=N         every Nth view; the first N views
+    metrics=[psnr,psi]      only these metrics; uciqe:all: every variant of one
+    dataset=./FOLDER        find out which dataset the folder is
+    baseline=LABEL          show the differences from this method
+    degrade.noise=0.02      make the data worse: `sucre-bench list degradations`
+    save=full               also write J, B, beta, gamma (.npz), for later metrics
+    overwrite=always        restore finished views again; never: only new views
+    overwrite=failed        also try views again at which the process died
+    view_timeout_s=60       a view that takes longer has failed; null: no limit
+    seed=N                  other random draws
+    report=false            write no page
+    tracking.uri=off        no mlflow; tracking.uri=URI: another mlflow
 
-    What is done is not done again: the same command goes on where it was stopped.
+    If you stop a run, the same command continues. It does not restore finished views again.
 
-    The exit code is 0 when all was done but what had a reason not to be, 1 when a view or a score failed or nothing at
-    all was done, 2 for a mistake in the command, 130 after Ctrl-C.
+    Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was done; 2,
+    the command has a mistake; 130, stopped by Ctrl-C.
     """
     from sucre_bench import plugins
     from sucre_bench.engine import sweep

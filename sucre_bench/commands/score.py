@@ -32,15 +32,22 @@ __all__ = ["score"]
     default="",
     metavar="A,B",
     shell_complete=complete.complete_metrics,
-    help="Names, name:variant or name:all; default all that apply.",
+    help="Metrics: name, name:variant or name:all. Default: all that apply.",
 )
 @click.option(
     "--like",
     type=click.Path(path_type=Path),
     metavar="TABLE.csv",
-    help="Which public variant gives these published numbers? A row an image or folder, a column a metric.",
+    help="Find the variants that give these published numbers. One row an image or folder, one column a metric.",
 )
-@click.option("--format", "how", type=click.Choice(["terminal", "csv", "json"]), default="terminal", show_default=True)
+@click.option(
+    "--format",
+    "how",
+    type=click.Choice(["terminal", "csv", "json"]),
+    default="terminal",
+    show_default=True,
+    help="Format of the scores.",
+)
 @click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
 @click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
 @plugin_option
@@ -54,7 +61,7 @@ def score(
     file: Path | None,
     plugin_files: tuple[str, ...],
 ) -> None:
-    """Score a folder of images (or one image) with any metric, in any published variant.
+    """Score a folder of images, or one image, with any metric in any published variant.
 
     \b
     sucre-bench score restored/
@@ -63,10 +70,10 @@ def score(
     sucre-bench score a.png --json | jq '.[] | {metric, variant, value}'
     sucre-bench score restored/ --like published.csv
 
-    --like computes every variant of the metrics that the table has columns of, also at 256x256, and
-    prints which of them gives its numbers.
+    --like computes every variant of the metrics in TABLE.csv, also at 256x256 pixels. Then it prints which variant
+    gives the published numbers.
 
-    A folder knows no holes: what is black counts as picture. `sucre-bench run` scores only pixels that have a colour.
+    The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.machine.files import write_atomically

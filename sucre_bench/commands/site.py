@@ -22,21 +22,23 @@ __all__ = ["site"]
 @click.command()
 @click.argument("bundles", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--title", "heading", default="Restoration of underwater images", show_default=True, help="Of the page.")
-@click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Data to verify with; may be repeated.")
+@click.option(
+    "--title", "heading", default="Restoration of underwater images", show_default=True, help="Title of the page."
+)
+@click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
 @plugin_option
 def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_files: tuple[str, ...]) -> None:
-    """Write a page of tables over all bundles of a folder: a lab's board.
+    """Write a lab's board: a page of tables over all bundles of a folder.
 
     \b
     sucre-bench site bundles/ public/
     sucre-bench site bundles/ public/ --title "Reef Lab" --data reef=dive/
 
-    Each bundle is verified first. A table has one dataset, the same images and data, and one variant and version of
-    each metric; what does not fit stands in a table of its own, with the reason. A bundle of which something differs
-    is named, and is in no table.
+    The command verifies each bundle first. One table has one dataset with the same images, and one variant and version
+    of each metric. Results that do not fit get a table of their own, with the reason. The page names a bundle that
+    differs from its hashes or scores, and puts it into no table.
 
-    The exit code is 0 when all bundles are in tables, 1 when something differs in one, 2 when there is none.
+    Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.programs.site.board import State, board

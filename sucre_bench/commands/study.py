@@ -23,19 +23,17 @@ __all__ = ["study"]
 @click.option("--methods", default="", metavar="A,B", help="Labels of the methods to compare.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE.html", help="The page to write.")
 @click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
-@click.option("--question", default="", metavar="TEXT", help="What the page asks.")
-@click.option("--pairs", default=20, show_default=True, type=click.IntRange(2, 500), help="Pairs of a sitting.")
-@click.option(
-    "--views", default=12, show_default=True, type=click.IntRange(1, 200), help="Views at most, evenly chosen."
-)
+@click.option("--question", default="", metavar="TEXT", help="The question on the page.")
+@click.option("--pairs", default=20, show_default=True, type=click.IntRange(2, 500), help="Pairs in one sitting.")
+@click.option("--views", default=12, show_default=True, type=click.IntRange(1, 200), help="Most views, evenly spread.")
 @click.option(
     "--width",
     default=1200,
     show_default=True,
     type=click.IntRange(100, 8000),
-    help="Pixels of a picture's width at most.",
+    help="Greatest width of a picture, in pixels.",
 )
-@click.option("--votes", is_flag=True, help="Evaluate the files of votes that follow FOLDER.")
+@click.option("--votes", is_flag=True, help="Evaluate the files of votes after FOLDER.")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="[VOTES.json]...")
 @json_option
 def study(
@@ -51,17 +49,17 @@ def study(
     files: Sequence[Path],
     as_json: bool,
 ) -> None:
-    """Ask people which restored images they prefer: pairs, without names.
+    """Ask people which restored images they prefer, without names, and evaluate their votes.
 
     \b
     sucre-bench study results --methods sucre,mlle,gray_world --out study.html
     sucre-bench study results --votes votes-*.json
 
-    Send study.html to people. It opens from disk in any browser, and saves a file of votes. It does not name
-    methods; the key stays in results/people/.
+    Send study.html to people. The page shows pairs of pictures, opens from disk in any browser, and saves a file of
+    votes. It does not name methods; the key stays in results/people/.
 
-    --votes prints how strongly people prefer each method (Bradley-Terry scores with 95 % intervals), whether they agree
-    with each other, and which metrics agree with them. It adds the metric `preference` to the score table.
+    --votes prints how strongly people prefer each method (Bradley-Terry scores with 95 % intervals), whether people
+    agree with each other, and which metrics agree with them. It adds the metric `preference` to the score table.
     """
     if votes:
         _evaluate(folder, files, as_json)

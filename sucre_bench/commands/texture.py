@@ -16,7 +16,10 @@ __all__ = ["texture"]
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
-    "--method", required=True, metavar="LABEL", help='Label of the method whose colours to use; "input" for the views.'
+    "--method",
+    required=True,
+    metavar="LABEL",
+    help='Label of the method that gives the colours; "input": the views.',
 )
 @click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
 @click.option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
@@ -24,14 +27,14 @@ __all__ = ["texture"]
     "--voxel",
     type=click.FloatRange(0, min_open=True),
     metavar="METRES",
-    help="Size of a voxel [default: a pixel's size on the surface].",
+    help="Edge of a voxel [default: the median size of a pixel on the surface].",
 )
-@click.option("--mesh", is_flag=True, help="Write triangles, not points, in a .ply; a .glb always has triangles.")
+@click.option("--mesh", is_flag=True, help="Write triangles, not points, into a .ply. A .glb always has triangles.")
 @click.option(
     "--picture",
     type=click.Path(path_type=Path),
     metavar="FILE",
-    help="Also write a .png: the input beside the restored surface.",
+    help="Also write a .png with the input beside the restored surface.",
 )
 @plugin_option
 def texture(
@@ -45,14 +48,15 @@ def texture(
     picture: Path | None,
     plugin_files: tuple[str, ...],
 ) -> None:
-    """Fuse the views of a run into a point cloud or a mesh with restored colours.
+    """Write a scene as points or a mesh in restored colours.
 
     \b
     sucre-bench texture results scene.glb --method sucre --picture scene.png
     sucre-bench texture results points.ply --method sucre --voxel 0.005
     sucre-bench texture results input.glb --method input
 
-    RESULTS is a folder that `sucre-bench run out=RESULTS` wrote. The dataset is opened again; it needs depth and poses.
+    RESULTS is a results folder of `sucre-bench run`. The command opens its dataset again, which must have depth and
+    poses.
     """
     from sucre_bench.engine.reopen import INPUT, revisit
     from sucre_bench.errors import InputError

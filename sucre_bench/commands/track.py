@@ -15,18 +15,18 @@ __all__ = ["track"]
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))
-@click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI; default: a store in FOLDER.")
-@click.option("--experiment", default="sucre_bench", show_default=True, help="mlflow's experiment.")
-@click.option("--ui", is_flag=True, help="Then open mlflow's page on this machine, until Ctrl-C.")
-@click.option("--port", default=5000, show_default=True, type=click.IntRange(1, 65535), help="Of that page.")
+@click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER].")
+@click.option("--experiment", default="sucre_bench", show_default=True, help="Name of the experiment in mlflow.")
+@click.option("--ui", is_flag=True, help="Then serve mlflow's page on this machine until Ctrl-C.")
+@click.option("--port", default=5000, show_default=True, type=click.IntRange(1, 65535), help="Port of that page.")
 def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
-    """Tell mlflow what FOLDER holds: after a run on a cluster, or one that was stopped.
+    """Log a results folder in mlflow, for example after a run on a cluster.
 
     \b
     sucre-bench track results --uri http://127.0.0.1:5000
     sucre-bench track results --ui
 
-    Rows that mlflow has already are not logged again.
+    The command logs only rows that mlflow does not have yet.
     """
     from sucre_bench import compare, results
     from sucre_bench.machine import terminal

@@ -32,23 +32,23 @@ _MOST = 20  # scores that are listed
     default=TOLERANCE,
     show_default=True,
     type=click.FloatRange(0, 1),
-    help="Allowed difference of a score, as a share of it: pictures have 8 bits.",
+    help="How far a score may differ, as a share of the score.",
 )
 @json_option
 @plugin_option
 def verify(
     file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool, plugin_files: tuple[str, ...]
 ) -> None:
-    """Check a bundle: its hashes, its data, and its scores, computed again.
+    """Check a bundle: verify its hashes and its data, and compute its scores again.
 
     \b
     sucre-bench verify paper.zip
     sucre-bench verify paper.zip --data dive/ --id 0123456789abcdef
 
-    Scores are computed from the bundle's pictures (bundle --pictures restored). Scores that need depth, charts or a
-    reference need the data too. Nothing in a bundle is executed or unpacked onto the disk.
+    The command computes scores from the pictures in the bundle (bundle --pictures restored). Scores that need depth,
+    charts or a reference need --data too. It executes nothing in a bundle, and unpacks nothing onto the disk.
 
-    The exit code is 0 when nothing differs, 1 when something does, 2 when the file is no bundle.
+    Exit codes: 0, nothing differs; 1, something differs; 2, the file is no bundle.
     """
     from sucre_bench.machine import terminal
     from sucre_bench.programs.verify import check

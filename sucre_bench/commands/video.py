@@ -21,11 +21,15 @@ __all__ = ["video"]
 @click.command()
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
-@click.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of their panels.")
+@click.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of the panels.")
 @click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
 @click.option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
 @click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(0.1, 120), help="Views a second.")
-@click.option("--split", is_flag=True, help="Show one panel a method, with the input left of a moving divider.")
+@click.option(
+    "--split",
+    is_flag=True,
+    help="Show one panel for each method: the input left of a moving divider, the method right of it.",
+)
 @click.option(
     "--height",
     default=540,
@@ -45,13 +49,14 @@ def video(
     height: int,
     plugin_files: tuple[str, ...],
 ) -> None:
-    """Write the views of a run in capture order, before and after, and measure how much each method flickers.
+    """Write a video of the views before and after, and measure how much each method flickers.
 
     \b
     sucre-bench video results dive.mp4 --methods gray_world,sucre
     sucre-bench video results dive.webm --methods sucre --split --fps 5
 
-    RESULTS is a folder that `sucre-bench run out=RESULTS` wrote. OUT.json, for example dive.mp4.json, gets the numbers.
+    RESULTS is a results folder of `sucre-bench run`. The video shows its views in capture order. The
+    numbers lie beside it, for example to dive.mp4.json.
     """
     from sucre_bench.engine.reopen import revisit
     from sucre_bench.errors import InputError

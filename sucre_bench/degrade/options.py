@@ -45,43 +45,43 @@ _OF = {"depth_noise_px": ("depth_noise",), "depth_hole_px": ("depth_holes",), "s
 
 @dataclass(frozen=True)
 class Degradation:
-    """How a dataset is made worse; by default it is not.
+    """A known way to make a dataset worse. The default changes nothing.
 
     >>> Degradation(noise=0.02, jpeg_quality=50).noise
     0.02
     """
 
     within: int | None = None
-    """Only views at most so many frames before or after the target, in capture order."""
+    """Keep only views at most this many frames before or after the target, in capture order; null: all."""
     keep: int | None = None
-    """Only so many views, the target and others drawn at random, after `within`."""
+    """Keep only this many views, after `within`: the target and others drawn at random; null: all."""
     add_water: Any = None
-    """Water added to the reference, or to the image where the scene has no references: nine numbers [B, beta, gamma],
-    each RGB, or a JSON file with "B", "beta" and "gamma". It becomes the true water, the dry image the reference."""
+    """Add water to the reference, or to the image if the scene has no references: nine numbers [B, beta, gamma], each
+    RGB, or a JSON file with "B", "beta" and "gamma". It becomes the true water; the dry image becomes the reference."""
     blur_px: float = 0.0
-    """Standard deviation of a Gaussian blur in pixels of the original image, done in linear light."""
+    """Blur the image in linear light with a Gaussian of this standard deviation, in pixels of the original; 0: none."""
     scale: float = 1.0
-    """Size of image, depth, reference, camera and charts, 0.01 to 1."""
+    """Resize image, depth, reference, camera and charts by this factor, 0.01 to 1; 1: keep the size."""
     noise: float = 0.0
-    """Standard deviation of Gaussian noise of the stored intensities, as a share of full scale."""
+    """Add Gaussian noise to the stored intensities: standard deviation as a share of full scale; 0: none."""
     bits: int | None = None
-    """Bits a channel that the stored intensities are rounded to, 1 to 16."""
+    """Round the stored intensities to this many bits a channel, 1 to 16; null: do not."""
     jpeg_quality: int | None = None
-    """Quality of a JPEG file that the image goes through, 1 to 100."""
+    """Pass the image through a JPEG file of this quality, 1 to 100; null: do not."""
     depth_noise: float = 0.0
-    """Standard deviation of Gaussian noise of depth, as a share of the depth."""
+    """Add Gaussian noise to the depth: standard deviation as a share of the depth; 0: none."""
     depth_noise_px: float = 0.0
-    """How smooth depth noise is: standard deviation in pixels of the Gaussian that smooths it, 0 = not at all."""
+    """Smooth the depth noise with a Gaussian of this standard deviation, in pixels; 0: do not."""
     depth_holes: float = 0.0
-    """Share of the pixels with a depth that lose it."""
+    """Remove the depth of this share of the pixels with depth; 0: none."""
     depth_hole_px: float = 10.0
-    """How large holes are: standard deviation in pixels of the Gaussian that shapes them, 0 = single pixels."""
+    """Size of the holes: standard deviation of the Gaussian that shapes them, in pixels; 0: single pixels."""
     pose_noise_m: float = 0.0
-    """Standard deviation in metres of noise of camera centres, along each axis."""
+    """Move camera centres at random: standard deviation along each axis, in metres; 0: do not."""
     pose_noise_deg: float = 0.0
-    """Standard deviation in degrees of noise of camera rotations, about each axis."""
+    """Turn cameras at random: standard deviation about each axis, in degrees; 0: do not."""
     seed: int = 0
-    """Seed of all that is random here; independent of the run's."""
+    """Seed of all random degradations; the seed of the run does not change it."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "degrade", **_RANGES)

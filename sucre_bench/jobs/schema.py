@@ -106,13 +106,12 @@ class OneByOne:
 
 @dataclass
 class Tracking:
-    """Where results are logged besides the table.
-
-    uri: an mlflow tracking URI, default a store in the output folder; "off" logs nowhere; experiment: mlflow's.
-    """
+    """Where mlflow logs the run."""
 
     uri: str = "sqlite:///${out}/mlflow.db"
+    """mlflow's tracking URI; the default is a store in the results folder. off: no mlflow."""
     experiment: str = "sucre_bench"
+    """Name of the experiment in mlflow."""
 
 
 Overwrite = Literal["missing", "failed", "always", "never"]
@@ -121,7 +120,7 @@ Save = Literal["display", "full"]
 
 @dataclass(frozen=True)
 class RunConfig:
-    """What `sucre-bench run` accepts."""
+    """The keys of `sucre-bench run`."""
 
     dataset: Mapping[str, Any] = field(default_factory=dict)
     """The dataset's name, label and options."""
@@ -130,44 +129,44 @@ class RunConfig:
     metrics: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     """Each metric's name, variants and options."""
     out: str = "outputs"
-    """The results folder; the same one again adds to it."""
+    """The results folder. A second run with the same folder adds to it."""
     views: str | Sequence[str] | None = None
-    """Only these views, or those of a .txt file with a name a line; null: all."""
+    """Only these views, by name, or a .txt file with one name a line; null: all views."""
     every: int = 1
-    """Each Nth view."""
+    """Only every Nth view; 1: every view."""
     first: int | None = None
-    """The first N views; null: all."""
+    """Only the first N views; null: all views."""
     overwrite: Overwrite = "missing"
-    """missing: restore what is missing or out of date; failed: also views at which the process died; always:
-    everything; never: nothing that is there."""
+    """missing: restore views that have no result, failed, or are out of date; failed: also views at which the process
+    died; always: all views; never: only views without a result."""
     view_timeout_s: float | None = None
-    """Seconds that a method may take for a view, and a metric for a score; then it has failed. null: no limit."""
+    """Most seconds of a method for a view, and of a metric for a score; longer ones fail. null: no limit."""
     save: Save = "display"
-    """display: the restored images; full: also J, B, beta and gamma (.npz), so that later metrics need no restoring."""
+    """display: write restored images; full: also J, B, beta and gamma (.npz), for metrics that you add later."""
     seed: int = 0
     """Seed of datasets and methods that draw random numbers."""
     report: bool = True
-    """Whether to write the page."""
+    """Write the page of the results folder; false: write none."""
     plugins: Sequence[str] = ()
-    """Python files with more plugins."""
+    """Python files with plugins."""
     pairs_gb: float = 8.0
-    """GB of disk that the jobs of a sweep may use to share pairs while it runs; 0: they share none."""
+    """Most GB of disk for the pairs that the jobs of a sweep share while it runs; 0: share none."""
     cache_gb: float = 8.0
-    """GB of disk for images and depth maps that a run decodes once; 0: methods and targets decode them each time."""
+    """Most GB of disk for decoded images and depth maps while a run lasts; 0: decode files each time."""
     cache_keep: bool = False
-    """Whether decoded images and depth maps stay in the results folder for the next run."""
+    """Keep decoded images and depth maps in the results folder for the next run."""
     tracking: Tracking = field(default_factory=Tracking)
     """Where results are logged besides the table."""
     degrade: Degradation = field(default_factory=Degradation)
-    """What is done to the dataset first."""
+    """How the dataset is degraded before methods see it."""
     replicate: int = 0
-    """Which repetition, each with other random draws; comparisons average over them."""
+    """Number of the repetition. Each has other random draws; comparisons average over them."""
     shard: Shard = field(default_factory=Shard)
     """A part of the views."""
     study: Study | None = None
     """The tables and figures that an experiment makes of its rows."""
     baseline: str = ""
-    """The method that the others are compared with, in the table and in the study; the best when empty."""
+    """Label of the method that the others are compared with; empty: the best method."""
 
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")

@@ -1,4 +1,4 @@
-"""A part of the views, for a job of a cluster: `shard.index` of `shard.count`."""
+"""A shard: one of several equal parts of the views, for one job of a cluster."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ T = TypeVar("T")
 
 @dataclass
 class Shard:
-    """A part of the selected views: block `index` of `count` blocks of neighbours, as equal as may be."""
+    """A part of the selected views: block `index` of `count` blocks of neighbouring views of almost equal size."""
 
     index: int = 0
+    """Number of this block of views, from 0."""
     count: int = 1
+    """Number of blocks that the views are split into; 1: all views in one block."""
 
     def __post_init__(self) -> None:
         if not 0 <= self.index < self.count:
