@@ -101,8 +101,8 @@ def _scored(
         return
     values = error(np.array([r.rgb for r in every]), np.array([expected(r.patch) for r in every]))
     ends = np.cumsum([len(of_chart) for of_chart in readings])
-    for chart, of_chart, own in zip(view.charts, readings, np.split(values, ends[:-1]), strict=True):
-        yield from chart_scores(chart, of_chart, own)
+    for chart, of_chart, of_patches in zip(view.charts, readings, np.split(values, ends[:-1]), strict=True):
+        yield from chart_scores(chart, of_chart, of_patches)
 
 
 def angle_deg(a: Array, b: Array) -> Array:

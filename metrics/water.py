@@ -46,8 +46,8 @@ class Water:
         truth: TrueWater | None = restored.info.get("true_water")
         if restored.water is None or truth is None:
             return
-        if (own := restored.water.encoding) != truth.encoding:
-            fault = f"the estimate explains {own or 'the view'}, the true water {truth.encoding or 'the view'}"
+        if (explained := restored.water.encoding) != truth.encoding:
+            fault = f"the estimate explains {explained or 'the view'}, the true water {truth.encoding or 'the view'}"
             raise NotApplicableError(f"{view.name}: {fault} intensities, which cannot be compared")
         estimate = np.asarray(getattr(restored.water, variant), dtype=np.float64)
         if np.isnan(estimate).all():

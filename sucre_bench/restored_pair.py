@@ -108,8 +108,8 @@ _LEAST = 0.75  # of a patch's pixels
 def _means(image: Array, pixels: Indices, patch: Indices, n: int) -> Array:
     colours = image.reshape(-1, 3)[pixels]
     known = np.isfinite(colours).all(axis=1)
-    own = patch[known]
-    counted = np.bincount(own, minlength=n)
-    sums = np.stack([np.bincount(own, column, n) for column in colours[known].T], axis=1)
+    patches = patch[known]
+    counted = np.bincount(patches, minlength=n)
+    sums = np.stack([np.bincount(patches, column, n) for column in colours[known].T], axis=1)
     enough = counted >= np.maximum(1, _LEAST * np.bincount(patch, minlength=n))
     return np.where(enough[:, None], sums / np.maximum(counted, 1)[:, None], np.nan)

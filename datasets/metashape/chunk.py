@@ -80,16 +80,16 @@ def _components(chunk: Chunk, document: Path) -> list[Component]:
             continue
         if sensor not in sensors:
             raise InputError(f"{document}: camera '{camera.get('label')}' has no sensor {sensor}; {_REMEDY}")
-        own, master = poses[number], poses.get(str(camera.get("master_id")))
-        if own is None and master is not None:
-            own = master @ _offset(sensors[sensor], document)
-        if own is None:
+        pose, master = poses[number], poses.get(str(camera.get("master_id")))
+        if pose is None and master is not None:
+            pose = master @ _offset(sensors[sensor], document)
+        if pose is None:
             continue
         if sensor not in lenses:
             lenses[sensor] = _lens(sensors[sensor], document)
         of = str(camera.get("component_id", next(iter(worlds), "")))
         transform, scale = _world(worlds.get(of), chunk.element)
-        world_from_cam = scaled_pose(transform @ own, scale or 1.0)
+        world_from_cam = scaled_pose(transform @ pose, scale or 1.0)
         label = str(camera.get("label"))
         named = chunk.paths.get(number, f"{group}/{label}" if group else label)
         stem = without_suffix(label.replace("\\", "/").rsplit("/", 1)[-1])
@@ -145,8 +145,8 @@ def _offset(sensor: Element, document: Path) -> Array:
 
 def _world(component: Element | None, chunk: Element) -> tuple[Array, float | None]:
     """The rotation, as (4, 4), and the scale from the chunk's frame to the world; None where there is no scale."""
-    turn, own = np.eye(4), component.find("transform") if component is not None else None
-    transform = own if own is not None else chunk.find("transform")
+    turn, of_component = np.eye(4), component.find("transform") if component is not None else None
+    transform = of_component if of_component is not None else chunk.find("transform")
     if transform is None:
         return turn, None
     rotation, scale = transform.findtext("rotation"), transform.findtext("scale")

@@ -188,11 +188,11 @@ def _depths(place: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[st
         if not without:
             break
         try:
-            own, ambiguous = find_depths(folder, without)
+            of_folder, ambiguous = find_depths(folder, without)
         except InputError as fault:  # none of its maps is named after an image: those of another folder may be
             refused.append(fault)
         else:
-            found, faults = found | own, faults | ambiguous
+            found, faults = found | of_folder, faults | ambiguous
     if refused and not found and not faults:
         raise refused[0]
     return found, faults

@@ -55,16 +55,16 @@ class ImageFolder:
         Raises InputError where two files may be the view's, or a file another view's as well, or it lies elsewhere;
         NotApplicableError, saying what was looked for, where there is none.
         """
-        own = _place(inside(name), self.pattern)
+        wanted = _place(inside(name), self.pattern)
         views = _views(tuple(names), self.pattern)
-        found, rivals = self._beside(own.parent).get(own.name, []), views.at.get(own, ())
+        found, rivals = self._beside(wanted.parent).get(wanted.name, []), views.at.get(wanted, ())
         if not found and "/" not in self.pattern:
             # A file in another view's place is not this one's.
-            found = [path for path in self._below.get(own.name, []) if path.with_name(own.name) not in views.at]
-            rivals = views.called.get(own.name, ())
+            found = [path for path in self._below.get(wanted.name, []) if path.with_name(wanted.name) not in views.at]
+            rivals = views.called.get(wanted.name, ())
         rival = next((other for other in rivals if other != name), None)
         if not found:
-            raise NotApplicableError(f"{name}: {self._looked_for(own)}")
+            raise NotApplicableError(f"{name}: {self._looked_for(wanted)}")
         path = self.folder / found[0]
         if len(found) > 1:
             fault = f"{found[1]} in {self.folder} is there as well"
@@ -105,13 +105,13 @@ class ImageFolder:
                 sorted_in.setdefault(path.name if self._whole else path.stem, []).append(path)
         return sorted_in
 
-    def _looked_for(self, own: PurePosixPath) -> str:
+    def _looked_for(self, wanted: PurePosixPath) -> str:
         """Why nothing was found: what was looked for, and what comes near."""
         there = [str(path if self._whole else path.with_suffix("")) for paths in self._below.values() for path in paths]
         if not there:
             return f"there are no images in {self.folder}"
-        exact = "/" in self.pattern or own.parent == PurePosixPath()
-        tried = [str(own)] if exact else [str(own), own.name]
+        exact = "/" in self.pattern or wanted.parent == PurePosixPath()
+        tried = [str(wanted)] if exact else [str(wanted), wanted.name]
         near = difflib.get_close_matches(tried[0], there, n=1, cutoff=0) or there[:1]
         kinds = "" if self._whole else f" (any of {', '.join(SUFFIXES)})"
         named = f"named {' or '.join(tried)}{kinds}"

@@ -43,8 +43,8 @@ class Reading:
 
         Raises InputError where it cannot be read, has no pixel with a colour, or is not of the view's size.
         """
-        if (own := size_of_only_page(path)) is not None:
-            self._check_size(view, own, path)
+        if (found := size_of_only_page(path)) is not None:
+            self._check_size(view, found, path)
         image, transparent = _colours(path)
         holes = ~np.isfinite(image).all(axis=-1)
         if self.holes != "none":
@@ -61,21 +61,21 @@ class Reading:
         import cv2
 
         height, width = view.rgb.shape[:2]
-        own = (image.shape[1], image.shape[0])
-        if own == (width, height):
+        found = (image.shape[1], image.shape[0])
+        if found == (width, height):
             return image, {}
-        self._check_size(view, own, path)
+        self._check_size(view, found, path)
         # A pixel that is mixed from a hole and its neighbours becomes a hole too: NaN spreads.
-        how = cv2.INTER_AREA if own[0] > width else cv2.INTER_LINEAR
-        return np.asarray(cv2.resize(image, (width, height), interpolation=how)), {"resized_from": list(own)}
+        how = cv2.INTER_AREA if found[0] > width else cv2.INTER_LINEAR
+        return np.asarray(cv2.resize(image, (width, height), interpolation=how)), {"resized_from": list(found)}
 
-    def _check_size(self, view: View, own: tuple[int, int], path: Path) -> None:
+    def _check_size(self, view: View, found: tuple[int, int], path: Path) -> None:
         """Raise InputError unless an image of its own size (width, height) is of the view's size, or may be resized."""
         height, width = view.rgb.shape[:2]
-        sizes = f"is {own[0]}x{own[1]}, the view is {width}x{height}"
-        if not same_shape(own, (width, height)):
+        sizes = f"is {found[0]}x{found[1]}, the view is {width}x{height}"
+        if not same_shape(found, (width, height)):
             raise InputError(f"{path}: {sizes}, another shape; restore the view as it is, uncropped")
-        if own != (width, height) and not self.resize:
+        if found != (width, height) and not self.resize:
             raise InputError(f"{path}: {sizes}; restore it at that size, or give method.resize=true")
 
 

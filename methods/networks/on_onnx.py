@@ -91,8 +91,8 @@ def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwo
     Raises InputError, naming the file, for one that is no model or does not take one picture of three channels, and
     for a device that is not there.
     """
-    own = _stamp(path)
-    return _opened(path, (own, *map(_stamp, _beside(path, own))), device, layout, output)
+    stamp = _stamp(path)
+    return _opened(path, (stamp, *map(_stamp, _beside(path, stamp))), device, layout, output)
 
 
 # When a file was changed, and its size in bytes; zeros where it is not there.

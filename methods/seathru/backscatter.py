@@ -51,9 +51,9 @@ def dark_pixels(intensity: Array, z: Array, bins: int, share: float, most: int) 
     there is least backscatter and most residual.
     """
     near, far = float(z.min()), float(z.max())
-    own = np.minimum(((z - near) * (bins / max(far - near, 1e-6))).astype(np.int64), bins - 1)
-    order = np.lexsort((intensity.mean(axis=-1), own))
-    ends = np.searchsorted(own[order], np.arange(bins + 1))
+    bin_of = np.minimum(((z - near) * (bins / max(far - near, 1e-6))).astype(np.int64), bins - 1)
+    order = np.lexsort((intensity.mean(axis=-1), bin_of))
+    ends = np.searchsorted(bin_of[order], np.arange(bins + 1))
     darkest = [order[a : a + min(int(np.ceil(share * (b - a))), most)] for a, b in itertools.pairwise(ends)]
     chosen = np.concatenate(darkest)
     beyond = chosen[z[chosen] > near + 0.1 * (far - near)]

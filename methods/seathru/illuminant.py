@@ -31,13 +31,13 @@ def local_average(direct: Array, z: Array, p: float, eps: float) -> Array:
     A pixel with no such neighbour keeps its colour.
     """
     mean = _neighbour_mean(z, eps)
-    own, rest = (p * direct).astype(np.float32), np.float32(1 - p)
+    here, rest = (p * direct).astype(np.float32), np.float32(1 - p)
     before: Array = direct.astype(np.float32)
-    average: Array = own + rest * (mean @ before)
+    average: Array = here + rest * (mean @ before)
     omega = 2.0
     for _ in range(_ROUNDS):
         omega = 1 / (1 - (1 - p) ** 2 * omega / 4)
-        before, average = average, before + np.float32(omega) * (own + rest * (mean @ average) - before)
+        before, average = average, before + np.float32(omega) * (here + rest * (mean @ average) - before)
         if np.abs(average - before).max() < _CONVERGED:
             break
     return average

@@ -80,7 +80,7 @@ def fit(
     Raises NotApplicableError when no pixel is seen twice, or all from one distance each.
     """
     images = [observations] if isinstance(observations, Observations) else observations
-    sharp = [own for own, one in zip(sharp or [None] * len(images), images, strict=True) if one.n_repeated]
+    sharp = [sharp_one for sharp_one, one in zip(sharp or [None] * len(images), images, strict=True) if one.n_repeated]
     images = [one for one in images if one.n_repeated]
     if not images:
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
@@ -188,10 +188,10 @@ def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], f
     blurring takes away: that of the sharp observations, less that of the same image's blurred ones in `few`. Where
     nothing is blurred it is one standard deviation of the residuals: the free fit is biased the other way.
     """
-    pairs = [(own, blurred) for own, blurred in zip(sharp, few, strict=True) if own is not None]
+    pairs = [(sharp_one, blurred) for sharp_one, blurred in zip(sharp, few, strict=True) if sharp_one is not None]
     if not pairs:
         return np.asarray(np.mean([robust_noise(one, free) for one in few], axis=0))
-    lost = [robust_noise(own, free) ** 2 - robust_noise(blurred, free) ** 2 for own, blurred in pairs]
+    lost = [robust_noise(sharp_one, free) ** 2 - robust_noise(blurred, free) ** 2 for sharp_one, blurred in pairs]
     return np.asarray(_MARGIN * np.sqrt(np.maximum(lost, LEAST_NOISE**2)).mean(axis=0))
 
 

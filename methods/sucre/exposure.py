@@ -208,9 +208,9 @@ def _system(sample: _Sample, unknowns: Array, with_priors: bool = True) -> Reduc
     for c in range(3):
         columns = np.concatenate([of_water[:, c], of_view * (gain * (J[c] * a[c] + b[c]))])
         columns -= x[c] * (sample.over_pixels(x[c] * columns) / A[c])
-        own = np.r_[3 * c : 3 * c + 3, 9:n]
-        H[np.ix_(own, own)] += columns @ columns.T
-        g[own] += columns @ r[c]
+        places = np.r_[3 * c : 3 * c + 3, 9:n]
+        H[np.ix_(places, places)] += columns @ columns.T
+        g[places] += columns @ r[c]
     cost = float((r * r).sum())
     if with_priors:
         weight = (_NOISE / _PRIOR) ** 2

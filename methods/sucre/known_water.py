@@ -89,12 +89,12 @@ def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterP
     if np.abs(values[0]).max() > _MOST_B or np.abs(values[1:]).max() > _MOST_RATE:
         limits = f"B is an intensity, at most {_MOST_B:g}, beta and gamma are rates in 1/m, at most {_MOST_RATE:g}"
         raise InputError(f"{place}: no water is like this; {limits}")
-    own = water.encoding or view.encoding
-    if own != encoding:
-        remedy = f"{'give' if own == 'linear' else 'leave out'} encoding=linear"
+    explained = water.encoding or view.encoding
+    if explained != encoding:
+        remedy = f"{'give' if explained == 'linear' else 'leave out'} encoding=linear"
         if view.encoding == "linear":
             remedy = "give one of linear intensities"
-        raise InputError(f"{place}: is of {own} intensities, and {encoding} ones are to be explained; {remedy}")
+        raise InputError(f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}")
     return WaterParameters(*values)
 
 

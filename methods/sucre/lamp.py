@@ -268,9 +268,9 @@ def reduced_system(sample: Sample, unknowns: Array) -> ReducedSystem:
     priors = np.append((_NOISE / _PRIORS) ** 2, np.zeros(9))
     H, g = np.diag(priors), -priors * unknowns
     for c in range(3):
-        own = np.r_[:8, 8 + 3 * c : 11 + 3 * c]
-        H[np.ix_(own, own)] += columns[:, c] @ columns[:, c].T
-        g[own] += columns[:, c] @ r[c]
+        places = np.r_[:8, 8 + 3 * c : 11 + 3 * c]
+        H[np.ix_(places, places)] += columns[:, c] @ columns[:, c].T
+        g[places] += columns[:, c] @ r[c]
     return ReducedSystem(H[None], g[None], np.array([(r * r).sum() + priors @ unknowns**2]))
 
 

@@ -70,9 +70,9 @@ class ImagePrior:
             inverse = 1 / (v + (self.spread * shrunk) ** 2)
             weight = self.w**2 @ inverse
             s = ((self.w @ (J * inverse)) / weight).clip(min=0)
-            own = (self.w**2 @ (v * inverse)) / (self.w @ self.w) / weight
-            shrunk = self.mean + self.variance / (self.variance + own) * (s - self.mean)
-        return s, own, shrunk
+            noise = (self.w**2 @ (v * inverse)) / (self.w @ self.w) / weight
+            shrunk = self.mean + self.variance / (self.variance + noise) * (s - self.mean)
+        return s, noise, shrunk
 
     def posterior(self, J: Array, deviation: Array) -> tuple[Array, Array]:
         """Return the posterior mean and standard deviation (3, P) float32 of colours with standard deviations."""
@@ -84,10 +84,10 @@ class ImagePrior:
 
     def _shrunk(self, J: Array, v: Array) -> tuple[Array, Array]:
         """Return colours (3, P) and their standard deviations."""
-        s, own, bright = self.brightness(J, v)
+        s, noise, bright = self.brightness(J, v)
         c = (self.spread * bright) ** 2
         chroma = c / (c + v)
-        left = np.outer(self.w**2, self.variance * own / (self.variance + own)) + chroma * v
+        left = np.outer(self.w**2, self.variance * noise / (self.variance + noise)) + chroma * v
         return np.outer(self.w, bright) + chroma * (J - np.outer(self.w, s)), np.sqrt(left)
 
 
@@ -105,10 +105,10 @@ def prior_of(J: Array, deviation: Array) -> ImagePrior | None:
 def _estimated(J: Array, v: Array) -> ImagePrior:
     prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05)
     for _ in range(_ROUNDS):
-        s, own, bright = prior.brightness(J, v)
-        trust = prior.variance / (prior.variance + own)
+        s, noise, bright = prior.brightness(J, v)
+        trust = prior.variance / (prior.variance + noise)
         mean = float((trust * s).sum() / trust.sum())
-        variance = max(float((trust * ((s - mean) ** 2 - own)).sum() / trust.sum()), _LEAST)
+        variance = max(float((trust * ((s - mean) ** 2 - noise)).sum() / trust.sum()), _LEAST)
         weight = 1 / (v + (prior.spread * bright) ** 2)
         power = (bright**2 * weight).sum(axis=1)
         if not power.all():  # a black image has no mean colour

@@ -49,13 +49,15 @@ class Solution:
 
 def start_of(observations: Observations, intensities: Array) -> Array:
     """Return the paper's start J = I (3, P): the target's intensities (H W, 3), or another view's where not finite."""
-    own = intensities[observations.pixels].swapaxes(0, 1)
-    return np.where(np.isfinite(own), own, observations.intensity(slice(0, len(observations.pixels))))
+    target_intensities = intensities[observations.pixels].swapaxes(0, 1)
+    return np.where(
+        np.isfinite(target_intensities), target_intensities, observations.intensity(slice(0, len(observations.pixels)))
+    )
 
 
 def solve_adam(
     observations: Observations,
-    own: Array,
+    start: Array,
     steps: int,
     lr: float,
     objective: Literal["sum", "mean"],
@@ -67,7 +69,7 @@ def solve_adam(
 
     eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
     _, place = backend_for("torch", device)
-    fit = minimise(observations, own, _INITIAL_WATER, steps=steps, lr=lr, eps=eps, device=place)
+    fit = minimise(observations, start, _INITIAL_WATER, steps=steps, lr=lr, eps=eps, device=place)
     _check_finite(fit.cost, steps, lr)
     with opened(observations, backend, device) as kernel:
         uncertainty = _uncertainty(kernel, observations, fit.water)

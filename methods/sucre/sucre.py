@@ -123,8 +123,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             case Way.EXACT:
                 return self._solve_exactly(scene, view, observations)
             case Way.ADAM:
-                own = solvers.start_of(observations, self._intensities(view))
-                solution = solvers.solve_adam(observations, own, self.steps, self.lr, "sum", *where)
+                start = solvers.start_of(observations, self._intensities(view))
+                solution = solvers.solve_adam(observations, start, self.steps, self.lr, "sum", *where)
             case Way.CLOSED_FORM:
                 solution = solvers.solve_adam_closed_form(observations, self.steps, self.lr, *where)
             case Way.SHARED:
@@ -183,9 +183,9 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         from sucre_bench.methods.sucre.solvers import colours_for_water
         from sucre_bench.multiview.observe import observe
 
-        own = observe(view, [view], **self._pairing)
-        alone = colours_for_water(own, solution.water, solution.uncertainty, self.backend, self.device)
-        return own, replace(alone, about=solution.about)
+        in_target = observe(view, [view], **self._pairing)
+        alone = colours_for_water(in_target, solution.water, solution.uncertainty, self.backend, self.device)
+        return in_target, replace(alone, about=solution.about)
 
     def _without_lamp(
         self, observations: Observations, matched: Observations | None

@@ -62,9 +62,9 @@ class SucrePaper(FillOption):
 
         observations = paired(scene, view)
         started = time.perf_counter()
-        own = start_of(observations, view.rgb.reshape(-1, 3))
+        start = start_of(observations, view.rgb.reshape(-1, 3))
         with named(view):
-            solution = solve_adam(observations, own, self.steps, self.lr, self.objective, "torch", self.device)
+            solution = solve_adam(observations, start, self.steps, self.lr, self.objective, "torch", self.device)
         solve_s = time.perf_counter() - started
         if self.residuals:
             solution = with_residuals(observations, solution)

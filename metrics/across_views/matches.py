@@ -68,7 +68,7 @@ class Matches:
         if not pair.are_neighbours:
             return
         before, after = _before(pair), _after(pair)
-        share = float(np.mean([np.isfinite(own.shown).all(axis=-1).mean() for own in (pair.here, pair.there)]))
+        share = float(np.mean([np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]))
         if variant == "ratio":
             yield Score(after / before if before else np.nan, n_pixels=after, coverage=share, weight=before)
         else:
@@ -137,8 +137,8 @@ def _surroundings(gray: npt.NDArray[Any], usable: npt.NDArray[Any]) -> Array:
     import cv2
 
     sums, counts = (
-        cv2.blur(own.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT)
-        for own in (gray * usable, usable)
+        cv2.blur(values.astype(np.float32), (_AROUND_PX, _AROUND_PX), borderType=cv2.BORDER_CONSTANT)
+        for values in (gray * usable, usable)
     )
     return np.asarray(sums / np.maximum(counts, 1e-6))
 
@@ -155,7 +155,7 @@ def _matched(first: _Keypoints, second: _Keypoints) -> tuple[npt.NDArray[np.intp
     """The keypoints that match, by their places in the two lists."""
     if min(len(first.xy), len(second.xy)) < 2:
         return np.empty(0, np.intp), np.empty(0, np.intp)
-    norms = [(own.descriptors**2).sum(axis=1) for own in (first, second)]
+    norms = [(features.descriptors**2).sum(axis=1) for features in (first, second)]
     squares = norms[0][:, None] + norms[1] - 2 * first.descriptors @ second.descriptors.T
     there, is_clear = _nearest(squares)
     here, is_clear_back = _nearest(squares.T)

@@ -132,8 +132,8 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
         click.echo(f"more: {shlex.join(['sucre-bench', 'compare', *given, '--intervals', '--all-metrics'])}")
         return
     for table in compared:
-        own = table if all_metrics or metrics else tables.decisive(table)
-        terminal.out.print(tables.as_table(own, width, spread, intervals))
+        shown_table = table if all_metrics or metrics else tables.decisive(table)
+        terminal.out.print(tables.as_table(shown_table, width, spread, intervals))
 
 
 def _say_gated(verdict: Gated, baseline: str) -> None:

@@ -186,8 +186,8 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
 
 def _option(key: str, given: Mapping[str, str]) -> Option | None:
     group, _, name = key.rpartition(".")
-    own = _options(group, given) if group else _top()
-    return next((option for option in own if option.name == name), None)
+    options = _options(group, given) if group else _top()
+    return next((option for option in options if option.name == name), None)
 
 
 def _top() -> tuple[Option, ...]:

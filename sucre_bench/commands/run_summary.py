@@ -95,8 +95,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     click.echo(f"results  {outcome.out}")
     for note in study.notes:
         _say(note, "yellow")
-    for folder, own in itertools.groupby(study.paths, lambda path: path.parent):
-        click.echo(f"{folder.name:9}{_place(folder, [*own])}")
+    for folder, paths in itertools.groupby(study.paths, lambda path: path.parent):
+        click.echo(f"{folder.name:9}{_place(folder, [*paths])}")
     if page is not None:
         click.echo(f"page     {page}")
 
@@ -141,12 +141,12 @@ def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     # That a method estimates no water, say, needs no line.
     says_something = [Reason.of(text) is not Reason.NOTHING_TO_SCORE for text in skipped["reason"]]
     skipped = skipped.loc[says_something]  # by rows, also where there is none
-    for reason, own in skipped.groupby(skipped["reason"].map(brief), sort=False):
-        views = own[["dataset", "scene", "view"]].drop_duplicates()
+    for reason, of_reason in skipped.groupby(skipped["reason"].map(brief), sort=False):
+        views = of_reason[["dataset", "scene", "view"]].drop_duplicates()
         everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
         where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
-        metrics = [_with_variants(name, scores, rows) for name, scores in own.groupby("metric", sort=False)]
-        methods = list(dict.fromkeys(own["method"]))
+        metrics = [_with_variants(name, scores, rows) for name, scores in of_reason.groupby("metric", sort=False)]
+        methods = list(dict.fromkeys(of_reason["method"]))
         of = "" if len(methods) == rows["method"].nunique() else f" of {', '.join(methods)}"
         yield f"{', '.join(metrics)}{of}{where}: {reason}"
 

@@ -90,9 +90,9 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
 
     try:
         with open_bundle(path) as bundle:
-            own = set(bundle.rows["dataset"])
-            given = [text for text in data if text.rpartition("=")[0] in own]
-            found = verify(bundle, data_folders(own, given))
+            datasets = set(bundle.rows["dataset"])
+            given = [text for text in data if text.rpartition("=")[0] in datasets]
+            found = verify(bundle, data_folders(datasets, given))
             rows, version = bundle.rows, bundle.version
     except InputError as fault:
         return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), str(fault).removeprefix(f"{path}: "), None)

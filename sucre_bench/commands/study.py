@@ -106,11 +106,11 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
 def _print(folder: Path, found: Evaluated) -> None:
     from sucre_bench.machine import terminal
 
-    own = found.numbered
-    ties = int((own.votes.won == 0.5).sum())
+    numbered = found.numbered
+    ties = int((numbered.votes.won == 0.5).sum())
     click.echo(
-        f"{found.dataset}: {len(own.votes)} votes of {len(own.observers)} observers on {len(own.views)} views, "
-        f"{ties} for equal\n"
+        f"{found.dataset}: {len(numbered.votes)} votes of {len(numbered.observers)} observers "
+        f"on {len(numbered.views)} views, {ties} for equal\n"
     )
     terminal.out.print(_preferences(found))
     click.echo()
@@ -168,10 +168,10 @@ def _metrics(found: Evaluated) -> Any:
 
     table = _table("metric", "tau", "95 % interval", "predicted", "votes")
     ranked = sorted(found.metrics.items(), key=lambda item: -_known(item[1].predicted))
-    for (metric, variant), own in ranked:
-        interval = f"{number(own.low)} to {number(own.high)}" if math.isfinite(own.low) else "-"
-        predicted = f"{100 * own.predicted:.0f} %" if math.isfinite(own.predicted) else "-"
-        table.add_row(f"{metric} ({variant})", number(own.tau), interval, predicted, str(own.n))
+    for (metric, variant), agreement in ranked:
+        interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
+        predicted = f"{100 * agreement.predicted:.0f} %" if math.isfinite(agreement.predicted) else "-"
+        table.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
     return table
 
 
@@ -193,13 +193,13 @@ def _as_object(found: Evaluated) -> dict[str, Any]:
     """As plain data for JSON, which has no NaN."""
     from dataclasses import asdict
 
-    own, people = found.numbered, found.people
-    scores = zip(own.methods, people.scores, people.low, people.high, strict=True)
+    numbered, people = found.numbered, found.people
+    scores = zip(numbered.methods, people.scores, people.low, people.high, strict=True)
     return {
         "dataset": found.dataset,
-        "votes": len(own.votes),
-        "observers": len(own.observers),
-        "views": len(own.views),
+        "votes": len(numbered.votes),
+        "observers": len(numbered.observers),
+        "views": len(numbered.views),
         "over_observers": people.over_observers,
         "preference": [_plain({"method": m, "score": s, "low": a, "high": b}) for m, s, a, b in scores],
         "agreement": _plain(asdict(found.observers)),

@@ -77,13 +77,13 @@ def data_folders(labels: Collection[str], given: Sequence[str]) -> dict[str, Pat
     for text in given:
         label, equals, folder = text.rpartition("=")
         if label in labels:
-            own = {label: Path(folder)}
+            given_folders = {label: Path(folder)}
         elif equals and not Path(text).is_dir():
             raise unknown_name("--data", label, labels, "dataset")
         else:
-            own = dict.fromkeys(labels, Path(text))
-        folders |= own
-        for place in own.values():
+            given_folders = dict.fromkeys(labels, Path(text))
+        folders |= given_folders
+        for place in given_folders.values():
             if not place.is_dir():
                 raise InputError(f"{place}: no such folder; give the folder of the data")
     return folders

@@ -98,8 +98,8 @@ def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
     table.add_column("flicker")
     for name in ("mean", "95 %", "pairs"):
         table.add_column(name, justify="right", no_wrap=True)
-    for method, own in flickers.items():
-        for n, (name, f) in enumerate(own.items()):
+    for method, by_statistic in flickers.items():
+        for n, (name, f) in enumerate(by_statistic.items()):
             interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
             table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
     return table
@@ -114,7 +114,7 @@ def _plain(flickers: Mapping[str, Mapping[str, Flicker]]) -> dict[str, Any]:
     return {
         method: {
             name: {"mean": f.mean, "low": number(f.low), "high": number(f.high), "pairs": f.pairs}
-            for name, f in own.items()
+            for name, f in by_statistic.items()
         }
-        for method, own in flickers.items()
+        for method, by_statistic in flickers.items()
     }

@@ -28,10 +28,10 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
 def rough(columns: Sequence[Column]) -> str:
     """Return what says which scores are over too few views for more than rough intervals; "" where none is."""
     counts = _counts(columns)
-    few = [(names, own) for names, own in counts if own[0].has_few_views]
+    few = [(names, alike) for names, alike in counts if alike[0].has_few_views]
     if len(counts) == 1 and few:
         return f"{_views(few[0][1][0])}: {_interval_of_few(few[0][1][0])}"
-    return "; ".join(f"{names}: over {_views(own[0])}, {_interval_of_few(own[0])}" for names, own in few)
+    return "; ".join(f"{names}: over {_views(alike[0])}, {_interval_of_few(alike[0])}" for names, alike in few)
 
 
 def over_views(columns: Sequence[Column]) -> list[str]:
@@ -43,8 +43,8 @@ def over_views(columns: Sequence[Column]) -> list[str]:
         hint = ", --intervals shows them" if first[0].n_views > 1 else ""
         return [f"{rough(columns)}{hint}"]
     fewer = [
-        f"{names}: over {_views(own[0])}" + (f", {_interval_of_few(own[0])}" if own[0].has_few_views else "")
-        for names, own in others
+        f"{names}: over {_views(alike[0])}" + (f", {_interval_of_few(alike[0])}" if alike[0].has_few_views else "")
+        for names, alike in others
     ]
     return [f"means over {_views(first[0])}", *fewer]
 
@@ -54,8 +54,8 @@ def _counts(columns: Sequence[Column]) -> list[tuple[str, list[Column]]]:
     measured = [column for column in columns if column.n_units]
     scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
     scores = sorted(scores or measured, key=lambda column: -column.n_views)
-    groups = [list(own) for _, own in itertools.groupby(scores, lambda column: column.n_views)]
-    return [(", ".join(dict.fromkeys(column.metric for column in own)), own) for own in groups]
+    groups = [list(alike) for _, alike in itertools.groupby(scores, lambda column: column.n_views)]
+    return [(", ".join(dict.fromkeys(column.metric for column in alike)), alike) for alike in groups]
 
 
 def _views(column: Column) -> str:

@@ -82,11 +82,11 @@ def _evidence(comparison: Comparison) -> list[str]:
         return []
     lines = []
     for name in comparison.methods:
-        own = [(c, cell) for c in comparison.columns if (cell := comparison.cells.get((name, c))) and c.ranked]
+        ranked = [(c, cell) for c in comparison.columns if (cell := comparison.cells.get((name, c))) and c.ranked]
         parts = [
             f"{c.metric} {round(cell.wins, 1):g}/{c.n_views}"
             + (f", effect {cell.effect:.1f}" if math.isfinite(cell.effect) else "")
-            for c, cell in own
+            for c, cell in ranked
             if math.isfinite(cell.wins)
         ]
         if parts:
@@ -124,8 +124,8 @@ def _latex(comparison: Comparison, titled: bool, spread: bool) -> str:
     heads = [_heading(column) for column in comparison.columns]
     cells = [_cells(comparison, name, spread) for name in comparison.methods]
     rows = [
-        [_first(_tex(name)), *(sets.get(c.look, "{}").format(_tex_number(str(c))) for c in own)]
-        for name, own in zip(comparison.methods, cells, strict=True)
+        [_first(_tex(name)), *(sets.get(c.look, "{}").format(_tex_number(str(c))) for c in row)]
+        for name, row in zip(comparison.methods, cells, strict=True)
     ]
     head = [f"% {_one_line(comparison.title)}"] if titled else []
     notes = [f"% {_one_line(note)}" for note in _below(comparison, spread)]

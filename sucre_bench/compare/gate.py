@@ -119,9 +119,9 @@ def _outcome(gain: Difference, limit: float) -> Literal["passed", "failed", "unk
 
 def _worst(rows: pd.DataFrame, dataset: str, column: Column, method: str, baseline: str) -> list[tuple[str, float]]:
     """The views with the largest losses, the largest first."""
-    own = rows[(rows["dataset"] == dataset) & rows["method"].isin([method, baseline])]
+    of_pair = rows[(rows["dataset"] == dataset) & rows["method"].isin([method, baseline])]
     gains = []
-    for table in compare(own, [f"{column.metric}:{column.variant}"], by="view", baseline=baseline):
+    for table in compare(of_pair, [f"{column.metric}:{column.variant}"], by="view", baseline=baseline):
         cells = [cell for (name, _), cell in table.cells.items() if name == method]
         gains += [(table.title.removeprefix(f"{dataset} · "), _gain(column, cell.change)[0]) for cell in cells]
     return sorted((one for one in gains if one[1] < 0), key=lambda one: one[1])[:_WORST]

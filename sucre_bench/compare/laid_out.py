@@ -25,18 +25,18 @@ def aligned(methods: Sequence[str], laid_out: Sequence[LaidOut], width: int, dim
     """
     from rich.text import Text
 
-    widths = [own.width for own in laid_out]
-    longest, left = max(len(name) for name in ("method", *methods)), width - sum(2 + own for own in widths)
+    widths = [column.width for column in laid_out]
+    longest, left = max(len(name) for name in ("method", *methods)), width - sum(2 + wide for wide in widths)
     first = min(longest, max(left, _SHORTEST_NAMES))
     made = []
     for places in blocks(widths, width - first):
         block = laid_out[places]
-        lines = [_line("method", first, [Text(f"{own.head[0]:>{own.width}}") for own in block])]
+        lines = [_line("method", first, [Text(f"{column.head[0]:>{column.width}}") for column in block])]
         lines[0].stylize("bold")
-        if any(own.head[1] for own in block):
-            lines.append(_line("", first, [Text(f"{own.head[1]:>{own.width}}", style="dim") for own in block]))
+        if any(column.head[1] for column in block):
+            lines.append(_line("", first, [Text(f"{column.head[1]:>{column.width}}", style="dim") for column in block]))
         for n, name in enumerate(methods):
-            lines.append(_line(name, first, [own.painted(n) for own in block], "dim" if name in dim else ""))
+            lines.append(_line(name, first, [column.painted(n) for column in block], "dim" if name in dim else ""))
         made.append(Text("\n").join(lines))
     return made
 
@@ -88,7 +88,7 @@ class LaidOut:
 
     @property
     def _of_cells(self) -> int:
-        return self.value + sum(1 + own for own in (self.interval, self.holes) if own)
+        return self.value + sum(1 + part for part in (self.interval, self.holes) if part)
 
     def painted(self, n: int) -> Text:
         """The cell of the n-th method, flush right as a whole: its parts stand below those of the cells above."""

@@ -8,7 +8,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare.model import Column, Note
-from sucre_bench.results.rows import COSTS, tuples
+from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -56,16 +56,19 @@ def notes(
 
 def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[Note]:
     """Why none of the requested metrics scored a method that did restore."""
-    own = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
+    unscored = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
     for name in methods:
-        why = [f"{r.status}: {r.reason}" for r in own[own["method"] == name].itertuples()]
+        why = [f"{r.status}: {r.reason}" for r in unscored[unscored["method"] == name].itertuples()]
         yield Note("no score", (name,), reasons=_counted(why))
 
 
 def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
     """The views that each method restored."""
-    ok = rows[(rows["metric"] == "seconds") & (rows["status"] == "ok") & rows["_fresh"]]
-    return {str(name): set(zip(own["scene"], own["view"], strict=True)) for name, own in ok.groupby("method")}
+    ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
+    return {
+        str(name): set(zip(of_method["scene"], of_method["view"], strict=True))
+        for name, of_method in ok.groupby("method")
+    }
 
 
 _WHY = ("status", "reason", "scene", "view", "method", "metric", "variant")
@@ -73,7 +76,7 @@ _WHY = ("status", "reason", "scene", "view", "method", "metric", "variant")
 
 @dataclass(frozen=True)
 class _Why:
-    """Why there is no score, by method, metric, variant and view; of metric "seconds", no restoration."""
+    """Why there is no score, by method, metric, variant and view; of metric RESTORATION, no restoration."""
 
     known: dict[tuple[str, str, str, _View], str]
     tried: set[tuple[str, _View]]
@@ -85,26 +88,28 @@ class _Why:
             reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # so that views with one reason count together
             text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
             known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
-        own = rows[(rows["metric"] == "seconds") & rows["_fresh"]]
-        return cls(known, set(zip(own["method"], zip(own["scene"], own["view"], strict=True), strict=True)))
+        restored = restoration_rows(rows[rows["_fresh"]])
+        return cls(
+            known, set(zip(restored["method"], zip(restored["scene"], restored["view"], strict=True), strict=True))
+        )
 
     def restoration(self, method: str, views: Iterable[_View]) -> str:
         return _counted(self._of_restoration(method, view) for view in views)
 
     def score(self, method: str, column: Column, views: Iterable[tuple[_View, bool]]) -> str:
         """views: and whether the method has a score there, of repetitions that not all have."""
-        own = ((self.known.get((method, column.metric, column.variant, view)), view, has) for view, has in views)
+        reasons = ((self.known.get((method, column.metric, column.variant, view)), view, has) for view, has in views)
         return _counted(
             "no repetition that all have" if has else text or self._of_restoration(method, view)
-            for text, view, has in own
+            for text, view, has in reasons
         )
 
     def _of_restoration(self, method: str, view: _View) -> str:
-        if text := self.known.get((method, "seconds", "wall", view)):
+        if text := self.known.get((method, RESTORATION, "wall", view)):
             return text
         if (method, view) in self.tried:
             return "not scored"
-        return self.known.get((method, "seconds", "wall", ("", "")), "not run")  # the job failed as a whole
+        return self.known.get((method, RESTORATION, "wall", ("", "")), "not run")  # the job failed as a whole
 
 
 def _counted(reasons: Iterable[str]) -> str:
@@ -137,8 +142,8 @@ def _scores_lost(
         if not views or views <= lost:
             continue
         there = set(values.index[values[name].notna()].droplevel("region"))
-        own = repetitions[column][name]
-        partly = views & set(own.index[own.notna()].droplevel(["region", "_replicate"])) - there
+        of_method = repetitions[column][name]
+        partly = views & set(of_method.index[of_method.notna()].droplevel(["region", "_replicate"])) - there
         reasons = why.score(name, column, [(v, v in partly) for v in (missing if views & there else views)])
         if views & there:  # some charts of a view, not all
             key = Note("images lost", (name,), (), len(missing), len(values), column.n_units, 0, column.of, reasons)
@@ -151,7 +156,7 @@ def _scores_lost(
 
 def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]) -> Iterator[Note]:
     """Replicates that a method lacks, failed or never run, of images that have at least one other replicate."""
-    whole = rows[(rows["metric"] == "seconds") & rows["_fresh"] & (rows["view"] != "")]
+    whole = restoration_rows(rows[rows["_fresh"] & (rows["view"] != "")])
     keys = [whole[name] for name in (*_REPETITION, "method")]
     lost = _partly((whole["status"] == "ok").groupby(keys).any().unstack("method", fill_value=False), _REPETITION[:2])
     for name in lost.columns[lost.any()]:
@@ -160,10 +165,12 @@ def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]
     for column, values in repetitions.items():
         if column.metric in COSTS or not values.isna().to_numpy().any():
             continue
-        own = _partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
-        own &= ~lost.reindex(index=own.index, columns=own.columns, fill_value=False)  # the note above has these
-        for name in own.columns[own.any()]:
-            alike.setdefault(_replicates_lost(str(name), own[name]), []).append(column)
+        lacking = _partly(values.notna(), [*_REPETITION[:2], "region"]).groupby(level=_REPETITION).any()
+        lacking &= ~lost.reindex(
+            index=lacking.index, columns=lacking.columns, fill_value=False
+        )  # the note above has these
+        for name in lacking.columns[lacking.any()]:
+            alike.setdefault(_replicates_lost(str(name), lacking[name]), []).append(column)
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 

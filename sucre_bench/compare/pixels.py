@@ -65,9 +65,9 @@ def on_pixels(rows: pd.DataFrame, common: pd.DataFrame, pixels: Pixels = "common
     whole = restorations(rows[is_fresh(rows)])
     rows = _without_little(rows, whole)
     states = _states(whole[whole["coverage"] >= LEAST_FILLED], common)
-    own = rows[_of_pixels(rows) & (rows["status"] == "ok")]
-    own = own[[place in states for place in _places(own)]]
-    return _replaced(rows, own, common, states) if len(own) else rows
+    scored = rows[_of_pixels(rows) & (rows["status"] == "ok")]
+    scored = scored[[place in states for place in _places(scored)]]
+    return _replaced(rows, scored, common, states) if len(scored) else rows
 
 
 def _without_little(rows: pd.DataFrame, restorations: pd.DataFrame) -> pd.DataFrame:
@@ -141,29 +141,29 @@ def _known(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _St
 
 
 def _replaced(
-    rows: pd.DataFrame, own: pd.DataFrame, common: pd.DataFrame, states: Mapping[_Place, _State]
+    rows: pd.DataFrame, scored: pd.DataFrame, common: pd.DataFrame, states: Mapping[_Place, _State]
 ) -> pd.DataFrame:
     """Put common scores in the place of own ones. own: the scores of views whose methods fill different pixels."""
     import pandas as pd
 
-    of = [states[place] for place in _places(own)]
-    own = own.assign(_mask=[state.pixels for state in of], _kind=[state.kind for state in of])
+    of = [states[place] for place in _places(scored)]
+    scored = scored.assign(_mask=[state.pixels for state in of], _kind=[state.kind for state in of])
     found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
-    new = own[_KEY].merge(found, on=_KEY, how="left").set_axis(own.index)
-    none = own["_kind"] == "none"
+    new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
+    none = scored["_kind"] == "none"
     new.loc[none, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
     # Of one score of a view, either all methods are on common pixels or none.
     lacks = new["status"].isna() | (new["reason"] == Reason.NOT_STORED.value)
-    why = new["reason"].fillna(pd.Series([state.reason or NOT_SCORED for state in of], own.index)).where(lacks)
-    score = [own[name] for name in _SCORE]
+    why = new["reason"].fillna(pd.Series([state.reason or NOT_SCORED for state in of], scored.index)).where(lacks)
+    score = [scored[name] for name in _SCORE]
     lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")
-    placed = own.index[~lacks]
+    placed = scored.index[~lacks]
     for name in _RESULT:
         rows.loc[placed, name] = new.loc[placed, name].astype(rows[name].dtype)
     rows.loc[placed, "pixels"] = "common"
-    rows.loc[own.index, "pixels_share"] = [state.share for state in of]
-    rows.loc[own.index[lacks], "pixels_reason"] = why[lacks]
+    rows.loc[scored.index, "pixels_share"] = [state.share for state in of]
+    rows.loc[scored.index[lacks], "pixels_reason"] = why[lacks]
     return rows
 
 
@@ -219,10 +219,10 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     common = scores[(scores["pixels"] == "common") & ~none]
     total = len(set(_views(scores)))
 
-    def note(kind: NoteKind, own: pd.DataFrame, **more: Any) -> Note:
-        pairs = set(zip(own["metric"], own["variant"], strict=True))
+    def note(kind: NoteKind, concerned: pd.DataFrame, **more: Any) -> Note:
+        pairs = set(zip(concerned["metric"], concerned["variant"], strict=True))
         named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
-        return Note(kind, (), named, len(set(_views(own))), total, **more)
+        return Note(kind, (), named, len(set(_views(concerned))), total, **more)
 
     made = []
     if len(common):
@@ -230,7 +230,9 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     if none.any():
         made.append(note("no shared pixels", scores[none]))
     reasons = scores["pixels_reason"].where(is_own | (scores["pixels_reason"] != ""))
-    made += [note("own pixels", own, reasons=str(reason)) for reason, own in scores.groupby(reasons, sort=False)]
+    made += [
+        note("own pixels", concerned, reasons=str(reason)) for reason, concerned in scores.groupby(reasons, sort=False)
+    ]
     return made
 
 

@@ -91,7 +91,9 @@ def _sign(column: Column) -> int:
 
 def _means(views: Array) -> Array:
     """(M,) of (V, M), each summed without rounding: no order of views changes it."""
-    return np.array([math.fsum(own) / len(own) if np.isfinite(own).all() else np.mean(own) for own in views.T])
+    return np.array(
+        [math.fsum(of_view) / len(of_view) if np.isfinite(of_view).all() else np.mean(of_view) for of_view in views.T]
+    )
 
 
 def _interval(column: Column, measured: Measured) -> tuple[Array, Array]:

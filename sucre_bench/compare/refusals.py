@@ -44,10 +44,10 @@ def load(folders: Iterable[str | Path]) -> pd.DataFrame:
         _refuse_several(
             rows[rows["scene"] != ""], ["dataset", "scene"], "data_id", "the data differ between these runs"
         )
-        own = rows.assign(_code=rows["code"].str.split(".").str[0])
-        _refuse_several(own, ["dataset", "method"], "options_id", "these folders mean different options by it")
+        coded = rows.assign(_code=rows["code"].str.split(".").str[0])
+        _refuse_several(coded, ["dataset", "method"], "options_id", "these folders mean different options by it")
         _refuse_several(
-            own, ["dataset", "method"], "_code", "these folders hold it from different versions of its code"
+            coded, ["dataset", "method"], "_code", "these folders hold it from different versions of its code"
         )
         _say_differing(rows)
     rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
@@ -63,14 +63,16 @@ def _say_differing(rows: pd.DataFrame) -> None:
     differing = low.index[high - low > _SAME * high.abs().combine(low.abs(), max)]
     if not len(differing):
         return
-    own = twice[twice.set_index(_SCORE).index.isin(differing)]
-    shown = own.sort_values("time", kind="stable").drop_duplicates(_SCORE, keep="last")["_folder"]
-    methods = [" / ".join(pair) for pair in dict.fromkeys(zip(own["dataset"], own["method"], strict=True))]
+    disagreeing = twice[twice.set_index(_SCORE).index.isin(differing)]
+    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_SCORE, keep="last")["_folder"]
+    methods = [
+        " / ".join(pair) for pair in dict.fromkeys(zip(disagreeing["dataset"], disagreeing["method"], strict=True))
+    ]
     more = f" and {len(methods) - 3} more" if len(methods) > 3 else ""
     progress.say(
-        f"{_names(list(dict.fromkeys(own['_folder'])))} have other values of {len(differing)} of the {len(of_score)} "
-        f"scores that both have, of {', '.join(methods[:3])}{more}; the table has the newest, of "
-        f"{_names(list(dict.fromkeys(shown)))}. Run one with another label to see both"
+        f"{_names(list(dict.fromkeys(disagreeing['_folder'])))} have other values of {len(differing)} "
+        f"of the {len(of_score)} scores that both have, of {', '.join(methods[:3])}{more}; "
+        f"the table has the newest, of {_names(list(dict.fromkeys(shown)))}. Run one with another label to see both"
     )
 
 
@@ -98,10 +100,10 @@ def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False
     asked = asked_for(rows, metrics)
     fresh = is_fresh(rows)
     faults: list[str] = []
-    for dataset, own in rows[fresh].groupby("dataset", sort=False):
-        scored = own[asked[own.index] & ~own["metric"].isin(COSTS)]
+    for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
+        scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
-        found = (*_images(own, common), *_variants(scored), *_versions(ok), *_normalisations(own))
+        found = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
         faults += [f"{dataset}: {fault}" for fault in found]
     if faults:
         raise InputError("\n".join(faults))
@@ -112,8 +114,8 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
     images = {
-        str(name): frozenset(zip(own["scene"], own["view"], strict=True))
-        for name, own in per_view.groupby("method", sort=False)
+        str(name): frozenset(zip(of_method["scene"], of_method["view"], strict=True))
+        for name, of_method in per_view.groupby("method", sort=False)
     }
     alike = _inverted(images)
     if len(alike) < 2:
@@ -122,7 +124,7 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     if common and shared:
         return
     n = len(_unreplicated(shared))
-    plain = _inverted({name: _unreplicated(own) for name, own in images.items()})
+    plain = _inverted({name: _unreplicated(of_method) for name, of_method in images.items()})
     if len(plain) < 2:
         share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
         yield f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
@@ -151,8 +153,8 @@ def _replicates(alike: Mapping[frozenset[_Image], Sequence[str]]) -> str:
     known = [(name, results.unreplicated(name)) for name in {name for name, _ in anywhere}]
     of_scene = sorted((number, name) for name, (plain, number) in known if plain == scene)
     have = {
-        name: tuple(number for number, replicate in of_scene if (replicate, view) in own)
-        for own, names in alike.items()
+        name: tuple(number for number, replicate in of_scene if (replicate, view) in shown)
+        for shown, names in alike.items()
         for name in names
     }
     by_numbers: dict[tuple[int, ...], list[str]] = {}
@@ -170,8 +172,8 @@ def _listed(numbers: Iterable[int]) -> str:
 
 def _variants(rows: pd.DataFrame) -> Iterator[str]:
     """Methods that were scored by one metric in different variants only."""
-    for metric, own in rows.groupby("metric", sort=False):
-        variants = {str(name): frozenset(scores["variant"]) for name, scores in own.groupby("method", sort=False)}
+    for metric, of_metric in rows.groupby("metric", sort=False):
+        variants = {str(name): frozenset(scores["variant"]) for name, scores in of_metric.groupby("method", sort=False)}
         for (first, names), (second, others) in combinations(_inverted(variants).items(), 2):
             if not first & second:
                 yield (
@@ -183,13 +185,13 @@ def _variants(rows: pd.DataFrame) -> Iterator[str]:
 
 def _versions(rows: pd.DataFrame) -> Iterator[str]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
-    for (metric, variant), own in rows.groupby(["metric", "variant"], sort=False):
-        made_by = own["code"].map({code: "".join(code.split(".")[1:2]) for code in own["code"].unique()})
-        last = own["time"].groupby(made_by).max().sort_values().index[-1]
+    for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
+        made_by = of_variant["code"].map({code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()})
+        last = of_variant["time"].groupby(made_by).max().sort_values().index[-1]
         if (made_by == last).all():
             continue
         older = made_by[made_by != last].iloc[0]
-        names = [list(dict.fromkeys(own["method"][made_by == code])) for code in (older, last)]
+        names = [list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)]
         differing = "options" if older.split("-")[0] == last.split("-")[0] else "versions"
         yield (
             f"{metric} ({variant}): {_names(names[0])} scored by other {differing} of the metric than "
@@ -214,8 +216,8 @@ def _normalisations(rows: pd.DataFrame) -> Iterator[str]:
 def _inverted(sets: Mapping[str, frozenset[T]]) -> dict[frozenset[T], list[str]]:
     """Return the methods with equal sets, by set."""
     alike: dict[frozenset[T], list[str]] = {}
-    for name, own in sets.items():
-        alike.setdefault(own, []).append(name)
+    for name, members in sets.items():
+        alike.setdefault(members, []).append(name)
     return alike
 
 

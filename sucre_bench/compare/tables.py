@@ -20,7 +20,7 @@ from sucre_bench.compare.model import Cell, Column, Comparison, Measured, Note
 from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.results.rows import COSTS, By
+from sucre_bench.results.rows import COSTS, RESTORATION, By
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -60,12 +60,12 @@ def compare(
         several = rows.groupby("dataset")["scene"].nunique().max() > 1
         groups += ["scene", by] if several else [by]
     tables = []
-    for key, own in rows.groupby(groups, sort=False):
+    for key, of_table in rows.groupby(groups, sort=False):
         if by == "region":
-            own = _with_reasons(own, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
-        if own["_asked"].any():
-            methods = sorted(own["method"].unique(), key=order.index)
-            tables.append(_table(" · ".join(map(str, key)), own, methods, baseline))
+            of_table = _with_reasons(of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
+        if of_table["_asked"].any():
+            methods = sorted(of_table["method"].unique(), key=order.index)
+            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
@@ -79,11 +79,11 @@ def against(comparison: Comparison, baseline: str, methods: Collection[str] = ()
     cells: dict[tuple[str, Column], Cell] = {}
     for column, measured in comparison.measured.items():
         chosen = [m for m, name in enumerate(measured.methods) if name in methods]
-        own = measured.of(chosen)
-        made = [comparison.cells[name, column] for name in own.methods]
-        if baseline in own.methods:
-            made = ranks.against(column, own, made, own.methods.index(baseline))
-        cells |= {(name, column): cell for name, cell in zip(own.methods, made, strict=True)}
+        scores = measured.of(chosen)
+        made = [comparison.cells[name, column] for name in scores.methods]
+        if baseline in scores.methods:
+            made = ranks.against(column, scores, made, scores.methods.index(baseline))
+        cells |= {(name, column): cell for name, cell in zip(scores.methods, made, strict=True)}
     return replace(comparison, methods=methods, cells=cells, baseline=baseline)
 
 
@@ -116,7 +116,7 @@ def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFram
     import pandas as pd
 
     elsewhere = everywhere.drop(region.index)
-    has_reason = (elsewhere["metric"] == "seconds") | (elsewhere["status"] != "ok")
+    has_reason = (elsewhere["metric"] == RESTORATION) | (elsewhere["status"] != "ok")
     scored = region["_asked"] & (region["status"] == "ok").any()
     return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
@@ -152,8 +152,8 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
     if len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
-    made_of = [(own, _repetitions(own)) for _, own in ok.groupby(["metric", "variant"], sort=False)]
-    of_columns = [(*_column(own, repeats), repeats) for own, repeats in made_of]
+    made_of = [(of_column, _repetitions(of_column)) for _, of_column in ok.groupby(["metric", "variant"], sort=False)]
+    of_columns = [(*_column(of_column, repeats), repeats) for of_column, repeats in made_of]
     scores = {column: values for column, values, _ in of_columns}
     repetitions = {column: repeats for column, _, repeats in of_columns}
     columns = sorted(scores, key=_order)
@@ -168,8 +168,8 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     photographs = _photographs(rows, methods)
     made = {
         (name, column): cell
-        for column, own in measured.items()
-        for name, cell in zip(own.methods, ranks.cells(column, own, photographs), strict=True)
+        for column, of_column in measured.items()
+        for name, cell in zip(of_column.methods, ranks.cells(column, of_column, photographs), strict=True)
     }
     table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured, photographs)
     return against(table, baseline) if baseline else table
@@ -201,8 +201,8 @@ def _averaged(repetitions: pd.DataFrame) -> pd.DataFrame:
     """
     lacking = repetitions.isna()
     shared = repetitions[~lacking.any(axis=1)].groupby(level=_UNIT).mean()
-    own = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
-    return shared.reindex(own.index).fillna(own)
+    means = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
+    return shared.reindex(means.index).fillna(means)
 
 
 def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd.DataFrame]:

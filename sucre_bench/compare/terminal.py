@@ -48,8 +48,8 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
     ]
     if not intervals:
         few = [column.has_few_views for column in comparison.columns]
-        laid_out = [own.without_ties() if few else own for own, few in zip(laid_out, few, strict=True)]
-    ties = any(cell.mark for own in laid_out for cell in own.cells)
+        laid_out = [laid.without_ties() if few else laid for laid, few in zip(laid_out, few, strict=True)]
+    ties = any(cell.mark for laid in laid_out for cell in laid.cells)
     parts: list[Any] = [_wrapped(_head(comparison, chosen), width, "bold")]
     parts += [part for lines in aligned(comparison.methods, laid_out, width) for part in (lines, Text(""))]
     said = ["" if intervals else rough(comparison.columns), legend(comparison, spread, True, intervals, ties)]
@@ -71,15 +71,15 @@ def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
 
     chosen = deciding(comparison, every)
     methods = _best_first(comparison, chosen)
-    own = replace(comparison, methods=methods, columns=chosen.columns)
-    laid_out = [_decider(own, column, chosen) for column in own.columns]
+    block = replace(comparison, methods=methods, columns=chosen.columns)
+    laid_out = [_decider(block, column, chosen) for column in block.columns]
     parts: list[Any] = [
-        _wrapped(_head(own, chosen), width, "bold"),
+        _wrapped(_head(block, chosen), width, "bold"),
         *aligned(methods, laid_out, width, comparison.photographs),
     ]
-    said = [_signs(own, laid_out, over_views(own.columns)), blind(chosen), *_notes(own)]
+    said = [_signs(block, laid_out, over_views(block.columns)), blind(chosen), *_notes(block)]
     parts += [_wrapped(line, width, "dim") for line in said if line]
-    return Group(*parts, *(_wrapped(line, width) for line in answer(own, chosen)))
+    return Group(*parts, *(_wrapped(line, width) for line in answer(block, chosen)))
 
 
 def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False) -> list[RenderableType]:
@@ -104,7 +104,9 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
 
     mains = [column for one in comparisons if (column := deciding(one).main)]
     ranked = [_best_first(one, deciding(one)) for one in comparisons]
-    places = {name: [own.index(name) for own in ranked if name in own] for own in ranked for name in own}
+    places = {
+        name: [ranking.index(name) for ranking in ranked if name in ranking] for ranking in ranked for name in ranking
+    }
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
     methods = sorted(places, key=lambda name: (name in apart, fmean(places[name])))
     titles = [one.title for one in comparisons]
@@ -122,9 +124,9 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
     head = f"{title(mains[0])} of {len(titles)} datasets{': ' + prefix if prefix else ''}"
     signs = _signs(comparisons[0], laid_out, _over_datasets(mains))
     best = Counter(
-        own[0]
-        for one, own, column in zip(comparisons, ranked, mains, strict=True)
-        if own[0] not in apart and (own[0], column) in one.cells
+        ranking[0]
+        for one, ranking, column in zip(comparisons, ranked, mains, strict=True)
+        if ranking[0] not in apart and (ranking[0], column) in one.cells
     )
     counts = ", ".join(f"{name} in {n}" for name, n in best.most_common())
     line = f"best {mains[0].metric}: {counts} of {len(titles)}" if best else ""

@@ -71,7 +71,7 @@ def _score_dataset(jobs: Sequence[Job], rows: pd.DataFrame, part: Part) -> None:
     scenes = open_scenes(jobs[0].dataset)
     by_job = [_by_scene(job, scenes) for job in jobs]
     for name in by_job[0]:
-        every = [_Restored.of(job, own[name], rows) for job, own in zip(jobs, by_job, strict=True)]
+        every = [_Restored.of(job, by_scene[name], rows) for job, by_scene in zip(jobs, by_job, strict=True)]
         todo = [restored for restored in every if restored.is_due]
         if not todo:
             continue
@@ -79,8 +79,8 @@ def _score_dataset(jobs: Sequence[Job], rows: pd.DataFrame, part: Part) -> None:
         views = [task.view for task in by_job[0][name]]
         entrants, log = [restored.entrant for restored in todo], log_path(jobs[0].out)
         with progress.line(f"pairs of views of {scene.name}", len(todo)) as step:
-            for own in pair_rows(replace(scene, views=views), entrants, log, jobs[0].view_timeout_s, step):
-                part.add(own)
+            for scored in pair_rows(replace(scene, views=views), entrants, log, jobs[0].view_timeout_s, step):
+                part.add(scored)
         part.flush()
 
 
@@ -110,12 +110,14 @@ class _Restored:
     def of(cls, job: Job, every: Sequence[Task], rows: pd.DataFrame) -> _Restored:
         """Find what the results folder holds. every: all views of the scene."""
         base = every[0].base
-        own = rows[(rows["dataset"] == base.dataset) & (rows["method"] == base.method) & (rows["scene"] == base.scene)]
-        own = own[(own["options_id"] == base.options_id) & (own["data_id"] == base.data_id)]
-        wholes = restorations(own[own["code"] == base.code])
+        of_job = rows[
+            (rows["dataset"] == base.dataset) & (rows["method"] == base.method) & (rows["scene"] == base.scene)
+        ]
+        of_job = of_job[(of_job["options_id"] == base.options_id) & (of_job["data_id"] == base.data_id)]
+        wholes = restorations(of_job[of_job["code"] == base.code])
         stored = {row.view: Row(**{f.name: getattr(row, f.name) for f in fields(Row)}) for row in wholes.itertuples()}
         there = [t for t in every if t.view.name in stored and t.place.restored(job.out, job.method.label).is_file()]
-        known = own[own["status"] != "failed"][["view", "metric", "variant", "code"]]
+        known = of_job[of_job["status"] != "failed"][["view", "metric", "variant", "code"]]
         return cls(
             job,
             tuple(there),

@@ -124,7 +124,7 @@ def _views(
     ]
     for place, row in _of_views(scores, views):
         if row.method in views[place].whole and metrics.of(row):
-            views[place].own.append(row)
+            views[place].own_rows.append(row)
     for place, row in _of_views(before, views):
         assert isinstance(row, CommonRow)
         view = views[place]

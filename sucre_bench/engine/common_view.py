@@ -48,13 +48,13 @@ class PixelMetrics:
 class CommonView:
     """A view that several methods restored, one of them with holes.
 
-    whole: the row of each method's restoration; own: the scores on own pixels; before: what the folder holds of its
-    common pixels; scores: the same of their scores, as far as these are of the restorations in `whole`.
+    whole: the row of each method's restoration; own_rows: the scores on own pixels; before: what the folder holds
+    of its common pixels; scores: the same of their scores, as far as these are of the restorations in `whole`.
     """
 
     task: Task
     whole: dict[str, Row] = field(default_factory=dict)
-    own: list[Row] = field(default_factory=list)
+    own_rows: list[Row] = field(default_factory=list)
     before: CommonRow | None = None
     scores: dict[Score, CommonRow] = field(default_factory=dict)
 
@@ -64,8 +64,10 @@ class CommonView:
         row = self.before
         if row is None or row.status == "failed" or json.loads(row.methods) != sorted(self.whole):
             return False
-        is_newest = all(own.time <= row.time for own in self.whole.values())
-        return is_newest and (row.variant != "common" or all(score_of(own) in self.scores for own in self.own))
+        is_newest = all(whole.time <= row.time for whole in self.whole.values())
+        return is_newest and (
+            row.variant != "common" or all(score_of(scored) in self.scores for scored in self.own_rows)
+        )
 
 
 def score_of(row: Row) -> Score:
@@ -111,7 +113,7 @@ def _scored(view: CommonView, metrics: PixelMetrics, base: Row) -> list[CommonRo
     for method, whole in view.whole.items():
         known = {key: row for key, row in view.scores.items() if is_same and key[0] == method}
         rows += known.values()  # also by metrics that this run does not ask for
-        todo = [row for row in view.own if row.method == method and score_of(row) not in known]
+        todo = [row for row in view.own_rows if row.method == method and score_of(row) not in known]
         if todo:
             rows += _scores(metrics, view.task, whole, todo, common, pixels)
     return rows
@@ -141,7 +143,7 @@ def _common_mask(out: Path, view: CommonView) -> tuple[Mask, float]:
 
 
 def _scores(
-    metrics: PixelMetrics, task: Task, whole: Row, own: Sequence[Row], common: Mask, pixels: str
+    metrics: PixelMetrics, task: Task, whole: Row, own_rows: Sequence[Row], common: Mask, pixels: str
 ) -> Iterator[CommonRow]:
     """Score a stored picture on the common pixels, by the metrics and variants that it has on its own pixels."""
     picture = stored_picture(metrics.out, task.place, whole.method)
@@ -152,7 +154,7 @@ def _scores(
     shown = locked(masked(picture / np.float32(255), common))
     restoration = stored_restoration(metrics.out, task.place, whole, common)
     scored, started = Scored(restoration, shown, task.view), now()
-    for row in own:
+    for row in own_rows:
         scorer, base = metrics.of(row), replace(row, time=started)
         for made in variant_rows(scorer.metric, scored, base, log_path(metrics.out), metrics.limit_s) if scorer else ():
             if made.region == "image":

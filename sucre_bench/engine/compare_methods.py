@@ -101,11 +101,13 @@ class Compared:
         """The label, with its score if there is one."""
         name, _, variant = metric.partition(":")
         of = (self.rows["view"] == view) & (self.rows["method"] == label) & (self.rows["metric"] == name)
-        own = self.rows[of & (self.rows["status"] == "ok") & (self.rows["region"] == "image")]
-        own = own[own["variant"] == variant] if variant else own
-        if own.empty:
+        scores = self.rows[of & (self.rows["status"] == "ok") & (self.rows["region"] == "image")]
+        scores = scores[scores["variant"] == variant] if variant else scores
+        if scores.empty:
             return label
-        return " ".join(filter(None, [f"{label}, {name}", number(own["value"].iloc[0]), str(own["unit"].iloc[0])]))
+        return " ".join(
+            filter(None, [f"{label}, {name}", number(scores["value"].iloc[0]), str(scores["unit"].iloc[0])])
+        )
 
 
 def compare_methods(

@@ -62,13 +62,13 @@ class Done:
     def among(cls, rows: pd.DataFrame, job: Job, since: str = "") -> Done:
         """Pick what a table holds of a job."""
         kept: dict[tuple[str, str], list[_Kept]] = {}
-        own = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
-        is_kept = own["status"] != "failed"
+        of_job = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
+        is_kept = of_job["status"] != "failed"
         if job.overwrite != "failed":
-            is_kept |= own["reason"].str.startswith(Death.START)
+            is_kept |= of_job["reason"].str.startswith(Death.START)
         if since:
-            is_kept |= own["time"] >= since
-        for scene, view, *about in tuples(own[is_kept], "scene", "view", *_KEPT):
+            is_kept |= of_job["time"] >= since
+        for scene, view, *about in tuples(of_job[is_kept], "scene", "view", *_KEPT):
             kept.setdefault((scene, view), []).append(_Kept(*about))
         return cls(job, kept, tuple(map(metric_code, job.metrics)), since)
 

@@ -144,8 +144,8 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
         same_folder = set(there["method"]) - {job.method.label}
         for other in sorted(o for o in same_folder if file_name(o) == file_name(job.method.label)):
             said.append(f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give another {option}")
-        own = there[(there["method"] == job.method.label) & (there["scene"] != "")]
-        if len(own) and set(own["options_id"]) != {results.fingerprint(job.method.record)[1]}:
+        of_method = there[(there["method"] == job.method.label) & (there["scene"] != "")]
+        if len(of_method) and set(of_method["options_id"]) != {results.fingerprint(job.method.record)[1]}:
             said.append(
                 f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"
             )
@@ -176,8 +176,8 @@ def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[State]:
     Older results count if they are what the job would make.
     """
     job, done = plan.job, Done.among(rows, plan.job)
-    own = restoration_rows(rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)])
-    known = {(r.scene, r.view): State(r.status, r.reason, r.time >= started) for r in tuples(own)}
+    restored = restoration_rows(rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)])
+    known = {(r.scene, r.view): State(r.status, r.reason, r.time >= started) for r in tuples(restored)}
     of_job = known.get(("", ""), State())
     found = []
     for task in plan.tasks:

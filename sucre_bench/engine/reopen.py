@@ -101,8 +101,8 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     frames = [Frame(task.view, task.place, out) for task in opened if task.view.name in restored]
     if not frames:
         raise InputError(f"{out}: no view of '{scene}' was restored by {' and '.join(methods)}; run them on the same")
-    own = rows["method"].isin(methods) if set(methods) - {INPUT} else slice(None)
-    if stale := set(rows.loc[own, "data_id"]) - {task.base.data_id for task in opened}:
+    chosen = rows["method"].isin(methods) if set(methods) - {INPUT} else slice(None)
+    if stale := set(rows.loc[chosen, "data_id"]) - {task.base.data_id for task in opened}:
         raise InputError(
             f"{out}: '{dataset}' is not as it was restored (data {', '.join(sorted(stale))}); give the run's "
             "command again"
@@ -112,8 +112,8 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
 
 def _restored(rows: pd.DataFrame, methods: Sequence[str]) -> set[str]:
     """The views that all methods restored."""
-    own = (set(rows.loc[rows["method"] == method, "view"]) for method in methods if method != INPUT)
-    return set(rows["view"]).intersection(*own)
+    by_method = (set(rows.loc[rows["method"] == method, "view"]) for method in methods if method != INPUT)
+    return set(rows["view"]).intersection(*by_method)
 
 
 def _with_all(rows: pd.DataFrame, methods: Sequence[str], column: str) -> list[str]:
@@ -122,8 +122,8 @@ def _with_all(rows: pd.DataFrame, methods: Sequence[str], column: str) -> list[s
     for method in methods:
         if method not in known:
             raise InputError(f"method '{method}': no results of it; {did_you_mean(method, known)}")
-    own = (set(rows.loc[rows["method"] == method, column]) for method in methods if method != INPUT)
-    return sorted(set(rows[column]).intersection(*own))
+    by_method = (set(rows.loc[rows["method"] == method, column]) for method in methods if method != INPUT)
+    return sorted(set(rows[column]).intersection(*by_method))
 
 
 def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:

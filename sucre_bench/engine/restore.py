@@ -38,5 +38,5 @@ def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
         restoration = restored(method, scene, view)
         seconds = time.perf_counter() - started
     info = restoration.info
-    took = (float(info.get(name, own)) for name, own in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
+    took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
     return Measured(with_truth(restoration, scene, view), *took)

@@ -170,7 +170,7 @@ class _Tally:
         for name, base in self.entrant.bases.items():
             for place, scorer in enumerate(self.entrant.scorers):
                 plugin = scorer.plugin
-                own = replace(
+                of_metric = replace(
                     base,
                     code=self.entrant.code(base, scorer),
                     metric=plugin.name,
@@ -178,7 +178,7 @@ class _Tally:
                     better=plugin.better,
                 )
                 for variant in scorer.variants:
-                    yield from self._rows((place, variant), name, replace(own, variant=variant))
+                    yield from self._rows((place, variant), name, replace(of_metric, variant=variant))
 
     def _rows(self, variant: _Variant, name: str, row: Row) -> Iterator[Row]:
         scorer = self.entrant.scorers[variant[0]]

@@ -83,7 +83,7 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     ids: dict[str, set[str]] = {}
     for plan in planned:
         ids.setdefault(plan.job.dataset.label, set()).add(plan.data_id)
-    data = {label: ",".join(sorted(own)) for label, own in ids.items()}
+    data = {label: ",".join(sorted(data_ids)) for label, data_ids in ids.items()}
     words = ["sucre-bench", "run", *(["-m"] if command.is_sweep else []), *command.words]
     provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, data))
     text = config_text(command.jobs, command.words, command.is_sweep)

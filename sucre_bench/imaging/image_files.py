@@ -114,8 +114,8 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     """
     import cv2
 
-    if size is not None and (own := image_size(path)) is not None:
-        _check_shrinks(path, own, size)
+    if size is not None and (found := image_size(path)) is not None:
+        _check_shrinks(path, found, size)
     stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
@@ -127,10 +127,10 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
-def _check_shrinks(path: Path, own: tuple[int, int], size: tuple[int, int]) -> None:
+def _check_shrinks(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
     """Raise InputError unless an image of its own size (width, height) shrinks to another."""
-    if own[0] < size[0] or own[1] < size[1] or not same_shape(own, size):
-        raise InputError(f"{path}: is {own[0]}x{own[1]}, expected {size[0]}x{size[1]}; resize it or the others")
+    if found[0] < size[0] or found[1] < size[1] or not same_shape(found, size):
+        raise InputError(f"{path}: is {found[0]}x{found[1]}, expected {size[0]}x{size[1]}; resize it or the others")
 
 
 def decode(path: Path, flags: int) -> np.ndarray:

@@ -17,7 +17,6 @@ from sucre_bench.errors import InputError, SucreBenchError
 from sucre_bench.jobs.expand import combinations
 from sucre_bench.jobs.explain import in_our_words
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.labels import refuse_same_place
 from sucre_bench.jobs.lineup import LineUp
 from sucre_bench.jobs.presets import default_choice, plugin_of
 from sucre_bench.jobs.quoting import quoted
@@ -25,6 +24,7 @@ from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
 from sucre_bench.jobs.schema import CONF, register
 from sucre_bench.jobs.words import expand_home, line_up_file, parse, refuse_bare_words
 from sucre_bench.plugins.options import options_of
+from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
@@ -75,7 +75,7 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     _refuse_options_of_no_dataset(parsed, line_up)
     with _hydra():
         composed = _compose_jobs(parsed, line_up, multirun)
-    refuse_same_place(composed.jobs)
+    _refuse_same_place(composed.jobs)
     shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(composed.jobs) else ""
     return Command(
         jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in composed.jobs),
@@ -232,6 +232,20 @@ def _compose(overrides: Sequence[str]) -> DictConfig:
         raise in_our_words(fault, overrides) from fault
     assert isinstance(config, DictConfig)
     return config
+
+
+def _refuse_same_place(planned: Sequence[Job]) -> None:
+    """Raise InputError if two jobs would write to one place."""
+    seen: dict[tuple[str, str, int, int, int], Job] = {}
+    for job in planned:
+        part = (job.replicate, job.shard.index, job.shard.count)
+        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
+        if other is not job:
+            name = f"{job.dataset.label} / {job.method.label}"
+            if (other.method, other.dataset) != (job.method, job.dataset):
+                of = "method" if other.dataset == job.dataset else "dataset"
+                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
+            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")
 
 
 def _can_share_pairs(planned: Sequence[Job]) -> bool:

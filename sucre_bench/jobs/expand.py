@@ -105,10 +105,10 @@ def _of_pair(
         option = options.get(id(word))
         if option and not option.is_for(pair[option.kind]):
             continue
-        own = option.texts() if option else _texts(word)
-        key = own[0].partition("=")[0]
+        values = option.texts() if option else _texts(word)
+        key = values[0].partition("=")[0]
         texts.pop(key, None)  # the last word counts, in its place
-        texts[key] = own
+        texts[key] = values
         if option:
             typed[key] = word.key_or_group
         if word.is_sweep_override():
@@ -119,9 +119,9 @@ def _of_pair(
 
 def _method_word(methods: Sequence[Entry], pair: Mapping[Kind, Entry]) -> str:
     """The label or name of a pair's method where there are several, else "method"."""
-    own = pair["method"]
-    is_word = own.label.replace("-", "_").isidentifier()
-    return "method" if len(methods) == 1 else own.label if is_word else own.name
+    method = pair["method"]
+    is_word = method.label.replace("-", "_").isidentifier()
+    return "method" if len(methods) == 1 else method.label if is_word else method.name
 
 
 def _entries(kind: Kind, typed: Sequence[Override], line_up: LineUp) -> tuple[Entry, ...]:

@@ -1,19 +1,15 @@
-"""Labels of configurations: those that a sweep makes, and the clash of two jobs with one label."""
+"""Labels of configurations and datasets: what a sweep or a degradation adds to them."""
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sucre_bench.errors import InputError
+from sucre_bench.degrade import Degradation
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.results.layout import file_name
 
-if TYPE_CHECKING:
-    from sucre_bench.jobs.job import Job
-
-__all__ = ["plain_value", "refuse_same_place", "swept_label"]
+__all__ = ["plain_value", "swept_label", "undegraded_label"]
 
 
 def swept_label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:
@@ -31,15 +27,7 @@ def plain_value(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
-def refuse_same_place(planned: Sequence[Job]) -> None:
-    """Raise InputError if two jobs would write to one place."""
-    seen: dict[tuple[str, str, int, int, int], Job] = {}
-    for job in planned:
-        part = (job.replicate, job.shard.index, job.shard.count)
-        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
-        if other is not job:
-            name = f"{job.dataset.label} / {job.method.label}"
-            if (other.method, other.dataset) != (job.method, job.dataset):
-                of = "method" if other.dataset == job.dataset else "dataset"
-                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
-            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")
+def undegraded_label(label: str, degrade: Mapping[str, Any], name: str) -> str:
+    """Return a dataset's label without what a degradation adds to it; name: of the dataset, where nothing is left."""
+    suffix = Degradation.of(degrade).labelled("") if degrade else ""
+    return label.removesuffix(suffix) or name

@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
-from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.config_file import config_path, read_config
 from sucre_bench.jobs.job import Job, MetricChoice
+from sucre_bench.jobs.labels import undegraded_label
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp
 from sucre_bench.jobs.presets import given_paths
 from sucre_bench.jobs.rerun import given
@@ -99,8 +99,8 @@ def _of_jobs(jobs: Iterable[Job]) -> Iterator[_Made]:
 
 def _of_rows(rows: pd.DataFrame) -> Iterator[_Made]:
     """What older commands made; rows of before datasets were recorded tell nothing."""
-    own = rows.sort_values("time", kind="stable").drop_duplicates(["dataset", "method", "options"], keep="last")
-    for row in own.itertuples():
+    last = rows.sort_values("time", kind="stable").drop_duplicates(["dataset", "method", "options"], keep="last")
+    for row in last.itertuples():
         record: dict[str, Any] = json.loads(str(row.options))
         dataset, degrade = record.pop("dataset", None), record.pop("degrade", {})
         replicate = record.pop("replicate", 0)
@@ -111,12 +111,12 @@ def _of_rows(rows: pd.DataFrame) -> Iterator[_Made]:
 def _entries(kind: Kind, made: Sequence[_Made], seed: int, folder: Path) -> tuple[Entry, ...]:
     chosen = {}
     for one in made:
-        is_dataset = kind == "dataset"
-        label = _undegraded(one) if is_dataset else one.method
-        record = one.dataset_record if is_dataset else one.method_record
-        degrade = {"degrade": _degrade(one, folder)} if is_dataset and one.degrade else {}
+        key, label, record, degrade = one.method, one.method, one.method_record, {}
+        if kind == "dataset":
+            key, record = one.dataset, one.dataset_record
+            label = undegraded_label(key, one.degrade, str(record["name"]))
+            degrade = {"degrade": _degrade(one, folder)} if one.degrade else {}
         options = {name: value for name, value in given(kind, record, seed).items() if name != "name"}
-        key = one.dataset if is_dataset else one.method
         chosen[key] = Entry(str(record["name"]), {"label": label, **_moved(kind, record, options, folder), **degrade})
     names = Counter(entry.name for entry in chosen.values())
     return tuple(_without_needless_label(entry, names[entry.name]) for entry in chosen.values())
@@ -125,12 +125,6 @@ def _entries(kind: Kind, made: Sequence[_Made], seed: int, folder: Path) -> tupl
 def _degrade(one: _Made, folder: Path) -> dict[str, Any]:
     water = one.degrade.get("add_water")
     return {**one.degrade, **({"add_water": _relative(water, folder)} if isinstance(water, str) else {})}
-
-
-def _undegraded(one: _Made) -> str:
-    """A dataset's label without what the bench adds to it for a degradation."""
-    suffix = Degradation.of(one.degrade).labelled("") if one.degrade else ""
-    return one.dataset.removesuffix(suffix) or str(one.dataset_record["name"])
 
 
 def _without_needless_label(entry: Entry, entries: int) -> Entry:
@@ -210,6 +204,6 @@ def _notes(made: Sequence[_Made], rows: pd.DataFrame) -> Iterator[str]:
         if (dataset, method) not in there:
             yield f"the folder has no results of {method} on {dataset}; the line-up runs it too"
     views = results.restoration_rows(rows).groupby(["dataset", "method"])["view"].agg(frozenset)
-    for dataset, own in views.groupby("dataset"):
-        if own.nunique() > 1:
+    for dataset, by_method in views.groupby("dataset"):
+        if by_method.nunique() > 1:
             yield f"not every method has the same views of {dataset}; the line-up takes those of the last command"

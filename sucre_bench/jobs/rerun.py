@@ -8,16 +8,16 @@ from dataclasses import dataclass
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.degrade import Degradation
+from sucre_bench.jobs.labels import plain_value, undegraded_label
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Command", "given", "metric_words", "shell"]
+__all__ = ["Rerun", "given", "metric_words", "shell"]
 
 
 @dataclass(frozen=True)
-class Command:
+class Rerun:
     """How a method was run on a dataset, as a row tells it.
 
     dataset, method: their labels; options: of the row, as `results.Row` keeps them; seed: the row's; files: plugins
@@ -36,9 +36,9 @@ class Command:
         if "name" not in dataset or "name" not in self.options:
             return []
         said = ["sucre-bench", "run", *(word for file in self.files for word in ("--plugin", file))]
-        said += self._choice("dataset", dataset, self._dataset_label(dataset))
+        said += self._choice("dataset", dataset, undegraded_label(self.dataset, self._degrade, str(dataset["name"])))
         said += [f"degrade.{name}={value_of(value)}" for name, value in self._degrade.items()]
-        said += self._choice("method", self.own, self.method)
+        said += self._choice("method", self.method_record, self.method)
         if replicate := self.options.get("replicate"):
             said.append(f"replicate={replicate}")
         if self.seed and "seed" not in self.options:
@@ -46,22 +46,17 @@ class Command:
         return [*said, "out=again"]
 
     @property
-    def own(self) -> dict[str, Any]:
+    def method_record(self) -> dict[str, Any]:
         """The method's name, display and options."""
         return {name: value for name, value in self.options.items() if name not in ("dataset", "degrade", "replicate")}
 
     def given(self) -> dict[str, Any]:
         """The method's options that are not as they are by default."""
-        return {k: v for k, v in given("method", self.own).items() if k != "name"}
+        return {k: v for k, v in given("method", self.method_record).items() if k != "name"}
 
     @property
     def _degrade(self) -> Mapping[str, Any]:
         return self.options.get("degrade") or {}
-
-    def _dataset_label(self, dataset: Mapping[str, Any]) -> str:
-        """The label without what the bench says in it of the degradation."""
-        suffix = Degradation.of(self._degrade).labelled("") if self._degrade else ""
-        return self.dataset.removesuffix(suffix) or str(dataset["name"])
 
     @staticmethod
     def _choice(kind: Kind, record: Mapping[str, Any], label: str) -> Iterator[str]:
@@ -83,14 +78,7 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
         return dict(record)
     defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)}
     defaults |= {"seed": seed, "display": plugin.display}  # of the run, unless it is given
-    return {name: value for name, value in record.items() if _recorded(defaults.get(name, ...)) != value}
-
-
-def _recorded(value: Any) -> Any:
-    """A default as a row's JSON keeps it."""
-    if isinstance(value, tuple):
-        return list(value)
-    return value if value is None or isinstance(value, (bool, int, float, str)) else str(value)
+    return {name: value for name, value in record.items() if plain_value(defaults.get(name, ...)) != value}
 
 
 def metric_words(metric: str, variants: Collection[str]) -> list[str]:

@@ -53,10 +53,10 @@ def _schema(plugin: Plugin) -> type[Any]:
     from omegaconf import II
     from omegaconf import MISSING as ASK
 
-    own: list[tuple[str, Any, Any]] = []
+    options: list[tuple[str, Any, Any]] = []
     for option in options_of(plugin.cls):
         default = ASK if option.default is MISSING else option.default
-        own.append((option.name, _hydra_type(option.type), II("seed") if option.name == "seed" else default))
+        options.append((option.name, _hydra_type(option.type), II("seed") if option.name == "seed" else default))
     added: list[tuple[str, Any, Any]] = [("name", str, plugin.name)]
     if plugin.kind == "metric":
         added += [("variants", list[str], list(plugin.default))]
@@ -65,7 +65,7 @@ def _schema(plugin: Plugin) -> type[Any]:
     if plugin.kind == "method":
         added += [("display", str, plugin.display)]
     return make_dataclass(
-        f"{plugin.cls.__name__}Config", [(name, type_, _field(value)) for name, type_, value in added + own]
+        f"{plugin.cls.__name__}Config", [(name, type_, _field(value)) for name, type_, value in added + options]
     )
 
 

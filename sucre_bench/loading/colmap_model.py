@@ -99,8 +99,8 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
             raise InputError(f"{place} is there twice; every image needs a name of its own, rename and export again")
         if number not in cameras:
             raise InputError(f"{place} has camera {number}, which {cameras_file.name} does not hold; {_REMEDY}")
-        camera, own = cameras[number]
-        posed[name] = Posed(name, camera, _rigid(pose, place), own)
+        camera, distortion = cameras[number]
+        posed[name] = Posed(name, camera, _rigid(pose, place), distortion)
     if not posed:
         raise InputError(f"{images_file}: no image is registered; run 'colmap mapper' on more, overlapping images")
     return [posed[name] for name in sorted(posed)]

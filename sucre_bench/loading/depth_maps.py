@@ -107,13 +107,13 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
 
 def check_header(path: Path, size: tuple[int, int]) -> None:
     """Raise InputError if a depth map's header says a shape that is not that of an image of `size` (width, height)."""
-    if path.suffix.lower() in (".png", ".tif", ".tiff") and (own := size_of_only_page(path)) is not None:
-        _check_shape(path, own, size)
+    if path.suffix.lower() in (".png", ".tif", ".tiff") and (found := size_of_only_page(path)) is not None:
+        _check_shape(path, found, size)
 
 
-def _check_shape(path: Path, own: tuple[int, int], size: tuple[int, int]) -> None:
-    if not same_shape(own, size):
-        fault = f"is {own[0]}x{own[1]}, a size that cannot match its image's {size[0]}x{size[1]}"
+def _check_shape(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
+    if not same_shape(found, size):
+        fault = f"is {found[0]}x{found[1]}, a size that cannot match its image's {size[0]}x{size[1]}"
         raise InputError(f"{path}: {fault}; make it from the undistorted image")
 
 

@@ -30,11 +30,11 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     for place, below, names in os.walk(root, followlinks=True):
         folder = Path(place)
         status = folder.stat()
-        own = (status.st_dev, status.st_ino)
-        if own in seen:
+        identity = (status.st_dev, status.st_ino)
+        if identity in seen:
             below.clear()
             continue
-        seen.add(own)
+        seen.add(identity)
         below.sort(key=lambda name: ((folder / name).is_symlink(), name))
         yield folder, below, sorted(names)
 

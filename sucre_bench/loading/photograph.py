@@ -64,12 +64,12 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     if lens is not None and distorts and lens.fault:
         raise InputError(f"{image}: {lens.fault} (coefficients {lens.coefficients}); undistort the images before")
     straight = None if lens is None else lens.pinhole if distorts else lens.camera
-    own = None if straight is None else (straight.width, straight.height)
+    undistorted = None if straight is None else (straight.width, straight.height)
     # If the header cannot be read, decoding gives the reason.
-    size = photograph.size or image_size(image) or own or (1, 1)
-    if fault := _fault_of_size(image, size, own):
+    size = photograph.size or image_size(image) or undistorted or (1, 1)
+    if fault := _fault_of_size(image, size, undistorted):
         faults.setdefault("rgb", fault)
-        size = own or (1, 1)  # what else is read of the view must not take on a forged size
+        size = undistorted or (1, 1)  # what else is read of the view must not take on a forged size
     width, height = (max(1, round(side * image_scale)) for side in size)
     camera = None if straight is None else scaled_camera(straight, size, image_scale)
     bent = lens if distorts else None
@@ -108,12 +108,12 @@ def _seen(chart: Chart, place: str, size: tuple[int, int], lens: Lens | None, ta
     """Transform a chart from the stored image, of `size` (width, height), to the view, of size `target`."""
     if lens is None:
         return scaled_chart(chart, size, target)
-    own = lens.camera.width, lens.camera.height
-    corners = lens.straightened(scaled_chart(chart, size, own).corners)
+    undistorted = lens.camera.width, lens.camera.height
+    corners = lens.straightened(scaled_chart(chart, size, undistorted).corners)
     if not np.isfinite(corners).all():
         fault = "a corner lies where the lens cannot be undone"
         raise InputError(f"{place}, {chart.name}: {fault}; leave this chart out")
-    return scaled_chart(Chart(chart.name, chart.kind, corners), own, target)
+    return scaled_chart(Chart(chart.name, chart.kind, corners), undistorted, target)
 
 
 @dataclass(frozen=True, eq=False)

@@ -91,11 +91,11 @@ def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
     if watcher is None:
         yield lambda: None
         return
-    own = watcher.started(what, total)
+    number = watcher.started(what, total)
     try:
-        yield partial(watcher.advanced, own)
+        yield partial(watcher.advanced, number)
     finally:
-        watcher.finished(own)
+        watcher.finished(number)
 
 
 def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:

@@ -111,18 +111,18 @@ class _Lines:
         return key
 
     def advanced(self, line: int) -> None:
-        own, now = self._lines[line], time.monotonic()
-        own.pace.advance(now)
-        if now - own.said > _PLAIN_SECONDS and own.pace.total:
-            own.said = now
-            left = _left(own.pace)
-            err.print(f"{own.what}: {own.pace.done}/{own.pace.total}{left and f', {left}'}")
+        shown_line, now = self._lines[line], time.monotonic()
+        shown_line.pace.advance(now)
+        if now - shown_line.said > _PLAIN_SECONDS and shown_line.pace.total:
+            shown_line.said = now
+            left = _left(shown_line.pace)
+            err.print(f"{shown_line.what}: {shown_line.pace.done}/{shown_line.pace.total}{left and f', {left}'}")
 
     def finished(self, line: int) -> None:
-        own = self._lines.pop(line)
-        seconds = time.monotonic() - own.pace.started
+        shown_line = self._lines.pop(line)
+        seconds = time.monotonic() - shown_line.pace.started
         if not self._lines and seconds > _WORTH_A_LINE:
-            err.print(f"{own.what}: {own.pace.done} done in {seconds:.1f} s")
+            err.print(f"{shown_line.what}: {shown_line.pace.done} done in {seconds:.1f} s")
 
     def said(self, text: str) -> None:
         err.print(_painted(text))

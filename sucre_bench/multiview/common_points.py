@@ -93,9 +93,9 @@ class SharedPoints:
         shares *= shares.T  # what a view sees of the other counts little if the other sees only a corner of it
         np.fill_diagonal(shares, 0)
         chosen: dict[tuple[int, int], bool] = {}
-        for i, own in enumerate(shares):
-            seen = np.flatnonzero(own)
-            nearest = set(seen[np.argsort(-own[seen], kind="stable")][:_NEIGHBOURS].tolist())
+        for i, shared in enumerate(shares):
+            seen = np.flatnonzero(shared)
+            nearest = set(seen[np.argsort(-shared[seen], kind="stable")][:_NEIGHBOURS].tolist())
             for j in nearest | {int(seen[k]) for k in evenly(len(seen), _OTHERS)}:
                 key = (min(i, j), max(i, j))
                 chosen[key] = chosen.get(key, False) or j in nearest
@@ -160,9 +160,9 @@ def _patches(surface: Surface, other: View) -> CommonPoints | None:
     at = np.zeros(surface.camera.height * surface.camera.width, dtype=np.int64)
     at[surface.pixels] = np.arange(len(surface.pixels))
     points = surface.points[:, at[pixels]].astype(np.float64)
-    own = np.sqrt((points**2).sum(axis=0))
+    distance_here = np.sqrt((points**2).sum(axis=0))
     samples, owner = _samples(others, points[2] / surface.camera.K[0, 0], other)
-    sums = [np.bincount(number, of) for of in (own, distance)]
+    sums = [np.bincount(number, of) for of in (distance_here, distance)]
     return CommonPoints(pixels, samples, number, number[owner], np.stack(sums) / np.bincount(number))
 
 

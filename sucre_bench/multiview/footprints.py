@@ -131,12 +131,12 @@ class _Planes:
         inside = (x >= _HALF) & (x < width - _HALF) & (y >= _HALF) & (y < height - _HALF)
         around = target.depth[(y[:, None] + v).clip(0, height - 1), (x[:, None] + u).clip(0, width - 1)]
         known = inside & (around > 0).all(axis=1)
-        own = 1 / surface.points[2].astype(np.float64)
-        inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), own[:, None])  # (P, 25)
+        here = 1 / surface.points[2].astype(np.float64)
+        inverse = np.where(known[:, None], 1 / np.where(around > 0, around, 1), here[:, None])  # (P, 25)
         squares = float((u * u).sum())
         slope = np.stack([inverse @ u, inverse @ v]) / squares  # (2, P) of 1 / depth, a pixel
         plane = inverse.mean(axis=1)[:, None] + slope[0][:, None] * u + slope[1][:, None] * v
-        rough = np.sqrt(((inverse - plane) ** 2).mean(axis=1)) > _ROUGH * own
+        rough = np.sqrt(((inverse - plane) ** 2).mean(axis=1)) > _ROUGH * here
         slope[:, rough] = 0
         K_inv = np.linalg.inv(surface.camera.K)
         depth = surface.points[2].astype(np.float64)
@@ -170,8 +170,8 @@ class _Landing:
 def _land(
     view: View, target: View, surface: Surface, planes: _Planes, place: Indices, rule: Rule, tolerance: float
 ) -> _Landing | None:
-    own = view.name == target.name
-    matches = own_matches(surface) if own else match(surface, view, rule, tolerance)
+    is_target = view.name == target.name
+    matches = own_matches(surface) if is_target else match(surface, view, rule, tolerance)
     if matches is None or not len(matches.pixels) or view.camera is None or view.cam_from_world is None:
         return None
     places = place[matches.pixels]
@@ -215,9 +215,9 @@ def _seen(landing: _Landing, common: Array, encoding: Kept, with_ray: bool) -> S
         if not len(here):
             continue
         block = 2**level
-        own = S[here] / block**2 - (1 - 1 / block**2) * _SQUARE * np.eye(2)
+        spread = S[here] / block**2 - (1 - 1 / block**2) * _SQUARE * np.eye(2)
         places = landing.at[here] / block, landing.depth[here], landing.slope[here] * block
-        colour[here], share[here] = _means(image, depth, *places, np.linalg.inv(own))
+        colour[here], share[here] = _means(image, depth, *places, np.linalg.inv(spread))
     enough = (share >= _SHARE) & np.isfinite(colour).all(axis=1)
     kept = landing.only(enough)
     matches = replace(kept.matches, at=kept.at.astype(np.float32))

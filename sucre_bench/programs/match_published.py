@@ -261,8 +261,8 @@ def compare(column: Column, scores: pd.DataFrame) -> list[Candidate]:
     scored = set(ok["view"])
     column = replace(column, cells=tuple(cell for cell in column.cells if scored.issuperset(cell.images)))
     found = [
-        _candidate(column, variant, dict(zip(own["view"], own["value"], strict=True)))
-        for variant, own in ok.groupby("variant", sort=False)
+        _candidate(column, variant, dict(zip(of_variant["view"], of_variant["value"], strict=True)))
+        for variant, of_variant in ok.groupby("variant", sort=False)
     ]
     return sorted(found, key=lambda c: (not c.fits, c.lacking, c.mean))
 

@@ -19,6 +19,7 @@ from sucre_bench.imaging.image_files import SUFFIXES, read_rgb
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.machine import progress
+from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
 
 if TYPE_CHECKING:
@@ -69,7 +70,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
             tables.append(results.frame([failed]))
     _say_lossy(pairs)
     rows = pd.concat(tables, ignore_index=True)
-    return rows[~rows["metric"].isin(["peak_mb"]) & ~((rows["metric"] == "seconds") & (rows["status"] == "ok"))]
+    return rows[~rows["metric"].isin(["peak_mb"]) & ~rows.index.isin(restorations(rows).index)]
 
 
 def images_in(folder: Path) -> dict[str, Path]:

@@ -109,8 +109,8 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
         stems = Counter(PurePosixPath(view.name).with_suffix("") for view in scene.views)
         for view in scene.views:
             name = PurePosixPath(view.name)
-            own = name.with_suffix("") if stems[name.with_suffix("")] == 1 else name
-            found[scene.name, view.name] = Place(file_name(dataset), within / own)
+            name_alone = name.with_suffix("") if stems[name.with_suffix("")] == 1 else name
+            found[scene.name, view.name] = Place(file_name(dataset), within / name_alone)
     return found
 
 

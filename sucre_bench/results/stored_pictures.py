@@ -84,8 +84,8 @@ def stored_restoration(out: Path, place: Place, base: Row, mask: Mask) -> Restor
     kept = read_full(place.restored(out, base.method).with_suffix(".npz"), base)
     if kept is None:
         return PictureOnly(mask)
-    own = kept.restoration
-    return Restoration(masked(own.image, mask), own.water, own.confidence, own.info)
+    restored = kept.restoration
+    return Restoration(masked(restored.image, mask), restored.water, restored.confidence, restored.info)
 
 
 def masked(image: Array, mask: Mask) -> Array:

@@ -45,7 +45,7 @@ class Teller:
                 changed = path.stat().st_mtime_ns
                 if path not in self._before and self._known.get(path, (0, 0))[0] != changed:
                     rows = pd.read_parquet(path, columns=["view", "metric"])
-                    self._known[path] = changed, int(((rows["metric"] == "seconds") & (rows["view"] != "")).sum())
+                    self._known[path] = changed, int((results.restoration_rows(rows)["view"] != "").sum())
             except (OSError, ValueError):  # replaced while it is read
                 continue
         return sum(views for _, views in self._known.values())

@@ -88,14 +88,14 @@ def _parsed(place: str, text: str) -> ChartKind:
     names, boxes, lab, srgb = [], [], [], []
     for (number, _), row in zip(table[1:], rows, strict=True):
         at = f"{place}: line {number}"
-        x0, y0, x1, y1, *own = _numbers(at, row, _COLUMNS[1:])
+        x0, y0, x1, y1, *colour = _numbers(at, row, _COLUMNS[1:])
         if not (0 <= x0 < x1 <= width * 1.0001 and 0 <= y0 < y1 <= height * 1.0001):
             raise InputError(
                 f"{at}: the patch is not inside the frame of {width:g} x {height:g}; give x0,y0,x1,y1 in it"
             )
         names.append((row["name"] or str(number)).strip().replace("/", "-"))
         boxes.append((x0 / width, y0 / height, min(x1 / width, 1.0), min(y1 / height, 1.0)))
-        lab.append(own)
+        lab.append(colour)
         if {"R", "G", "B"} <= row.keys():
             srgb.append([value / 255 for value in _numbers(at, row, ("R", "G", "B"))])
     try:

@@ -96,9 +96,9 @@ def find_seams(picture: Array, photograph: Array, distance: Array | None = None)
     s = planes[..., 6].ravel()
     fits = _fits(found, s, np.quantile(s[known.ravel()], np.arange(1, _GROUPS) / _GROUPS)) if found else []
     for steps, (u, typical) in zip(found, fits, strict=True):
-        own = np.minimum(np.abs(u), np.abs(steps.d[:, :3]))
-        is_one = (own > VISIBLE) & (np.abs(u) > _UNUSUAL * typical)
-        np.maximum.at(excess, steps.at, own.max(axis=1))
+        jump = np.minimum(np.abs(u), np.abs(steps.d[:, :3]))
+        is_one = (jump > VISIBLE) & (np.abs(u) > _UNUSUAL * typical)
+        np.maximum.at(excess, steps.at, jump.max(axis=1))
         np.logical_or.at(unusual, steps.at, is_one.any(axis=1))
     excess[np.isinf(excess)] = np.nan
     shown = np.where(known[..., None], planes[..., :3], np.nan)
@@ -168,8 +168,8 @@ def _fits(found: list[_Steps], s: Array, limits: Array) -> list[tuple[Array, Arr
     terms = np.concatenate([steps.terms[part] for steps, part in zip(found, few, strict=True)]).astype(np.float64)
     d_S = np.concatenate([steps.d[part, :3] for steps, part in zip(found, few, strict=True)]).astype(np.float64)
     everywhere = _fit(terms, d_S)
-    own = [group == k for k in range(_GROUPS)]
-    by_group = [_fit(terms[k], d_S[k]) if np.count_nonzero(k) >= _FEWEST else everywhere for k in own]
+    members = [group == k for k in range(_GROUPS)]
+    by_group = [_fit(terms[k], d_S[k]) if np.count_nonzero(k) >= _FEWEST else everywhere for k in members]
     coefficients, typical = (np.stack(parts) for parts in zip(*by_group, strict=True))
     return [_excess(steps, np.digitize(s[steps.at], limits), coefficients, typical) for steps in found]
 
@@ -186,6 +186,6 @@ def _excess(
     u = steps.d[:, :3].copy()
     terms, coefficients = steps.terms, coefficients.astype(np.float32)
     for k in range(len(coefficients)):
-        own = group == k
-        u[own] -= terms[own] @ coefficients[k]
+        members = group == k
+        u[members] -= terms[members] @ coefficients[k]
     return u, typical[group]

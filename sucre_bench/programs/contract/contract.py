@@ -146,8 +146,8 @@ def rules(plugin: Plugin, lasting: bool = True) -> list[Rule]:
     """Return the rules for a plugin. lasting: include those that take seconds."""
     for module in ("rules_every_plugin", "rules_methods", "rules_datasets", "rules_metrics", "rules_pair_metrics"):
         importlib.import_module(f"sucre_bench.programs.contract.{module}")
-    own = [one for one in _RULES if plugin.kind in one.kinds and one.applies(plugin)]
-    return [one for one in own if lasting or not one.lasting]
+    of_plugin = [one for one in _RULES if plugin.kind in one.kinds and one.applies(plugin)]
+    return [one for one in of_plugin if lasting or not one.lasting]
 
 
 @dataclass(frozen=True)
@@ -208,8 +208,8 @@ def raised(subject: Subject, fault: BaseException) -> str:
     said = one_line(fault)
     if isinstance(fault, SucreBenchError) and "; " in said:
         return said
-    own = [frame for frame in traceback.extract_tb(fault.__traceback__) if _is_own(subject, frame.filename)]
-    where = f" at {Path(own[-1].filename).name}:{own[-1].lineno}" if own else ""
+    frames = [frame for frame in traceback.extract_tb(fault.__traceback__) if _is_own(subject, frame.filename)]
+    where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     if "read-only" in said:
         return f"writes into its input{where}; work on a copy, image = view.rgb.copy()"
     return f"raises {said}{where}; mend it, or raise SolveError or NotApplicableError with a reason"
@@ -227,5 +227,5 @@ def _warned(subject: Subject, heard: Iterable[warnings.WarningMessage]) -> Itera
 
 def _is_own(subject: Subject, filename: str) -> bool:
     """Whether a file belongs to the plugin or lies in its folder."""
-    file, own = Path(filename).resolve(), subject.file.resolve()
-    return file == own or ((own.parent / "__init__.py").exists() and own.parent in file.parents)
+    file, module = Path(filename).resolve(), subject.file.resolve()
+    return file == module or ((module.parent / "__init__.py").exists() and module.parent in file.parents)

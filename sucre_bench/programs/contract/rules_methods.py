@@ -232,9 +232,9 @@ def tells_what_can_be_kept(subject: Subject) -> Iterator[Finding]:
         values = np.asarray(getattr(result.water, name))
         if values.shape != (3,) or np.isinf(values).any():
             yield breach(f"water.{name} is {values}; give three numbers, NaN for what is not estimated")
-    own = {key: value for key, value in result.info.items() if key != "true_water"}
+    kept = {key: value for key, value in result.info.items() if key != "true_water"}
     try:
-        json.dumps(own, default=str)
+        json.dumps(kept, default=str)
     except (TypeError, ValueError) as fault:
         yield breach(f"info cannot be written as JSON, {fault}; keep text, numbers and lists in it")
 

@@ -53,8 +53,8 @@ def _written_in(path: Path) -> Iterator[Plugin]:
     for module in list(sys.modules.values()):
         if getattr(module, "__file__", None) == str(path):
             for cls in vars(module).values():
-                own = isinstance(cls, type) and "__plugin__" in vars(cls) and cls.__module__ == module.__name__
-                if own and Path(inspect.getsourcefile(cls) or "") == path:
+                is_here = isinstance(cls, type) and "__plugin__" in vars(cls) and cls.__module__ == module.__name__
+                if is_here and Path(inspect.getsourcefile(cls) or "") == path:
                     yield cls.__dict__["__plugin__"]
 
 

@@ -72,9 +72,9 @@ class ChartsFile:
     def propose(self, proposals: Iterable[Proposal]) -> None:
         """Add proposals, except rejected ones."""
         for proposal in proposals:
-            own = self._proposed.setdefault(proposal.view, {})
-            if own.get(proposal.chart.name, proposal) is not None:
-                own[proposal.chart.name] = proposal
+            of_view = self._proposed.setdefault(proposal.view, {})
+            if of_view.get(proposal.chart.name, proposal) is not None:
+                of_view[proposal.chart.name] = proposal
 
     def turn_down(self, view: str, name: str) -> None:
         """Reject a proposal for good."""
@@ -87,9 +87,11 @@ class ChartsFile:
             images[view] = {chart.name: self._entry(chart) for chart in charts}
         images = {view: entries for view, entries in images.items() if entries}
         proposed = {
-            view: {name: None if p is None else {**self._full(p.chart), "from": p.source} for name, p in own.items()}
-            for view, own in self._proposed.items()
-            if own
+            view: {
+                name: None if p is None else {**self._full(p.chart), "from": p.source} for name, p in proposals.items()
+            }
+            for view, proposals in self._proposed.items()
+            if proposals
         }
         if not (images or proposed or self.path.is_file()):
             return

@@ -48,7 +48,7 @@ def observer_agreement(votes: Votes) -> Agreement:
         is_turned = first > second
         pair = (int(view), int(min(first, second)), int(max(first, second)))
         judged.setdefault(pair, {})[int(observer)] = float(1 - won if is_turned else won)
-    units = [list(own.values()) for own in judged.values() if len(own) > 1]
+    units = [list(judgements.values()) for judgements in judged.values() if len(judgements) > 1]
     mirrored = [[1 - value for value in unit] for unit in units]
     return Agreement(krippendorff([*units, *mirrored]), len(units))
 
@@ -86,7 +86,7 @@ def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people:
     if not len(known):
         return MetricAgreement(np.nan, np.nan, np.nan, np.nan, 0)
     drawn = (known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled)
-    taus = [kendall_tau(mean, own) for mean, own in zip(drawn, people.resampled, strict=True)]
+    taus = [kendall_tau(mean, preferences) for mean, preferences in zip(drawn, people.resampled, strict=True)]
     low, high = np.nanquantile(taus, [0.025, 0.975]) if np.isfinite(taus).any() else (np.nan, np.nan)
     predicted, n = _predicted(better, votes)
     return MetricAgreement(kendall_tau(known.mean(axis=0), people.scores), float(low), float(high), predicted, n)

@@ -59,18 +59,18 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     """
     rows = restorations(results.read(folder))
     rows = rows[rows["dataset"] == _dataset(rows, methods, dataset, folder)]
-    own = rows[rows["method"].isin(methods)]
-    shared = own.groupby(["scene", "view"])["method"].nunique() == len(methods)
+    candidates = rows[rows["method"].isin(methods)]
+    shared = candidates.groupby(["scene", "view"])["method"].nunique() == len(methods)
     places = list(shared.index[shared])
     if not places:
         raise InputError(f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views")
     chosen = [places[n] for n in evenly(len(places), views)]
-    wanted = own[[place in set(chosen) for place in zip(own["scene"], own["view"], strict=True)]]
+    wanted = candidates[[place in set(chosen) for place in zip(candidates["scene"], candidates["view"], strict=True)]]
     pictures = {
         secrets.token_hex(5): Shown(r.scene, r.view, r.method, (r.options_id, r.data_id, r.code))
         for r in wanted.itertuples()
     }
-    return Key(secrets.token_hex(4), str(own["dataset"].iloc[0]), tuple(methods), pictures)
+    return Key(secrets.token_hex(4), str(candidates["dataset"].iloc[0]), tuple(methods), pictures)
 
 
 def _dataset(rows: pd.DataFrame, methods: Sequence[str], given: str, folder: Path) -> str:

@@ -62,8 +62,8 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
         raise InputError(f"--votes: of several datasets, {', '.join(datasets)}; give those of one")
     numbered = as_numbers(ballots.votes)
     people = preferences(numbered.votes)
-    own = rows[rows["dataset"] == datasets[0]]
-    agreements = dict(_agreements(own, numbered, people))
+    of_dataset = rows[rows["dataset"] == datasets[0]]
+    agreements = dict(_agreements(of_dataset, numbered, people))
     return Evaluated(datasets[0], numbered, people, observer_agreement(numbered.votes), agreements, ballots.skipped)
 
 
@@ -73,10 +73,10 @@ def _agreements(
     """Each metric by which methods win or lose, in each variant, against people."""
     is_score = (rows["status"] == "ok") & (rows["better"] != "none") & ~rows["metric"].isin([*COSTS, METRIC])
     scores = rows[is_score & ~rows["region"].str.contains("/", regex=False)]
-    for (metric, variant), own in scores.groupby(["metric", "variant"], sort=False):
-        table = own.groupby(["scene", "view", "method"])["value"].mean().unstack("method")
+    for (metric, variant), of_metric in scores.groupby(["metric", "variant"], sort=False):
+        table = of_metric.groupby(["scene", "view", "method"])["value"].mean().unstack("method")
         table = table.reindex(index=list(numbered.views), columns=list(numbered.methods))
-        is_lower = str(own["better"].iloc[0]) == "lower"
+        is_lower = str(of_metric["better"].iloc[0]) == "lower"
         yield (str(metric), str(variant)), metric_agreement(table.to_numpy(), is_lower, numbered.votes, people)
 
 

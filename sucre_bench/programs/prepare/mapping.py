@@ -205,8 +205,8 @@ def _sharing(photos: Sequence[Photo], cameras: Cameras) -> list[list[Photo]]:
     """The groups of photos that share a camera; photos of different sizes never do."""
     groups = defaultdict(list)
     for photo in photos:
-        own = {"single": "", "folder": str(PurePosixPath(photo.output).parent), "image": photo.output}[cameras]
-        groups[own, photo.size].append(photo)
+        shared_by = {"single": "", "folder": str(PurePosixPath(photo.output).parent), "image": photo.output}[cameras]
+        groups[shared_by, photo.size].append(photo)
     return list(groups.values())
 
 
@@ -272,9 +272,9 @@ def _best_matches(
 ) -> dict[str, tuple[int, str]]:
     among = {photo.name for photo in photos if not placed or photo.output in placed}
     best = {photo.name: (0, "") for photo in photos}
-    own = {photo.key: photo.name for photo in photos}
+    name_of = {photo.key: photo.name for photo in photos}
     with pycolmap.Database.open(database) as opened:
-        names = {image.image_id: own[image.name] for image in opened.read_all_images()}
+        names = {image.image_id: name_of[image.name] for image in opened.read_all_images()}
         pairs, inliers = opened.read_two_view_geometry_num_inliers()
     for pair, count in zip(pairs, inliers, strict=True):
         one, other = (names[number] for number in pycolmap.pair_id_to_image_pair(pair))

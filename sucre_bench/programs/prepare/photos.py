@@ -92,9 +92,9 @@ def _mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
     """COLMAP names the mask of a.jpg a.jpg.png; most other tools a.png."""
     for file in (masks / f"{name}.png", masks / name.with_suffix(".png")):
         if file.is_file():
-            own = image_size(file)
-            if own is not None and not same_shape(own, size):
-                fault = f"is {own[0]}x{own[1]}, its photo {size[0]}x{size[1]}"
+            found = image_size(file)
+            if found is not None and not same_shape(found, size):
+                fault = f"is {found[0]}x{found[1]}, its photo {size[0]}x{size[1]}"
                 raise InputError(f"{file}: {fault}; make the mask in the photo's shape")
             return file
     raise InputError(

@@ -195,10 +195,10 @@ def agreeing(
     for place, source in enumerate(sources):
         pose = relative_pose(source.cam_from_world, shot.cam_from_world)
         xy, z = project(source.camera, points @ pose[:3, :3].T + pose[:3, 3])
-        own = depth_at(depth_of(place), xy)
+        stored = depth_at(depth_of(place), xy)
         with np.errstate(divide="ignore", invalid="ignore"):
-            ratio = own / z
-        agrees = (own > 0) & (np.abs(ratio - 1) < _AGREEMENT)
+            ratio = stored / z
+        agrees = (stored > 0) & (np.abs(ratio - 1) < _AGREEMENT)
         confirmed += agrees
         ratios[agrees] += ratio[agrees]
     kept = np.zeros_like(depth)

@@ -101,9 +101,9 @@ def find_scale(
         return _ratio(units, [length.metres for length in known.lengths], "--length")
     if known.depth_track is not None:
         track = _read_track(known.depth_track)
-        own = {photo: output for photo, output in output_of.items() if photo in track and output in by_name}
-        centres = np.array([by_name[output].centre for output in own.values()]).reshape(-1, 3)
-        return _from_depths(centres, np.array([track[photo] for photo in own]), known.depth_track)
+        measured = {photo: output for photo, output in output_of.items() if photo in track and output in by_name}
+        centres = np.array([by_name[output].centre for output in measured.values()]).reshape(-1, 3)
+        return _from_depths(centres, np.array([track[photo] for photo in measured]), known.depth_track)
     depths = np.concatenate([shot.seen_points()[1] for shot in shots])
     return Scale(_USUAL_DEPTH / float(np.median(depths)), False, f"arbitrary: median depth set to {_USUAL_DEPTH:g}")
 

@@ -97,11 +97,11 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
     ]
 
 
-def _ranges(points: Indices, starts: Indices, counts: Indices, own: Indices) -> tuple[Indices, Indices]:
+def _ranges(points: Indices, starts: Indices, counts: Indices, chosen: Indices) -> tuple[Indices, Indices]:
     """Every place in the ranges of a photo's points, and the point of each place: (R,) each."""
-    at = np.searchsorted(points, own)
+    at = np.searchsorted(points, chosen)
     lengths = counts[at]
-    which = np.repeat(np.arange(len(own)), lengths)
+    which = np.repeat(np.arange(len(chosen)), lengths)
     within = np.arange(len(which)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
     return starts[at][which] + within, which
 

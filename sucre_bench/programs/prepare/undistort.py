@@ -72,9 +72,9 @@ def write_pinhole(posed: Mapping[str, Posed], model: Path, pinhole: Path) -> Non
                 known.delete_observation(number, place)
             point.xy = xy if np.isfinite(xy).all() else (-1.0, -1.0)
     for number, (_, camera) in cameras.items():
-        own = known.camera(number)
-        own.model = pycolmap.CameraModelId.PINHOLE
-        own.params = [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]]
+        of_file = known.camera(number)
+        of_file.model = pycolmap.CameraModelId.PINHOLE
+        of_file.params = [camera.K[0, 0], camera.K[1, 1], camera.K[0, 2], camera.K[1, 2]]
     pinhole.mkdir(parents=True, exist_ok=True)
     known.write_binary(pinhole)
 

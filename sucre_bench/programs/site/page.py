@@ -92,9 +92,9 @@ def _overview(tables: tuple[Table, ...]) -> Iterator[tuple[str, dict[str, str]]]
         cells: dict[str, str] = {}
         for dataset, table in firsts.items():
             column = table.comparison.columns[0]
-            own = [line for line in table.lines if line.method == method]
-            if own:
-                places = [_place(table, line, column) for line in own]
-                best = shown(table.comparison, own[places.index(min(places))].label, column)
+            of_method = [line for line in table.lines if line.method == method]
+            if of_method:
+                places = [_place(table, line, column) for line in of_method]
+                best = shown(table.comparison, of_method[places.index(min(places))].label, column)
                 cells[dataset] = " ".join(filter(None, [best.mark, best.value, column.metric]))
         yield method, cells

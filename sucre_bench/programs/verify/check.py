@@ -91,8 +91,8 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     file_faults = [f"{name}: {fault}" for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))]
     opened = open_data(rows, data or {})
     check = _Check(bundle, opened, tolerance, _sizes(rows))
-    for own in progress.track(list(_by_restoration(rows)), "scoring again"):
-        check.restoration(own)
+    for of_restoration in progress.track(list(_by_restoration(rows)), "scoring again"):
+        check.restoration(of_restoration)
     return Verified(
         bundle.id,
         bundle.by,
@@ -110,8 +110,8 @@ def _by_restoration(rows: pd.DataFrame) -> Iterator[pd.DataFrame]:
     whole = restorations(rows).index
     is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
     keys = ["dataset", "scene", "view", "method"]
-    for _, own in rows[is_score | rows.index.isin(whole)].groupby(keys, sort=False):
-        yield own
+    for _, of_restoration in rows[is_score | rows.index.isin(whole)].groupby(keys, sort=False):
+        yield of_restoration
 
 
 def _sizes(rows: pd.DataFrame) -> dict[tuple[str, str], float]:

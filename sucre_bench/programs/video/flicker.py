@@ -66,7 +66,10 @@ def flicker(frames: Sequence[Frame], methods: Sequence[str]) -> dict[str, dict[s
             for label, name, value in (*_gain_changes(before[1], now[1]), *_point_differences(*before, *now)):
                 found[label][name].append(value)
         before = now
-    return {label: {name: _mean(values) for name, values in own.items() if values} for label, own in found.items()}
+    return {
+        label: {name: _mean(values) for name, values in by_statistic.items() if values}
+        for label, by_statistic in found.items()
+    }
 
 
 def gain_of(restored: Picture, given: Picture) -> Array:
@@ -100,10 +103,10 @@ def _point_differences(
     if not len(chosen):
         return
     for name in here:
-        own = lab_d50(here[name][chosen] / 255)
-        difference = float(ciede2000(own, lab_d50(there[name][chosen] / 255)).mean())
+        colours = lab_d50(here[name][chosen] / 255)
+        difference = float(ciede2000(colours, lab_d50(there[name][chosen] / 255)).mean())
         yield name, "points", difference
-        if between_points := contrast(own):
+        if between_points := contrast(colours):
             yield name, "relative", difference / between_points
 
 

@@ -22,7 +22,7 @@ from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout
 from sucre_bench.results.layout import file_name
-from sucre_bench.results.rows import restorations
+from sucre_bench.results.rows import restoration_rows, restorations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -47,7 +47,7 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
     client, experiment_id = connect(uri, experiment)
     store = _Store(client, experiment_id, out)
     named = rows[rows["method"] != ""]
-    jobs = [(str(d), str(m), own) for (d, m), own in named.groupby(["dataset", "method"], sort=False)]
+    jobs = [(str(d), str(m), of_job) for (d, m), of_job in named.groupby(["dataset", "method"], sort=False)]
     new = [job for job in jobs if not store.has(job[2])]
     if not new:
         remember(out, uri, experiment)
@@ -64,8 +64,8 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
             if (out / folder).is_dir():
                 client.log_artifacts(parent, str(out / folder), folder)
         store.succeed(parent, older.get(("", ""), []))
-        for dataset, method, own in new:
-            _log_job(store, parent, dataset, method, own, older.get((dataset, method), []))
+        for dataset, method, of_job in new:
+            _log_job(store, parent, dataset, method, of_job, older.get((dataset, method), []))
     remember(out, uri, experiment)
     return len(new)
 
@@ -106,8 +106,8 @@ class _Store:
     def run(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
         """A run from the time its rows begin to that of their end; one that is broken off does not go on for ever."""
         about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
-        own = {**about, "out": str(self.out.resolve()), **tags}
-        run = str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), own, name).info.run_id)
+        all_tags = {**about, "out": str(self.out.resolve()), **tags}
+        run = str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), all_tags, name).info.run_id)
         try:
             yield run
         except BaseException:
@@ -172,10 +172,12 @@ def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInp
 
 def _model(store: _Store, run: str, method: str, params: Mapping[str, Any], tags: Mapping[str, str]) -> LoggedModel:
     """The method as mlflow's models page shows it, with its options."""
-    own = {name.removeprefix("method."): _text(value) for name, value in params.items() if name.startswith("method.")}
+    options = {
+        name.removeprefix("method."): _text(value) for name, value in params.items() if name.startswith("method.")
+    }
     name = file_name(method).replace(".", "_").replace("%", "_")
     about = {key: tags[key] for key in ("dataset", "method", "plugin", "code")}
-    return store.client.create_logged_model(store.experiment, name, run, about, own, "restorer")
+    return store.client.create_logged_model(store.experiment, name, run, about, options, "restorer")
 
 
 def _replicates(rows: pd.DataFrame) -> dict[str, str]:
@@ -226,7 +228,7 @@ def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Met
         for view, value in by_view.items():
             yield Metric(f"views/{name}", float(value), when, steps[view])
 
-    views = rows[rows["metric"] == "seconds"].drop_duplicates(["scene", "view"])
+    views = restoration_rows(rows).drop_duplicates(["scene", "view"])
     for status in ("ok", "failed", "skipped"):
         yield Metric(f"views_{status}", float((views["status"] == status).sum()), _stamp(rows["time"].max()), 0)
 
@@ -258,8 +260,8 @@ def _log_pictures(store: _Store, run: str, rows: pd.DataFrame) -> None:
 
 
 def _status(rows: pd.DataFrame) -> str:
-    own = set(rows.loc[rows["metric"] == "seconds", "status"])
-    return "failed" if "failed" in own else "skipped" if own == {"skipped"} else "ok"
+    statuses = set(restoration_rows(rows)["status"])
+    return "failed" if "failed" in statuses else "skipped" if statuses == {"skipped"} else "ok"
 
 
 def _user() -> str:

@@ -29,7 +29,8 @@ from sucre_bench.reports.page.join_scripts import join_scripts
 from sucre_bench.reports.page.policy import policy
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
-from sucre_bench.results import layout, with_remedy
+from sucre_bench.results import layout, restoration_rows, score_rows, with_remedy
+from sucre_bench.results.rows import RESTORATION, restorations
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,9 +73,9 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
         blocks=gallery.blocks(),
         plotly=_compressed(plotly) if plotly else "",
         failed=_reasons(rows, "failed"),
-        skipped=_reasons(rows[rows["metric"] == "seconds"], "skipped"),
-        unscored=_reasons(rows[rows["metric"] != "seconds"], "skipped"),
-        counts=rows.loc[rows["metric"] == "seconds", "status"].value_counts().to_dict(),
+        skipped=_reasons(restoration_rows(rows), "skipped"),
+        unscored=_reasons(score_rows(rows), "skipped"),
+        counts=restoration_rows(rows)["status"].value_counts().to_dict(),
         environment=provenance.read(out / "environment.json"),
         config=config,
         log=layout.log_path(out).is_file(),
@@ -87,7 +88,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
 def _most_pictures(rows: pd.DataFrame) -> int:
     """How many pictures the views and their restorations may have."""
     views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
-    return 2 * len(views) + int(((rows["metric"] == "seconds") & (rows["status"] == "ok")).sum())
+    return 2 * len(views) + len(restorations(rows))
 
 
 def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
@@ -96,9 +97,9 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     columns = {key_of(c.metric, c.variant): column_of(c) for table in comparisons for c in table.columns}
     means: dict[str, list[list[Any]]] = {key: [] for key in columns}
     for table in comparisons:
-        own = {key_of(c.metric, c.variant): c for c in table.columns}
+        by_key = {key_of(c.metric, c.variant): c for c in table.columns}
         for key, lines in means.items():
-            lines.append([cell_of(table, name, own[key]) if key in own else None for name in methods])
+            lines.append([cell_of(table, name, by_key[key]) if key in by_key else None for name in methods])
     looks = style.looks(methods)
     return {
         "datasets": [table.title for table in comparisons],
@@ -114,11 +115,13 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 
 def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
     """Where and why, with the views that share a fault in one entry."""
-    own = rows[rows["status"] == status]
+    of_status = rows[rows["status"] == status]
     faults = []
-    for (dataset, method, metric, reason), same in own.groupby(["dataset", "method", "metric", "reason"], sort=False):
+    for (dataset, method, metric, reason), same in of_status.groupby(
+        ["dataset", "method", "metric", "reason"], sort=False
+    ):
         views = sorted(set(same["view"]) - {""})
-        score = "" if metric == "seconds" else metric
+        score = "" if metric == RESTORATION else metric
         faults.append(
             {"dataset": dataset, "method": method, "score": score, "reason": with_remedy(reason), "views": views}
         )

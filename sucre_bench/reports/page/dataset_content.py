@@ -17,12 +17,12 @@ from sucre_bench.compare.pixels import FILLED
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
-from sucre_bench.jobs.rerun import Command, metric_words, shell
+from sucre_bench.jobs.rerun import Rerun, metric_words, shell
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
-from sucre_bench.results.rows import tuples
+from sucre_bench.results.rows import restoration_rows, tuples
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -122,22 +122,22 @@ class Section:
     # -- the table -------------------------------------------------------------------------------------------
 
     def _method(self, name: str) -> dict[str, Any]:
-        own = self.rows[self.rows["method"] == name]
-        last = own.iloc[-1]
-        command = Command(self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins)
+        of_method = self.rows[self.rows["method"] == name]
+        last = of_method.iloc[-1]
+        command = Rerun(self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins)
         return {
             "label": name,
-            "options": command.own,
+            "options": command.method_record,
             "given": command.given(),
             "command": shell(command.words()),
-            "views": self._view_words(own),
+            "views": self._view_words(of_method),
             "code": last["code"].split(".")[0],
         }
 
     @staticmethod
-    def _view_words(own: pd.DataFrame) -> str:
+    def _view_words(of_method: pd.DataFrame) -> str:
         """The words that ask for a method's views again; none for more than a command line has room for."""
-        views = sorted(set(own["view"]) - {""})
+        views = sorted(set(of_method["view"]) - {""})
         return shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
 
     def _metric_words(self) -> dict[str, str]:
@@ -146,12 +146,12 @@ class Section:
         scored = self.rows.loc[~self.rows["metric"].isin(COSTS), ["metric", "variant"]].drop_duplicates()
         for name, variant in scored.itertuples(index=False, name=None):
             variants[name].append(variant)
-        words = {name: metric_words(name, own) for name, own in variants.items()}
-        everything = [f"metrics={value_of(list(words))}", *(word for own in words.values() for word in own)]
+        words = {name: metric_words(name, names) for name, names in variants.items()}
+        everything = [f"metrics={value_of(list(words))}", *(word for names in words.values() for word in names)]
         single = {
             key_of(name, variant): shell([f"metrics={value_of([name])}", *metric_words(name, [variant])])
-            for name, own in variants.items()
-            for variant in own
+            for name, names in variants.items()
+            for variant in names
         }
         return {**single, "": shell(everything) if words else ""}
 
@@ -197,7 +197,7 @@ class Section:
     @cached_property
     def _restorations(self) -> dict[tuple[str, str], dict[str, Any]]:
         made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
-        for row in tuples(self.rows[self.rows["metric"] == "seconds"]):
+        for row in tuples(restoration_rows(self.rows)):
             made[row.scene, row.view][row.method] = row
         return made
 
@@ -208,7 +208,7 @@ class Section:
             return {"status": "not run", "reason": ""}
         if row.status != "ok":
             return {"status": row.status, "reason": row.reason}
-        own = _record(row, self.out)
+        record = _record(row, self.out)
         mask = place.mask(self.out, name) if place and row.coverage < 1 else None
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
         return {
@@ -220,9 +220,13 @@ class Section:
             "covers": {
                 key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole
             },
-            "water": {k: own.get(k) for k in (*_WATER, "encoding", "standard_error")} if _has_water(own) else None,
-            "truth": own.get("true_water"),
-            "record": {k: v for k, v in own.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)},
+            "water": {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")}
+            if _has_water(record)
+            else None,
+            "truth": record.get("true_water"),
+            "record": {
+                k: v for k, v in record.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)
+            },
         }
 
     # -- its charts ------------------------------------------------------------------------------------------
@@ -238,8 +242,8 @@ class Section:
             index=False, name=None
         ):
             chart, _, patch = region.partition("/")
-            own = made[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
-            scores = own["patches"].setdefault(patch, {}) if patch else own["scores"]
+            of_chart = made[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
+            scores = of_chart["patches"].setdefault(patch, {}) if patch else of_chart["scores"]
             scores.setdefault(key_of(metric, variant), [None] * len(place))[place[method]] = value
         return made
 
@@ -247,14 +251,14 @@ class Section:
 def _record(row: Any, out: Path) -> Mapping[str, Any]:
     """A method's record of its work; empty if the file is damaged, so that the page shows the rest."""
     try:
-        own = read_record(row, out)
+        record = read_record(row, out)
     except InputError:
         return {}
-    return own if isinstance(own, dict) else {}
+    return record if isinstance(record, dict) else {}
 
 
-def _has_water(own: Mapping[str, Any]) -> bool:
-    values = [value for name in _WATER if isinstance(value := own.get(name), list)]
+def _has_water(record: Mapping[str, Any]) -> bool:
+    values = [value for name in _WATER if isinstance(value := record.get(name), list)]
     return any(isinstance(x, (int, float)) for value in values for x in value)
 
 

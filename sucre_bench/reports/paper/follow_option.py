@@ -94,12 +94,14 @@ def along(rows: pd.DataFrame, study: Study) -> list[Along]:
     rows = without_replicates(rows.assign(data_id=rows["data_id"].mask(is_fresh(rows), "")))
     rows = rows.assign(_value=rows["options"].map(values_of), **{label: rows[label].map(plain)})
     lacking = rows.loc[rows["_value"].isna(), label].unique()
-    notes = tuple(Note("no option", (str(own),), option=name) for own in lacking)
+    notes = tuple(Note("no option", (str(of_dataset),), option=name) for of_dataset in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
         rows = rows.assign(scene="")  # a scene may be called after the value: views are told apart by name
-    groups = [(str(title), own) for title, own in rows.groupby("dataset", sort=False)]
-    followed = [_along(title, own, name, study, notes) for title, own in groups if _is_scored(own, study)]
+    groups = [(str(title), of_dataset) for title, of_dataset in rows.groupby("dataset", sort=False)]
+    followed = [
+        _along(title, of_dataset, name, study, notes) for title, of_dataset in groups if _is_scored(of_dataset, study)
+    ]
     if not followed:
         raise NotApplicableError(f"no scores of {', '.join(study.metrics) or 'anything'}")
     return followed

@@ -22,7 +22,7 @@ from sucre_bench import plugins, results
 from sucre_bench.compare import compare
 from sucre_bench.engine import sweep
 from sucre_bench.jobs import command
-from sucre_bench.jobs.rerun import Command
+from sucre_bench.jobs.rerun import Rerun
 from sucre_bench.reports import page as report
 from sucre_bench.results.masks import write_mask
 from sucre_bench.results.rows import Row
@@ -280,7 +280,7 @@ def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: l
 
     job = command.jobs(overrides, False).jobs[0]
     row = base_row(job)
-    again = composed(Command(row.dataset, row.method, json.loads(row.options), row.seed).words())
+    again = composed(Rerun(row.dataset, row.method, json.loads(row.options), row.seed).words())
     assert json.loads(base_row(again).options) == json.loads(row.options)
     assert (again.dataset.label, again.method.label, again.degrade) == (row.dataset, row.method, job.degrade)
     assert (base_row(again).seed, base_row(again).options_id) == (row.seed, row.options_id)
@@ -288,13 +288,13 @@ def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: l
 
 def test_a_command_says_only_what_is_not_as_by_default(toys: str):
     own = {"name": "gain", "gain": 2.0, "mode": "plain", "log": None, "pause": 0.0, "display": "none"}
-    words = Command("toy", "gain", {**own, "dataset": {"name": "toy", "views": 3, "tag": ""}}, 0).words()
+    words = Rerun("toy", "gain", {**own, "dataset": {"name": "toy", "views": 3, "tag": ""}}, 0).words()
     assert words == ["sucre-bench", "run", "dataset=toy", "method=gain", "method.gain=2.0", "out=again"]
 
 
 def test_a_command_names_everything_where_the_plugin_is_not_there():
     options = {"name": "gone", "a": 1, "dataset": {"name": "lost", "b": [1, 2]}}
-    words = Command("d", "m", options, 3, ("own.py",)).words()
+    words = Rerun("d", "m", options, 3, ("own.py",)).words()
     assert words[2:] == [
         "--plugin", "own.py", "dataset=lost", "dataset.b=[1,2]", "dataset.label=d", "method=gone", "method.a=1",
         "method.label=m", "seed=3", "out=again",
@@ -302,7 +302,7 @@ def test_a_command_names_everything_where_the_plugin_is_not_there():
 
 
 def test_rows_that_do_not_tell_their_dataset_have_no_command():
-    assert Command("d", "m", {"name": "sucre"}, 0).words() == []
+    assert Rerun("d", "m", {"name": "sucre"}, 0).words() == []
 
 
 def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path, bench: Callable[..., Any]):

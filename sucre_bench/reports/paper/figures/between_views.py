@@ -33,8 +33,8 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     if rows.empty:
         wanted = ",".join(metrics_of("change-with-distance"))
         raise NotApplicableError(f"no scores of several restored views; add metrics=[{wanted}]")
-    for name, own in style.each_dataset(rows):
-        yield name, _figure(own)
+    for name, of_dataset in style.each_dataset(rows):
+        yield name, _figure(of_dataset)
 
 
 def _figure(rows: pd.DataFrame) -> Figure:

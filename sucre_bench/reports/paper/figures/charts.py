@@ -40,8 +40,8 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     if charts.empty:
         wanted = ",".join(metrics_of(*_ERRORS, "chart-distance"))
         raise NotApplicableError(f"no errors of colour charts; add metrics=[{wanted}]")
-    for name, own in style.each_dataset(charts):
-        yield name, _against_distance(with_places(own))
+    for name, of_dataset in style.each_dataset(charts):
+        yield name, _against_distance(with_places(of_dataset))
 
 
 def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:

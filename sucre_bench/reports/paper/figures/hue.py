@@ -43,8 +43,8 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
         wanted = ",".join(metrics_of("patch-hue", "chart-distance"))
         raise NotApplicableError(f"no hues of chart patches; add metrics=[{wanted}]")
     hues = hues.assign(patch=hues["region"].str.partition("/")[2])
-    for name, own in style.each_dataset(hues):
-        groups = list(_with_same_patches(own))
+    for name, of_dataset in style.each_dataset(hues):
+        groups = list(_with_same_patches(of_dataset))
         for first, charts in groups:
             for form in forms:
                 pages = _pages(charts)
@@ -56,11 +56,11 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 
 def _with_same_patches(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """The charts that have the same patches, which panels show together, with the name of the first chart."""
-    patches = {chart: frozenset(own) for chart, own in hues.groupby("chart")["patch"]}
+    patches = {chart: frozenset(of_chart) for chart, of_chart in hues.groupby("chart")["patch"]}
     of_rows = hues["chart"].map(patches)
     for same in dict.fromkeys(of_rows):
-        own = hues[of_rows == same]
-        yield file_name(own["chart"].iloc[0]), own
+        of_chart = hues[of_rows == same]
+        yield file_name(of_chart["chart"].iloc[0]), of_chart
 
 
 def _pages(hues: pd.DataFrame) -> list[list[str]]:
@@ -75,9 +75,9 @@ def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
     n_rows = -(-len(patches) // width)
     figure, axes = style.figure(2, 0.6 + 1.25 * n_rows, n_rows, width, sharex=True)
     for k, (patch, panel) in enumerate(zip(patches, axes.flat, strict=False)):
-        own = hues[hues["patch"] == patch]
-        expected = float(own.loc[own["variant"] == f"{form}-expected", "value"].iloc[0])
-        _panel(panel, own[own["variant"] == form], expected, looks)
+        of_patch = hues[hues["patch"] == patch]
+        expected = float(of_patch.loc[of_patch["variant"] == f"{form}-expected", "value"].iloc[0])
+        _panel(panel, of_patch[of_patch["variant"] == form], expected, looks)
         panel.tick_params(labelbottom=k + width >= len(patches))
         panel.set_title(patch.partition("-")[2], fontsize=7)
     for panel in axes.flat[len(patches) :]:

@@ -39,14 +39,14 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     rows, out = results.rows, results.out
     datasets = list(dict.fromkeys(rows["dataset"]))
     found = [(dataset, rows[rows["dataset"] == dataset]) for dataset in datasets]
-    kept = [(dataset, own, _views(dataset, own, out)) for dataset, own in found]
+    kept = [(dataset, of_dataset, _views(dataset, of_dataset, out)) for dataset, of_dataset in found]
     if not any(views for _, _, views in kept):
         raise NotApplicableError(f"no pictures under {out}; overwrite=always makes them again")
-    for dataset, own, views in kept:
+    for dataset, of_dataset, views in kept:
         if not views:
             continue
         has_reference = any(place.reference(out).is_file() for _, place in views)
-        several = pages(list(dict.fromkeys(own["method"])), _MOST_COLUMNS - 1 - has_reference)
+        several = pages(list(dict.fromkeys(of_dataset["method"])), _MOST_COLUMNS - 1 - has_reference)
         for n, methods in enumerate(several, 1):
             words = [dataset if len(datasets) > 1 else "", str(n) if len(several) > 1 else ""]
             yield "-".join(filter(None, words)), _figure(views, methods, has_reference, out)

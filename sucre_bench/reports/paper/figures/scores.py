@@ -49,8 +49,8 @@ def panels(comparison: Comparison, study: Study) -> list[Column]:
 
 def _tells(comparison: Comparison, column: Column) -> bool:
     """Whether methods have scores, and not all of them the same."""
-    means = {cell.mean for (_, own), cell in comparison.cells.items() if own == column}
-    n_scored = sum(own == column for _, own in comparison.cells)
+    means = {cell.mean for (_, scored), cell in comparison.cells.items() if scored == column}
+    n_scored = sum(scored == column for _, scored in comparison.cells)
     return len(means) > 1 or n_scored == 1
 
 

@@ -116,13 +116,13 @@ def looks(methods: Iterable[str]) -> dict[str, Look]:
     methods = list(dict.fromkeys(methods))
     found: dict[str, Look] = {}
     for method in sorted(methods):  # whatever order a figure has them in; first those that can have what is theirs
-        if colour(method) not in {own.colour for own in found.values()}:
+        if colour(method) not in {look.colour for look in found.values()}:
             found[method] = Look(colour(method), marker(method))
     for method in sorted(set(methods) - set(found)):
-        used = [own.colour for own in found.values()]
+        used = [look.colour for look in found.values()]
         least = min(map(used.count, PALETTE))
         free = next(other for other in _from(PALETTE, colour(method)) if used.count(other) == least)
-        taken = {own.marker for own in found.values() if own.colour == free}
+        taken = {look.marker for look in found.values() if look.colour == free}
         signs = _from(MARKERS, marker(method))
         found[method] = Look(free, next((sign for sign in signs if sign not in taken), signs[0]))
     return {method: found[method] for method in methods}

@@ -39,9 +39,9 @@ def draw(results: StudyResults) -> Drawn:
         wanted = ",".join(metrics_of("patch-colour", "colour-difference", "chart-distance"))
         raise NotApplicableError(f"no colours of chart patches; add metrics=[{wanted}]")
     charts = charts.assign(role=role)[role.isin(("patch-colour", "colour-difference"))]
-    for name, own in style.each_dataset(charts):
+    for name, of_dataset in style.each_dataset(charts):
         try:
-            yield name, _swatches(own)
+            yield name, _swatches(of_dataset)
         except NotApplicableError as reason:
             yield name, reason
 
@@ -53,9 +53,9 @@ def _swatches(charts: pd.DataFrame) -> Figure:
     variant = "srgb" if "srgb" in variants else variants[0]
     figure, axes = style.figure(2, 1.0 + 0.2 * len(methods), 1, 2)
     for panel, place in zip(axes[0], (nearest, farthest), strict=True):
-        own = charts[(charts[_CHART] == list(place)).all(axis=1)]
-        _panel(panel, own, methods, variant)
-        panel.set_title(f"{place[2]}, {own['distance'].iloc[0]:.1f} m", fontsize=7)
+        of_chart = charts[(charts[_CHART] == list(place)).all(axis=1)]
+        _panel(panel, of_chart, methods, variant)
+        panel.set_title(f"{place[2]}, {of_chart['distance'].iloc[0]:.1f} m", fontsize=7)
     axes[0, 0].set_yticks(range(len(methods)), methods)
     caption = f"measured, above a strip of what is expected, and $\\Delta E_{{00}}$ to the {variant} list"
     figure.supxlabel(caption, fontsize=7)

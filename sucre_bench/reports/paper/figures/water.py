@@ -55,12 +55,12 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
             f"no water beside a variance of distances; add metrics=[{wanted}], with a method "
             "that estimates water, on images with depth"
         )
-    for name, own in style.each_dataset(water):
-        methods = list(dict.fromkeys(own["method"]))
+    for name, of_dataset in style.each_dataset(water):
+        methods = list(dict.fromkeys(of_dataset["method"]))
         pages = [methods[start : start + _METHODS] for start in range(0, len(methods), _METHODS)]
         for k, page in enumerate(pages, 1):
             words = [name, str(k) if len(pages) > 1 else ""]
-            yield "-".join(word for word in words if word), _page(own, page, out)
+            yield "-".join(word for word in words if word), _page(of_dataset, page, out)
 
 
 def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
@@ -70,11 +70,11 @@ def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
     true = Line2D([], [], color="#666666", linewidth=0.8, linestyle="--", label="true")
     known = False
     for column, method in zip(axes.T, methods, strict=True):
-        own = water[water["method"] == method]
-        truth = _truth(own, out)
+        estimates = water[water["method"] == method]
+        truth = _truth(estimates, out)
         known = known or bool(truth)
         for panel, (parameter, (symbol, _)) in zip(column, _PARAMETERS.items(), strict=True):
-            _panel(panel, own, parameter, truth.get(symbol))
+            _panel(panel, estimates, parameter, truth.get(symbol))
         column[0].set_title(method, fontsize=7)
     for line, (_, title) in zip(axes, _PARAMETERS.values(), strict=True):
         line[0].set_ylabel(title)
@@ -88,12 +88,14 @@ def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
 
 def _panel(panel: Axes, estimates: pd.DataFrame, parameter: str, truth: Any) -> None:
     for place, (channel, marker) in enumerate(_MARKERS.items()):
-        own, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
-        panel.scatter(own["variance"], own["value"], s=9, color=colour, marker=marker, linewidths=0, label=channel)
+        of_channel, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
+        panel.scatter(
+            of_channel["variance"], of_channel["value"], s=9, color=colour, marker=marker, linewidths=0, label=channel
+        )
         if truth is not None:
             panel.axhline(truth[place], color=colour, linewidth=0.8, linestyle="--", zorder=0)
-        if len(own) > 1 and (mean := own["value"].mean()):
-            percent = round(100 * own["value"].std() / abs(mean), 3)
+        if len(of_channel) > 1 and (mean := of_channel["value"].mean()):
+            percent = round(100 * of_channel["value"].std() / abs(mean), 3)
             panel.text(
                 0.19 + 0.31 * place, 1, f"{number(percent)} %",
                 color=colour, ha="center", va="top", transform=panel.transAxes,
