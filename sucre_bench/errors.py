@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable
 from dataclasses import dataclass
 from numbers import Integral, Real
-from typing import Any, ClassVar, Literal
+from typing import Any, Literal
 
 __all__ = [
     "ANY_FAULT",
@@ -109,6 +109,9 @@ ANY_FAULT = (Exception, SystemExit)
 
 _MOST_CHARACTERS = 2000  # of an exception's text
 
+# What the user can do after a `Death`.
+_AFTER_DEATH = "mend the plugin, or try again with overwrite=failed"
+
 # How a `Lack` describes a scene that has nothing more.
 _NOTHING = "only images"
 
@@ -141,14 +144,19 @@ class Lack:
 
 @dataclass(frozen=True)
 class Death:
-    """How a process died, and at which step. Its text is stored in rows; no other reason starts as it does."""
+    """How a process died, and at which step. Its text is stored in rows, and `read` reads it."""
 
     how: str
     step: str
-    START: ClassVar[str] = "the process died ("
 
     def __str__(self) -> str:
-        return f"{self.START}{self.how}) in {self.step}; mend the plugin, or try again with overwrite=failed"
+        return f"the process died ({self.how}) in {self.step}; {_AFTER_DEATH}"
+
+    @classmethod
+    def read(cls, text: str) -> Death | None:
+        """Return the death that a text says; None for any other text."""
+        found = re.fullmatch(rf"the process died \(([^)]*)\) in (.*); {re.escape(_AFTER_DEATH)}", text)
+        return cls(found[1], found[2]) if found else None
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:

@@ -28,8 +28,8 @@ from sucre_bench.results.common_scores import (
     read_common,
     write_common,
 )
+from sucre_bench.results.merging import locked as locked_table
 from sucre_bench.results.rows import COLUMNS, Row, restorations
-from sucre_bench.results.table import locked as locked_table
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import results
 from sucre_bench.engine.score import metric_code, score_code
-from sucre_bench.errors import Death, InputError
+from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
+from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row, tuples
 from sucre_bench.results.stored_files import are_as_written
 
@@ -65,7 +66,8 @@ class Done:
         of_job = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
         is_kept = of_job["status"] != "failed"
         if job.overwrite != "failed":
-            is_kept |= of_job["reason"].str.startswith(Death.START)
+            died = [text for text in of_job["reason"].unique() if Reason.of(text) is Reason.DIED]
+            is_kept |= of_job["reason"].isin(died)
         if since:
             is_kept |= of_job["time"] >= since
         for scene, view, *about in tuples(of_job[is_kept], "scene", "view", *_KEPT):

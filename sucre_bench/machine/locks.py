@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+import errno
+import functools
 import os
+import warnings
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
@@ -12,32 +15,45 @@ from sucre_bench.machine import progress
 __all__ = ["waited_lock"]
 
 _SILENT_S = 3.0
+_NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 
 @contextmanager
 def waited_lock(path: Path) -> Iterator[None]:
     """Hold a lock file in this block. After 3 s of waiting, say which process holds it and how to go on.
 
+    On a file system without locks, say so once and go on without: what the block does must lose nothing then.
     Raises OSError if the file cannot be made.
     """
     from filelock import FileLock, Timeout
 
     lock = FileLock(path)
     try:
-        lock.acquire(timeout=_SILENT_S)
+        with warnings.catch_warnings(action="ignore"):  # of a file system without locks, which is said below
+            lock.acquire(timeout=_SILENT_S)
     except Timeout:
         progress.say(f"waiting  {path}: {_held_by(path)}")
         lock.acquire()
+    except (OSError, NotImplementedError) as fault:
+        if isinstance(fault, OSError) and fault.errno not in _NO_LOCKS:
+            raise
+        _say_that_there_are_no_locks(path.parent)
     try:
         yield
     finally:
         lock.release()
 
 
+@functools.cache
+def _say_that_there_are_no_locks(folder: Path) -> None:
+    progress.say(f"{folder}: this file system has no locks; run one command at a time here, two may do the same work")
+
+
 def _held_by(path: Path) -> str:
     process = _holder(path)
     if process is None:
-        return "another process, perhaps of another machine, holds this lock; wait for it, or end it there"
+        who = "another process, perhaps of another machine, holds this lock"
+        return f"{who}; wait for it, or delete the file if no command is at work here"
     with suppress(OSError):
         words = Path(f"/proc/{process}/cmdline").read_bytes().split(b"\0")
         name = f" ({' '.join(Path(os.fsdecode(word)).name for word in words[:3] if word)})"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from sucre_bench.results.merging import merge
 from sucre_bench.results.reasons import Reason, brief, with_remedy
 from sucre_bench.results.rows import (
     COLUMNS,
@@ -14,7 +15,7 @@ from sucre_bench.results.rows import (
     score_rows,
     unreplicated,
 )
-from sucre_bench.results.table import PARTS, TABLE, Part, merge, read
+from sucre_bench.results.table import PARTS, TABLE, Part, read
 
 __all__ = [
     "COLUMNS",

@@ -4,13 +4,13 @@ from __future__ import annotations
 
 from enum import Enum
 
-from sucre_bench.errors import Lack
+from sucre_bench.errors import Death, Lack
 
 __all__ = ["Reason", "brief", "with_remedy"]
 
 
 class Reason(Enum):
-    """Kinds of reasons. The value is the text that rows store, or "" where the text says more; see `of`."""
+    """Kinds of reasons. The value is the text that rows store, except where the text says more: see `of`."""
 
     NOTHING_TO_SCORE = "nothing to score in this view"
     NO_VALUE = "no value (NaN)"
@@ -19,15 +19,21 @@ class Reason(Enum):
     NO_SHARED_PIXELS = "no pixel that all methods fill"
     ONE_VIEW = "only one view of the scene is restored; two are needed"
     NO_OVERLAP = "no other restored view shows the same points"
-    LACK = ""
-    OTHER = "?"
+    LACK = "needs ..., the scene has ..."
+    DIED = "the process died ..."
+    OTHER = "..."
 
     @classmethod
     def of(cls, text: str) -> Reason:
-        """Return the kind of a row's reason: a `Lack`, a text that is the same for all rows, or any other."""
+        """Return the kind of a row's reason: a `Lack`, a `Death`, a text that is equal in all rows, or any other."""
         if Lack.read(text):
             return cls.LACK
-        return next((reason for reason in cls if reason.value and reason.value == text), cls.OTHER)
+        if Death.read(text):
+            return cls.DIED
+        return _FIXED.get(text, cls.OTHER)
+
+
+_FIXED = {reason.value: reason for reason in Reason if reason not in (Reason.LACK, Reason.DIED, Reason.OTHER)}
 
 
 def brief(text: str) -> str:

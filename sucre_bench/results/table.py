@@ -1,8 +1,8 @@
 """The score table: one row a score, stored as parquet. Tables, figures and the page are made from it.
 
-A job writes its rows to part files of its own, ``parts/<job>-<n>.parquet``, atomically and without a lock. `merge`
-joins the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses nothing that was
-written.
+A job writes its rows to part files of its own, ``parts/<job>-<n>.parquet``, atomically and without a lock.
+`results.merge` joins the parts into ``scores.parquet``. Readers see table and parts together, so a killed run loses
+nothing that was written.
 
 Of two rows for one score the one with the later `time` counts. Reading moves this process's clock beyond the newest row
 (`machine.log.now`), so a computer whose clock was set back still writes rows that count.
@@ -10,19 +10,17 @@ Of two rows for one score the one with the later `time` counts. Reading moves th
 
 from __future__ import annotations
 
-import contextlib
 import io
 import time
 import uuid
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
-from sucre_bench.machine.files import not_writable, regular, write_atomically
-from sucre_bench.machine.locks import waited_lock
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
 from sucre_bench.results.rows import _RESTORATION, COLUMNS, RESTORATION, Row, as_arrow, frame
@@ -31,12 +29,11 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = ["FLUSH_S", "Part", "locked", "merge", "read"]
+__all__ = ["FLUSH_S", "PARTS", "TABLE", "Part", "read", "read_any", "write_part"]
 
 TABLE = "scores.parquet"
 PARTS = "parts"
 FLUSH_S = 1.0
-_TAKEN = "taken-"
 _JOINED = 8  # files at a time
 _ATTEMPTS = 5  # at reading parts that another process is merging
 
@@ -52,10 +49,11 @@ def read(out: str | Path, **labels: str) -> pd.DataFrame:
     # In this order: a merge writes the table before it removes the parts.
     if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).is_file():
         raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
-    return _read(out, **labels)
+    return read_any(out, **labels)
 
 
-def _read(out: Path, **labels: str) -> pd.DataFrame:
+def read_any(out: Path, **labels: str) -> pd.DataFrame:
+    """Return the rows as `read` does; an empty table if there are none."""
     import pandas as pd
 
     tables = _tables(out, labels)
@@ -66,11 +64,14 @@ def _read(out: Path, **labels: str) -> pd.DataFrame:
 
 
 def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
-    """The table and the parts; read again if a part is gone by then: it may not have been in the table yet."""
+    """The table and the parts; read again if one is gone by then: a merge is at work, and its rows are elsewhere."""
     for _ in range(_ATTEMPTS):
-        parts = [_table(path, labels) for path in sorted((out / PARTS).glob("*.parquet"))]
+        paths = sorted((out / PARTS).glob("*.parquet"))
+        parts = [_table(path, labels) for path in paths]
         whole = _table(out / TABLE, labels)  # last: what a merge took from the parts by now is in it
-        if all(part is not None for part in parts):
+        if all(part is not None for part in parts) and (
+            whole is not None or paths == sorted((out / PARTS).glob("*.parquet"))
+        ):
             break
     return [table for table in (whole, *parts) if table is not None]
 
@@ -180,49 +181,8 @@ class Part:
     def _write(self, table: pyarrow.Table, level: int) -> None:
         path = self._folder / f"{self._name}-{self._count}.parquet"
         self._count += 1
-        try:
-            _write_arrow(table, path)
-        except OutputError:  # a merge may have removed the empty folder at that moment
-            _write_arrow(table, path)
+        _write_arrow(table, path)
         self._files.append((path, level))
-
-
-def merge(out: Path) -> pd.DataFrame:
-    """Join the parts into the table, and return it. Safe beside jobs at work and other processes that do the same.
-
-    A part is renamed before it is read: what its job writes from then on is in new parts.
-    """
-    if not out.is_dir():
-        return frame([])
-    with locked(out, TABLE):
-        taken = [_take(part) for part in (out / PARTS).glob("*.parquet")]
-        rows = _read(out)
-        if taken:
-            _write_table(rows, out / TABLE)
-            for part in taken:
-                part.unlink(missing_ok=True)
-            with contextlib.suppress(OSError):  # a job has written a new part
-                (out / PARTS).rmdir()
-    return rows
-
-
-def _take(part: Path) -> Path:
-    if part.name.startswith(_TAKEN):  # by a merge that was killed
-        return part
-    return part.rename(part.with_name(f"{_TAKEN}{uuid.uuid4().hex}.parquet"))
-
-
-@contextlib.contextmanager
-def locked(out: Path, table: str) -> Iterator[None]:
-    """Keep other processes from changing a table of a results folder at the same time."""
-    lock = waited_lock(out / f".{table}.lock")
-    with contextlib.ExitStack() as held:
-        try:
-            out.mkdir(parents=True, exist_ok=True)
-            held.enter_context(lock)
-        except OSError as fault:
-            raise not_writable(out, fault) from fault
-        yield
 
 
 def _arrow_table(path: Path) -> pyarrow.Table | None:
@@ -246,10 +206,12 @@ def _write_arrow(rows: pyarrow.Table, path: Path) -> None:
 
     buffer = io.BytesIO()
     pyarrow.parquet.write_table(rows, buffer)
-    write_atomically(path, buffer.getvalue())
+    write_part(path, buffer.getvalue())
 
 
-def _write_table(rows: pd.DataFrame, path: Path) -> None:
-    buffer = io.BytesIO()
-    rows.to_parquet(buffer, index=False)
-    write_atomically(path, buffer.getvalue())
+def write_part(path: Path, content: bytes) -> None:
+    """Write a file of rows among the parts. Raises OutputError if it cannot be written."""
+    try:
+        write_atomically(path, content)
+    except OutputError:  # a merge may have removed the empty folder at that moment
+        write_atomically(path, content)

@@ -3,7 +3,7 @@ from __future__ import annotations
 import pytest
 
 from sucre_bench import plugins
-from sucre_bench.errors import Lack
+from sucre_bench.errors import Death, DiedError, Lack, PluginError, one_line
 from sucre_bench.results import Reason, brief, with_remedy
 
 
@@ -32,3 +32,17 @@ def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
     assert "sucre-bench prepare" in with_remedy(plugins.missing_needs(method, frozenset({"poses"})))
     charts = plugins.missing_needs(plugins.find("metric", "psi"), frozenset())
     assert with_remedy(charts) == charts
+
+
+@pytest.mark.parametrize("how", ["signal 9, perhaps for want of memory", "exit code 7", "3 times, unseen"])
+@pytest.mark.parametrize("step", ["method 'a' on view 'dive/b; c (1).png'", "the start of method 'x'"])
+def test_how_a_process_died_and_where_is_read_back_from_the_text_of_a_row(how: str, step: str):
+    text = one_line(DiedError(str(Death(how, step))))
+    assert Death.read(text) == Death(how, step)
+    assert Reason.of(text) is Reason.DIED
+
+
+def test_a_methods_own_words_about_a_death_are_no_death():
+    text = one_line(PluginError("the process died (signal 9) in my own child"))
+    assert Death.read(text) is None
+    assert Reason.of(text) is Reason.OTHER
