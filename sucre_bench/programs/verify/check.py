@@ -144,7 +144,7 @@ class _Check:
         self.other_versions: set[str] = set()
         self.n_agree = 0
         self._bundle, self._opened, self._tolerance, self._sizes = bundle, opened, tolerance, sizes
-        self._metrics = Metrics()
+        self._metrics = Metrics(bundle)
 
     def restoration(self, rows: pd.DataFrame) -> None:
         """Score a restoration again. rows: see `_by_restoration`."""
@@ -168,7 +168,8 @@ class _Check:
         scene = self._opened.scenes.get((row.dataset, row.scene))
         view = self._view(row, names, scene, kept.restoration)
         restoration = with_truth(kept.restoration, scene, view) if scene else kept.restoration
-        chosen = {key: self._metrics.of(*key) for key in zip(scores["metric"], scores["variant"], strict=True)}
+        asked = scores[["metric", "variant", "code"]].itertuples(index=False)
+        chosen = {(metric, variant): self._metrics.of(metric, variant, code) for metric, variant, code in asked}
         pictured = Pictured(restoration, view)
         found = computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
         for score in scores.itertuples():
