@@ -24,7 +24,7 @@ __all__ = ["run"]
 )
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @plugin_option
-@click.option("--cfg", is_flag=True, help="Print the configuration and stop.")
+@click.option("--cfg", is_flag=True, help="Print the configuration of all jobs and stop.")
 @click.option("--dry-run", is_flag=True, help="Print jobs, views, and the expected time, memory and disk, and stop.")
 @json_option
 def run(
@@ -79,11 +79,13 @@ def run(
 
     refuse_options(overrides, "run")
     if cfg:
-        from sucre_bench.jobs import command as config
+        from sucre_bench.jobs.command import jobs
+        from sucre_bench.jobs.config_file import config_text
 
         for file in plugin_files:
             plugins.load_file(file)
-        click.echo(config.jobs(overrides, multirun).jobs[0].config, nl=False)
+        command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
+        click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
         return
     if dry_run:
         from sucre_bench.commands import run_forecast

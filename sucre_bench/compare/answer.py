@@ -153,19 +153,33 @@ def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
 def _against_baseline(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
     """For the main score, and for the others: who is better, who is worse, and who may be either."""
     (main, *others) = _main_first(chosen)
-    baseline, found = comparison.baseline, verdicts(comparison)
-    sides = _sides(baseline, [verdict for verdict in found if verdict.column == main])
-    yield f"{main.metric}, against {baseline}: {sides}" if sides else ""
-    lines = ((column, _sides(baseline, [v for v in found if v.column == column], short=True)) for column in others)
-    yield "; ".join(f"{column.metric}: {sides}" for column, sides in lines if sides)
+    sides = _sides(comparison, main)
+    text = "; ".join(f"{side}: {listed(names)}" for side, names in sides.items())
+    yield f"{main.metric}, against {comparison.baseline}: {text}" if sides else ""
+    alike: dict[str, list[str]] = {}
+    for column in others:
+        text = ", ".join(f"{len(names)} {side}" for side, names in _sides(comparison, column).items())
+        alike.setdefault(text, []).append(column.metric)
+    yield "; ".join(f"{', '.join(metrics)}: {text}" for text, metrics in alike.items() if text)
 
 
-def _sides(baseline: str, found: Sequence[Verdict], short: bool = False) -> str:
-    sides: dict[str, list[str]] = {"better": [], "worse": [], "may be chance": [], "equal": []}
-    for verdict in found:
-        name = verdict.second if verdict.leader == baseline else verdict.leader
-        side = "may be chance" if verdict.may_be_chance else "worse" if verdict.leader == baseline else "better"
-        sides[side if verdict.difference else "equal"].append(name)
-    if short:
-        return ", ".join(f"{len(names)} {side}" for side, names in sides.items() if names)
-    return "; ".join(f"{side}: {listed(names)}" for side, names in sides.items() if names)
+def _sides(comparison: Comparison, column: Column) -> dict[str, list[str]]:
+    """The other methods by how they compare with the baseline."""
+    sides: dict[str, list[str]] = {}
+    for verdict in verdicts(comparison):
+        if verdict.column == column:
+            is_leader = verdict.leader == comparison.baseline
+            sides.setdefault(_side(verdict, is_leader), []).append(verdict.second if is_leader else verdict.leader)
+    return {side: sides[side] for side in _SIDES if side in sides}
+
+
+_SIDES = ("better", "worse", "may be chance", "unknown (no interval)", "equal")
+
+
+def _side(verdict: Verdict, is_behind: bool) -> str:
+    """Which of `_SIDES` a method is on. is_behind: whether the baseline has the better mean."""
+    if not verdict.difference:
+        return "equal"
+    if not math.isfinite(verdict.interval[0]):  # over one view
+        return "unknown (no interval)"
+    return "may be chance" if verdict.may_be_chance else "worse" if is_behind else "better"

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -77,7 +77,12 @@ def combinations(typed: Sequence[Override], line_up: LineUp) -> list[Combination
     """
     entries = {kind: _entries(kind, typed, line_up) for kind in KINDS}
     metrics_typed = any(word.key_or_group == "metrics" for word in typed)
-    said = [word for word in parse(line_up.words()) if not (metrics_typed and _head(word) == "metrics")]
+    replaced = {word.key_or_group for word in typed if word.key_or_group in KINDS}
+    said = [
+        word
+        for word in parse(line_up.words())
+        if not (metrics_typed and _head(word) == "metrics") and not _is_of_replaced(word, replaced, entries, line_up)
+    ]
     words = [*said, *(word for word in typed if word.key_or_group not in KINDS)]
     options = {id(word): option for word in words if (option := _option(word, entries, line_up))}
     for option in options.values():
@@ -165,6 +170,18 @@ def _option(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_up: Li
     if fault := unknown_word(word, entries, line_up):
         raise fault
     return None
+
+
+def _is_of_replaced(
+    word: Override, replaced: Collection[str], entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp
+) -> bool:
+    """Whether a line-up's word is an option of its datasets or methods alone, and the command's words replace those."""
+    head, dot, rest = word.key_or_group.partition(".")
+    for kind in KINDS:
+        if dot and kind in replaced and (head == kind or _has_name(line_up.entries(kind), head)):
+            option = _Option(kind, "" if head == kind else head, rest, word)
+            return not any(map(option.is_for, entries[kind]))
+    return False
 
 
 def _has_name(entries: Sequence[Entry], name: str) -> bool:

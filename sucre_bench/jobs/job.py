@@ -213,7 +213,8 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
     options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
     check_options(plugin, options)
-    return Choice(plugin, label or swept_label(plugin, {**options, "display": display}, swept), options, display)
+    named = swept_label(plugin, str(label or ""), {**options, "display": display}, swept)
+    return Choice(plugin, named, options, display)
 
 
 def _check_scene_display(display: str, run: RunConfig) -> None:

@@ -12,12 +12,15 @@ from sucre_bench.plugins.plugin import Plugin
 __all__ = ["plain_value", "swept_label", "undegraded_label"]
 
 
-def swept_label(plugin: Plugin, values: Mapping[str, Any], swept: Sequence[str]) -> str:
-    """Return the plugin's name with its swept options: "sucre,pairing=depth". A path counts by its last part."""
+def swept_label(plugin: Plugin, given: str, values: Mapping[str, Any], swept: Sequence[str]) -> str:
+    """Return the given label, or the plugin's name, with the swept options: "sucre,pairing=depth".
+
+    A path counts by its last part.
+    """
     named = [name for name in values if f"{plugin.kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
     shown = ((name, values[name]) for name in named)
     parts = [f"{name}={value.name if isinstance(value, Path) else plain_value(value)}" for name, value in shown]
-    return ",".join([plugin.name, *parts]).replace(" ", "")
+    return ",".join([given or plugin.name, *(part.replace(" ", "") for part in parts)])
 
 
 def plain_value(value: Any) -> Any:

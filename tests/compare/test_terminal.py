@@ -227,6 +227,18 @@ def test_against_a_baseline_each_side_is_named():
     assert "+1.00" in block.text
 
 
+def test_over_one_view_nobody_is_better_or_worse_than_the_baseline():
+    scores = {
+        "psnr": {"base": [20.0], "more": [21.0], "less": [19.0]},
+        "psi": {"base": [5.0], "more": [4.0], "less": [5.0]},
+    }
+    text = printed(compared(scores, baseline="base")).text
+    assert "better" not in text
+    assert "worse" not in text
+    assert re.search(r"psnr, against base: .*more, less", text)
+    assert re.search(r"psi: 1 unknown.*1 equal", text)
+
+
 LONG = "sucre,pairing=depth,solver=exact,physical=true,footprints=false,neighbours=40"
 
 

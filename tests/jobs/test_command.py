@@ -86,7 +86,12 @@ def test_a_sweep_makes_a_job_of_every_combination():
 
 def test_one_label_for_two_configurations_is_refused():
     with pytest.raises(InputError, match="two jobs of this sweep would both be 'toy / mine'"):
-        jobs("method.gain=1,2", "method.label=mine", multirun=True)
+        command.jobs(["dataset=toy", "method=gain,halved", "method.label=mine", "metrics=[psnr]"], multirun=True)
+
+
+def test_a_label_of_ones_own_says_which_swept_value_it_has():
+    sweep = jobs("method.gain=1,2", "method.label=my own", multirun=True)
+    assert [job.method.label for job in sweep.jobs] == ["my own,gain=1.0", "my own,gain=2.0"]
 
 
 def test_a_range_is_no_list_for_the_sweeper_that_tries_every_value():

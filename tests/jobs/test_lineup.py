@@ -157,6 +157,17 @@ def test_paths_in_a_line_up_are_relative_to_it_but_for_out(tmp_path: Path, monke
     ]
 
 
+def test_a_sweep_over_a_method_that_words_replace_is_left_out(tmp_path: Path):
+    text = LINE_UP.replace("gain2.gain: [3]", "logged.gain: [3, 4]\n  method.mode: [plain, fancy]")
+    made = from_file(tmp_path / "l.yaml", text)
+    assert {job.method.label for job in made if job.method.label.startswith("logged")} == {
+        f"logged,gain={gain},mode={mode}" for gain in ("3.0", "4.0") for mode in ("plain", "fancy")
+    }
+    assert {job.method.label for job in from_file(tmp_path / "l.yaml", text, "method=halved")} == {"halved"}
+    with pytest.raises(InputError, match="'logged' is not among the methods"):
+        from_file(tmp_path / "l.yaml", text, "method=halved", "logged.gain=3")
+
+
 def test_words_prevail_over_a_line_up(tmp_path: Path):
     text = LINE_UP.replace("  gain2.gain: [3]\n", "")
     made = from_file(tmp_path / "l.yaml", text, "every=1", "degrade.bits=8", "metrics=[psnr]", "gain.gain=5")
