@@ -196,15 +196,23 @@ def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], f
 
 
 def _first_slot(observations: Observations) -> Observations:
-    """Return each pixel with its first observation alone, which any water explains: it can only hold a colour up."""
+    """Return each pixel with its first observation alone, which any water explains: it can only hold a colour up.
+
+    The first that has a weight: what a lamp leaves in the dark has none.
+    """
     n = len(observations.pixels)
+    first = np.arange(n)
+    if observations.weight is not None:
+        for _, part in reversed(list(observations.slots())):
+            known = np.flatnonzero(observations.weight[part] > 0)
+            first[known] = part.start + known
     return replace(
         observations,
         counts=np.ones(n, dtype=np.int32),
         starts=np.array([0, n]),
-        distance=observations.distance[:n],
-        colour=observations.colour[:, :n],
-        weight=None if observations.weight is None else observations.weight[:n],
+        distance=observations.distance[first],
+        colour=observations.colour[:, first],
+        weight=None if observations.weight is None else observations.weight[first],
         view=None,
         ray=None,
     )

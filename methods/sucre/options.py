@@ -120,6 +120,10 @@ class ColourOptions:
     """Shrink colours that are mostly noise towards the image's mean colour at their own brightness, in proportion to
     their noise; the three channels help one another."""
 
+    even: bool = False
+    """Take out the dots, lines and steps that appear where one view misses pixels between those that it shows
+    (colours=multi_view)."""
+
 
 @dataclass(frozen=True)
 class ComputeOptions:

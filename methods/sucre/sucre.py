@@ -77,6 +77,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
+        from sucre_bench.methods.sucre.even_gaps import evened
         from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
@@ -89,6 +90,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
                 observations, solution = self._single_view(view, solution)
+            elif self.even:
+                solution = replace(solution, J=evened(observations, solution.J, solution.water, view.name))
         prior = prior_of(solution.J, solution.deviation) if self.prior else None
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)
@@ -111,7 +114,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             "tolerance": self.tolerance,
             "encoding": self.encoding,
             "with_ray": self.lamp,
-            "with_view": self.exposure == "per_view",
+            "with_view": self.even or self.exposure == "per_view",
         }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:

@@ -82,18 +82,18 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
     if not scene.data_id:
         _say_that_nothing_is_kept(scene.name)
         return observe(target, scene.views, **options)
+    with_view, options = bool(options.get("with_view")), {**options, "with_view": True}  # one entry serves both
     entry = Path(folder).expanduser() / f"{Path(target.name).stem}-{_key(scene, target, options)}"
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         with waited_lock(Path(f"{entry}.lock")):  # the second of two processes finds the entry of the first
             kept = _read(entry)
-            if kept is not None and not kept.unreadable:  # a view that could not be read may be readable now
-                return kept
-            made = _make(entry, scene, target, options)
+            if kept is None or kept.unreadable:  # a view that could not be read may be readable now
+                kept = _make(entry, scene, target, options)
     except OSError as fault:
         reason = fault.strerror or fault
         raise InputError(f"{entry.parent}: cannot keep observations there, {reason}; name another folder") from fault
-    return made
+    return kept if with_view else dataclasses.replace(kept, view=None)
 
 
 @functools.cache

@@ -6,10 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from support.made_observations import parameters, reduced_residuals
+from support.made_observations import parameters, reduced_residuals, table
 from support.made_scene import WATER
 
 from sucre_bench import SolveError
+from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.kernels import opened
 from sucre_bench.methods.sucre.lamp import Lamp, Sample, estimate, lit, reduced_system, residuals, starting_point
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -166,3 +167,13 @@ def test_points_behind_the_lamp_are_dark() -> None:
 def test_observations_without_rays_are_refused() -> None:
     with pytest.raises(SolveError, match="lamp"):
         estimate(replace(made_lit(50, true_lamp())[0], ray=None), START)
+
+
+def test_a_pixel_whose_first_observation_lies_in_the_dark_is_held_above_zero_by_its_next() -> None:
+    observations, _ = made_lit(3000, true_lamp(), noise=0.004)
+    even = lit(observations, true_lamp())
+    weight = even.weight.copy()
+    weight[:50] = 0  # of the first slot
+    even = replace(even, weight=weight)
+    held = fit(even, physical=True, sharp=[even])
+    np.testing.assert_allclose(table(held.water), table(HALVED), rtol=0.15)

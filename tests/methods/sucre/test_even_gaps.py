@@ -1,0 +1,71 @@
+"""Two views that differ by a gain: gaps of one must not show in the colours, and where views agree nothing changes."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from support.made_observations import parameters
+from support.made_scene import WATER
+
+from sucre_bench.methods.sucre.even_gaps import evened
+from sucre_bench.methods.sucre.solvers import colours_for_water
+from sucre_bench.multiview.observations import Observations, Seen, arrange
+
+SHAPE = (60, 90)
+WATER_OF_ALL = parameters(WATER)
+ROW, COLUMN = np.divmod(np.arange(SHAPE[0] * SHAPE[1]), SHAPE[1])
+GAPS = (ROW + COLUMN) % 4 == 0
+FIELD = COLUMN < 60  # of the other view
+
+
+def two_views(gain: float) -> tuple[Observations, np.ndarray]:
+    """The target, and a nearer view of its left part with gaps, brighter by a gain; and the true J (3, P)."""
+    rng = np.random.default_rng(0)
+    J = np.full((3, len(ROW)), 0.5) + rng.normal(0, 0.02, (3, len(ROW)))
+    seen = []
+    for name, chosen, z, factor in (
+        ("target.png", np.arange(len(ROW)), 4.0, 1.0),
+        ("other.png", np.flatnonzero(FIELD & ~GAPS), 2.5, gain),
+    ):
+        B, beta, gamma = WATER_OF_ALL.columns()
+        I = factor * (J[:, chosen] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)))  # noqa: E741
+        I += rng.normal(0, 0.004, I.shape)  # noqa: E741
+        seen.append(Seen(name, chosen, np.full(len(chosen), z, np.float32), I.T.astype(np.float32)))
+    observations = arrange(SHAPE, seen, with_view=True)
+    return observations, J[:, observations.pixels]
+
+
+def colours_and_evened(observations: Observations) -> tuple[np.ndarray, np.ndarray]:
+    J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
+    return observations.image(J), observations.image(evened(observations, J, WATER_OF_ALL, "target.png"))
+
+
+@pytest.mark.parametrize("gain", [0.85, 1.2])
+def test_gaps_of_a_view_do_not_show(gain: float) -> None:
+    observations, _ = two_views(gain)
+    inside = FIELD & (COLUMN < 45) & (COLUMN > 5)
+    before, after = (image.reshape(-1, 3) for image in colours_and_evened(observations))
+    step = [np.abs(image[inside & GAPS].mean(axis=0) - image[inside & ~GAPS].mean(axis=0)) for image in (before, after)]
+    assert (step[0] > 0.05).all()
+    assert (step[1] < 0.1 * step[0]).all()
+    np.testing.assert_allclose(after[inside & ~GAPS], before[inside & ~GAPS], atol=0.02)
+
+
+def test_the_field_of_a_view_ends_without_a_step() -> None:
+    observations, _ = two_views(1.2)
+    before, after = colours_and_evened(observations)
+    steps = [np.abs(np.diff(image.mean(axis=(0, 2)))).max() for image in (before[:, 45:75], after[:, 45:75])]
+    assert steps[1] < 0.4 * steps[0]
+
+
+def test_nothing_changes_where_views_agree() -> None:
+    observations, J = two_views(1.0)
+    before, after = colours_and_evened(observations)
+    truth = observations.image(J)
+    assert np.sqrt(np.mean((after - truth) ** 2)) < 1.01 * np.sqrt(np.mean((before - truth) ** 2))
+
+
+def test_pixels_that_the_target_does_not_show_stay() -> None:
+    observations, _ = two_views(1.2)
+    J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
+    np.testing.assert_array_equal(evened(observations, J, WATER_OF_ALL, "elsewhere.png"), J)
