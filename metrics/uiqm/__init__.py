@@ -18,7 +18,7 @@ contrast count for less again. Each variant differs from the default in exactly 
 
 "matlab-first-output" reproduces the scores that U45 publishes: what the table calls UICM is the trimmed mean of R - G,
 since the program takes the first of several results of its own function. "matlab" is that program with its UICM.
-astronaut / coffee of scikit-image: panetta2016 2.54 / 2.93, funie 2.41 / 2.52, chen .94 / .64.
+astronaut / coffee of scikit-image: panetta2016 2.54 / 2.93, funie 2.41 / 2.52, chen none / .64.
 
 All see the picture as 8-bit sRGB. A block counts where every pixel of it, and for EME every neighbour, has a colour.
 """
