@@ -27,7 +27,7 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, walk
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_folder import image_names
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.photograph import Photograph, view_of
 from sucre_bench.machine.progress import track
@@ -49,16 +49,11 @@ _SIZES = {"harbor": (640, 512), "archaeo": (968, 608)}
     signs=("*images_sequence_*", "*/*images_sequence_*", "*/*/*images_sequence_*"),
 )
 @dataclass(frozen=True)
-class Aqualoc:
+class Aqualoc(ImageScaleOption):
     """The AQUALOC sequences: one scene for each, gray views in order of frame, undistorted on the way."""
 
     root: Path
     """The download with its calibration and ground truth files, or a part of it that holds these and sequences."""
-    image_scale: float = 1.0
-    """Shrink images and cameras by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("aqualoc", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each sequence below root, "harbor_07". Decodes nothing, reads texts, headers and samples.

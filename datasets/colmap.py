@@ -21,7 +21,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
 from sucre_bench.loading.find_folders import existing
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
 
@@ -35,7 +35,7 @@ __all__ = ["Colmap"]
     signs=("sparse/cameras.*", "sparse/0/cameras.*"),
 )
 @dataclass(frozen=True)
-class Colmap:
+class Colmap(ImageScaleOption):
     """A COLMAP reconstruction with depth maps: one scene, one view a registered image, in order of name."""
 
     root: Path
@@ -50,16 +50,11 @@ class Colmap:
     """Folder of images without water, in root, named and sized like the images; need not exist."""
     charts: str = "charts.json"
     """File of the charts' corners, in root; need not exist."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps, cameras and chart corners by this factor, above 0 up to 1."""
     undistort: bool = False
     """Undistort images, references and chart corners on the way where the model's cameras are distorted; depth maps are
     of undistorted images."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
-
-    def __post_init__(self) -> None:
-        check_scale("colmap", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads the model, headers and samples of files, no more.

@@ -22,7 +22,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
 from sucre_bench.loading.find_folders import existing
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
@@ -40,7 +40,7 @@ _YEARS = ("2015", "2016", "2018", "2020")
     signs=("sfm", "*/sfm"),
 )
 @dataclass(frozen=True)
-class EiffelTower:
+class EiffelTower(ImageScaleOption):
     """The Eiffel Tower dives: one scene a visit, its views in order of name, undistorted on the way."""
 
     root: Path
@@ -49,11 +49,6 @@ class EiffelTower:
     """Which visit; "all": each that is there, one after the other; "global": all in one scene and one frame."""
     depths: str = "depths"
     """Folder of depth maps of the undistorted images, beside sfm/; need not exist."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("eiffel_tower", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each visit. Reads models, headers and samples of files, decodes nothing.

@@ -25,7 +25,7 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_folder import image_names
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, view_of
@@ -48,7 +48,7 @@ _CALIBRATIONS = ("*camchain*.yaml", "*results-imucam*.txt")
     signs=("seaErra", "*/seaErra", "*/*/seaErra", "*/*/*/seaErra"),
 )
 @dataclass(frozen=True)
-class Flsea:
+class Flsea(ImageScaleOption):
     """The FLSea-VI dives: one scene for each, views in order of time, with depth maps."""
 
     root: Path
@@ -59,11 +59,6 @@ class Flsea:
     """Undistort images and depth maps where the calibration is there; else views are as stored and have no camera."""
     calibration: Path | None = None
     """Calibration by Kalibr, in place of the one in a folder calibration/ of the dive or above it, up to root."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("flsea", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each dive. Reads calibrations, headers and samples of files, decodes nothing.

@@ -17,7 +17,7 @@ from pathlib import Path
 from sucre_bench.errors import InputError
 from sucre_bench.loading.find_folders import existing, scene_name
 from sucre_bench.loading.image_folder import image_folder_scene, paired_folders
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
@@ -33,16 +33,11 @@ __all__ = ["Lsui"]
     signs=("GT", "*/GT"),
 )
 @dataclass(frozen=True)
-class Lsui:
+class Lsui(ImageScaleOption):
     """The LSUI photographs: one scene for each folder that holds input/ and GT/, single images with references."""
 
     root: Path
     """The folder that holds input/ and GT/, or a folder above it; of a split, the part to take or all of it."""
-    image_scale: float = 1.0
-    """Shrink images and references by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("lsui", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each part. Reads headers and samples of files. InputError when a folder is missing."""

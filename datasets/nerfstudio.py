@@ -28,13 +28,13 @@ from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, inside
 from sucre_bench.loading.fingerprints import data_id_of, fingerprint
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
-from sucre_bench.loading.view_files import check_length
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Nerfstudio"]
@@ -53,7 +53,7 @@ _Frame = Mapping[str, Any]
     signs=("transforms.json", "transforms_train.json"),
 )
 @dataclass(frozen=True)
-class Nerfstudio:
+class Nerfstudio(ImageScaleOption):
     """A scene in nerfstudio's format: one view a frame of transforms.json, in order of name."""
 
     root: Path
@@ -62,15 +62,12 @@ class Nerfstudio:
     """File of the cameras and poses, in root; empty: transforms.json, or else transforms_train, _val and _test.json."""
     depth_scale: float | None = None
     """Metres in a unit of the depth maps; none: what the file says (depth_unit_scale_factor), or else 0.001."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
     encoding: Encoding = "gamma"
     """How images are encoded: "gamma" (sRGB-like) or "linear"."""
 
     def __post_init__(self) -> None:
-        check_scale("nerfstudio", self.image_scale)
-        if self.depth_scale is not None:
-            check_length("nerfstudio", "depth_scale", self.depth_scale)
+        super().__post_init__()
+        check_ranges(self, depth_scale="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads the JSON, headers and samples of files.

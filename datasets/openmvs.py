@@ -18,13 +18,14 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder, inner_path
 from sucre_bench.loading.openmvs_dmap import Header, read_dmap_depth, read_header
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.loading.view_files import check_length, scaled_pose
+from sucre_bench.loading.view_files import scaled_pose
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Openmvs"]
@@ -38,7 +39,7 @@ __all__ = ["Openmvs"]
     signs=("*.dmap",),
 )
 @dataclass(frozen=True)
-class Openmvs:
+class Openmvs(ImageScaleOption):
     """A scene with depth maps of OpenMVS: one view a depth map, in order of the images' names."""
 
     root: Path
@@ -47,14 +48,12 @@ class Openmvs:
     """Which depth maps, as a pattern of paths in root; one an image."""
     metres_per_unit: float = 1.0
     """Length in metres of one unit of the reconstruction; leave 1 where it is metric already, or is not known."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
     encoding: Encoding = "gamma"
     """How images are encoded: "gamma" (sRGB-like) or "linear"."""
 
     def __post_init__(self) -> None:
-        check_scale("openmvs", self.image_scale)
-        check_length("openmvs", "metres_per_unit", self.metres_per_unit)
+        super().__post_init__()
+        check_ranges(self, metres_per_unit="(0, inf)")
         if Path(self.dmaps).is_absolute() or ".." in Path(self.dmaps).parts or not self.dmaps:
             raise InputError(f"openmvs.dmaps: '{self.dmaps}' is no pattern of paths in root; give '*.dmap'")
 

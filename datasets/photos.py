@@ -15,7 +15,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.image_folder import image_folder_scene
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
 
@@ -30,7 +30,7 @@ __all__ = ["Photos"]
     signs=tuple(f"*{suffix}" for small in SUFFIXES for suffix in (small, small.upper())),
 )
 @dataclass(frozen=True)
-class Photos:
+class Photos(ImageScaleOption):
     """The images in a folder, one scene, in order of name, for methods that need no depth.
 
     References and colour charts are optional; metrics that need them are skipped without them.
@@ -44,13 +44,8 @@ class Photos:
     """File of the charts' corners: in root, or a path of its own; need not exist."""
     subfolders: bool = False
     """Take the images in sub-folders too."""
-    image_scale: float = 1.0
-    """Shrink images, references and chart corners by this factor, above 0 up to 1."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
-
-    def __post_init__(self) -> None:
-        check_scale("photos", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene, named like its folder. Reads headers and samples of files, decodes nothing.

@@ -20,10 +20,10 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder
-from sucre_bench.loading.view_files import check_length
 from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Scene
 
 __all__ = ["SeathruNerf"]
@@ -40,7 +40,7 @@ _HELD_OUT = 8  # every eighth image by name, from the first, tests what was lear
     signs=("images_wb", "Images_wb", "*/images_wb", "*/Images_wb"),
 )
 @dataclass(frozen=True)
-class SeathruNerf:
+class SeathruNerf(ImageScaleOption):
     """The SeaThru-NeRF reefs: one scene for each, views in order of name, undistorted on the way."""
 
     root: Path
@@ -53,14 +53,12 @@ class SeathruNerf:
     """Folder of depth maps of the undistorted images, in a scene's folder; need not exist."""
     metres_per_unit: float = 1.0
     """Length in metres of one unit of the model, which structure from motion leaves open."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
 
     def __post_init__(self) -> None:
-        check_scale("seathru_nerf", self.image_scale)
-        check_length("seathru_nerf", "metres_per_unit", self.metres_per_unit)
+        super().__post_init__()
+        check_ranges(self, metres_per_unit="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each reef. Reads models, headers and samples of files, decodes nothing.

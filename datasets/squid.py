@@ -33,10 +33,10 @@ from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.loading.view_files import check_length
 from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
 
 __all__ = ["Squid"]
@@ -54,13 +54,11 @@ _METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001
     signs=("image_set_*", "*/image_set_*"),
 )
 @dataclass(frozen=True)
-class Squid:
+class Squid(ImageScaleOption):
     """The SQUID stereo pairs: one scene for each image set below root, of the left and the right view."""
 
     root: Path
     """The download, one site of it or one image set."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps, cameras and chart corners by this factor, above 0 up to 1."""
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
     farthest_m: float = 100.0
@@ -69,8 +67,8 @@ class Squid:
     """File of charts' corners in an image set's folder; need not exist."""
 
     def __post_init__(self) -> None:
-        check_scale("squid", self.image_scale)
-        check_length("squid", "farthest_m", self.farthest_m)
+        super().__post_init__()
+        check_ranges(self, farthest_m="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each image set. Reads calibrations, headers and samples of files, no more.

@@ -14,7 +14,7 @@ from pathlib import Path
 from sucre_bench.errors import InputError
 from sucre_bench.loading.find_folders import existing, folders_below
 from sucre_bench.loading.image_folder import image_folder_scene, image_names
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
@@ -29,16 +29,11 @@ __all__ = ["U45"]
     signs=("U45", "*/U45"),
 )
 @dataclass(frozen=True)
-class U45:
+class U45(ImageScaleOption):
     """The U45 test images, one scene: single images without depth or reference."""
 
     root: Path
     """The download, or the folder of the images itself."""
-    image_scale: float = 1.0
-    """Shrink images by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("u45", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the one scene. Reads headers and samples of files. InputError when there is no image."""

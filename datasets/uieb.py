@@ -19,7 +19,7 @@ from typing import Literal
 from sucre_bench.errors import InputError
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.image_folder import image_folder_scene, paired_folders
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
@@ -39,18 +39,13 @@ _CHALLENGING = ("challenging-60", "challengingset-60", "challenging")
     signs=("raw-890", "*/raw-890"),
 )
 @dataclass(frozen=True)
-class Uieb:
+class Uieb(ImageScaleOption):
     """The UIEB photographs, one scene: single images without depth, with references that people chose."""
 
     root: Path
     """The folder that holds raw-890/ and reference-890/, or a folder above it."""
     subset: Literal["paired", "challenging"] = "paired"
     """ "paired": the 890 with references; "challenging": the 60 without."""
-    image_scale: float = 1.0
-    """Shrink images and references by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("uieb", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield the subset's scene. Reads headers and samples of files. InputError when a folder is missing."""

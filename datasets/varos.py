@@ -31,7 +31,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
@@ -58,16 +58,11 @@ _SAME_TIME_NS = 10_000_000
     signs=("camM0.yaml", "*/camM0.yaml", "*/*/camM0.yaml", "*/*/*/camM0.yaml"),
 )
 @dataclass(frozen=True)
-class Varos:
+class Varos(ImageScaleOption):
     """The VAROS dive: one scene for each folder below root that holds A/ (and B/, D/), views in order of frame."""
 
     root: Path
     """The download, or any folder in it from 2021-08-17_SEQ1 down to cam0 or to one's own train/ or val/."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
-
-    def __post_init__(self) -> None:
-        check_scale("varos", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each camera folder. Reads camera, poses, headers and samples of files, no more.

@@ -185,10 +185,10 @@ def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
     return bool(is_above and (value < high if interval[-1] == ")" else value <= high))
 
 
-def check_number(place: str, value: Any, interval: str, whole: bool = False) -> None:
+def check_number(place: str, value: Any, interval: str) -> None:
     """Raise InputError unless a value is a number in an interval, see `is_number_in`. place: as the user typed it."""
-    if not is_number_in(interval, value, whole):
-        raise InputError(f"{place}: {value!r}; give a {'whole ' if whole else ''}number in {interval}")
+    if not is_number_in(interval, value):
+        raise InputError(f"{place}: {value!r}; give a number in {interval}")
 
 
 def in_one_line(text: object) -> str:

@@ -24,7 +24,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder, inner_path
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.machine.progress import say, track
@@ -41,7 +41,7 @@ __all__ = ["Metashape"]
     signs=("*.psx", "*.psz", "cameras.xml"),
 )
 @dataclass(frozen=True)
-class Metashape:
+class Metashape(ImageScaleOption):
     """A survey aligned in Agisoft Metashape: one scene an aligned component, one view a photograph."""
 
     root: Path
@@ -60,13 +60,8 @@ class Metashape:
     """Units of the depth maps: "metres", as Agisoft's export script writes, or "chunk", as the Python API has them."""
     depth_camera: Literal["undistorted", "image"] = "undistorted"
     """Depth maps are of the sensor without distortion, as Metashape makes them, or match the images pixel by pixel."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps and cameras by this factor, above 0 up to 1."""
     encoding: Encoding = "gamma"
     """How images are encoded: "gamma" (sRGB-like) or "linear"."""
-
-    def __post_init__(self) -> None:
-        check_scale("metashape", self.image_scale)
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each component with aligned, enabled cameras. Reads the document, headers and samples.

@@ -31,11 +31,12 @@ from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import check_scale
+from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
-from sucre_bench.loading.view_files import check_length, scaled_pose
+from sucre_bench.loading.view_files import scaled_pose
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Chart, Encoding, Plane, Scene
 
 __all__ = ["Seathru"]
@@ -53,15 +54,13 @@ _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the i
     signs=("linearPNG", "*/linearPNG", "*/*/linearPNG", "*/Raw/*.ARW"),
 )
 @dataclass(frozen=True)
-class Seathru:
+class Seathru(ImageScaleOption):
     """The Sea-thru data: one scene for each set below root (D1 to D5), views in order of name."""
 
     root: Path
     """The download, or one set of it."""
     images: tuple[str, ...] = ("linearPNG", "Raw")
     """Names of a set's image folder, the first that is there is taken; capitals do not matter."""
-    image_scale: float = 1.0
-    """Shrink images, depth maps, cameras and chart corners by this factor, above 0 up to 1."""
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
     charts: str = "charts.json"
@@ -74,10 +73,8 @@ class Seathru:
     """Focal length in pixels of the images as stored, for a camera where there is no model."""
 
     def __post_init__(self) -> None:
-        check_scale("seathru", self.image_scale)
-        for option in ("metres_per_unit", "focal_px"):
-            if (value := getattr(self, option)) is not None:
-                check_length("seathru", option, value)
+        super().__post_init__()
+        check_ranges(self, metres_per_unit="(0, inf)", focal_px="(0, inf)")
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each set. Reads headers and samples of files, decodes nothing.

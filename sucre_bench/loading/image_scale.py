@@ -1,12 +1,21 @@
-"""The option `image_scale` of datasets: its range."""
+"""The option `image_scale` of datasets."""
 
 from __future__ import annotations
 
+from dataclasses import dataclass
+from typing import Any
+
 from sucre_bench.errors import check_number
 
-__all__ = ["check_scale"]
+__all__ = ["ImageScaleOption"]
 
 
-def check_scale(dataset: str, image_scale: float) -> None:
-    """Raise InputError unless a dataset's option image_scale is above 0 up to 1."""
-    check_number(f"{dataset}.image_scale", image_scale, "(0, 1]")
+@dataclass(frozen=True, kw_only=True)
+class ImageScaleOption:
+    """The option of datasets that can shrink their images. Raises InputError if it is out of range."""
+
+    image_scale: float = 1.0
+    """Shrink images by this factor, above 0 up to 1; with them depth maps, references, cameras and chart corners."""
+
+    def __post_init__(self: Any) -> None:
+        check_number(f"{type(self).__plugin__.name}.image_scale", self.image_scale, "(0, 1]")

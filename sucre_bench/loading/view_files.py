@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -14,7 +13,7 @@ from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.scene import Plane
 
-__all__ = ["Files", "check_length", "scaled_pose"]
+__all__ = ["Files", "scaled_pose"]
 
 
 @dataclass(frozen=True, eq=False)
@@ -53,12 +52,6 @@ class Files:
         if self.depth_lens is None:
             check_header(path, self.size)
         return fitted(self.read_depth(path), self.size, path)
-
-
-def check_length(dataset: str, option: str, length: float) -> None:
-    """Raise InputError unless a dataset's option of that name is a length: above 0 and finite."""
-    if not 0 < length < math.inf:
-        raise InputError(f"{dataset}.{option}: {length} is no length above 0; give it as measured, or leave it out")
 
 
 def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:

@@ -63,7 +63,8 @@ def options_of(cls: Any) -> tuple[Option, ...]:
 @functools.cache  # asked for with every score
 def _options_of(cls: Any) -> tuple[Option, ...]:
     hints = get_type_hints(cls)
-    return tuple(Option(f.name, hints[f.name], _default(f), cls) for f in fields(cls) if f.init)
+    ordered = sorted(fields(cls), key=lambda f: bool(f.kw_only))  # those that plugins share come last
+    return tuple(Option(f.name, hints[f.name], _default(f), cls) for f in ordered if f.init)
 
 
 def _default(f: Any) -> Any:
