@@ -20,6 +20,7 @@ from cachetools import LRUCache, cached
 from sucre_bench.arrays import Array, Mask, coloured
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.machine.shown import counted
 
 __all__ = ["Arrays", "Chart", "Encoding", "Pixels", "Plane", "Restoration", "Scene", "Score", "View", "Water"]
 
@@ -230,7 +231,7 @@ class Scene:
     def __repr__(self) -> str:
         names = [view.name for view in self.views]
         span = f", {names[0]} to {names[-1]}" if len(names) > 1 else f", {names[0]}" if names else ""
-        lines = [f"Scene '{self.name}': {len(names)} view{'' if len(names) == 1 else 's'}{span}"]
+        lines = [f"Scene '{self.name}': {counted(len(names), 'view')}{span}"]
         lines.append(f"  has {', '.join(sorted(self.has)) or 'only images'}")
         return "\n".join(lines + ([repr(self.water)] if self.water else []))
 

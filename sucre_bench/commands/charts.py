@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import complete
+from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.mark_charts.session import Session
@@ -55,8 +56,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
             accepted, doubtful = session.accept()
         for proposal, fault in doubtful:
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
-        proposals = "1 proposal" if len(accepted) == 1 else f"{len(accepted)} proposals"
-        click.echo(f"{proposals} accepted, {len(doubtful)} left for you to check")
+        click.echo(f"{counted(len(accepted), 'proposal')} accepted, {len(doubtful)} left for you to check")
     else:
         from sucre_bench.programs.mark_charts.server import PageServer
 
@@ -76,5 +76,5 @@ def _show(session: Session) -> None:
         marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
         if marked or proposed:
             open_ = f", {len(proposed)} to confirm" if proposed else ""
-            click.echo(f"{view.name}: {len(marked)} chart{'' if len(marked) == 1 else 's'}{open_}")
+            click.echo(f"{view.name}: {counted(len(marked), 'chart')}{open_}")
     click.echo(f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}")

@@ -7,17 +7,20 @@ from typing import Any, TypeVar
 
 import click
 
-__all__ = ["KINDS", "counted", "json_option", "labels_of", "load_plugins", "plugin_option", "refuse_options", "say"]
+__all__ = [
+    "KINDS",
+    "json_option",
+    "labels_of",
+    "plugin_files_option",
+    "plugin_option",
+    "refuse_options",
+    "say",
+]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 # As `plugins.KINDS`, which would import numpy for every --help.
 KINDS = click.Choice(["method", "dataset", "metric"])
-
-
-def counted(number: int, name: str) -> str:
-    """Return a number with its name: "1 table", "2 tables"."""
-    return f"{number} {name}{'' if number == 1 else 's'}"
 
 
 def json_option(command: _F) -> _F:
@@ -26,15 +29,24 @@ def json_option(command: _F) -> _F:
     return click.option("--json", "as_json", is_flag=True, help=text)(command)
 
 
+_PLUGIN: Any = {"multiple": True, "metavar": "FILE", "help": "Load the plugins of this .py file; may be repeated."}
+
+
+def plugin_files_option(command: _F) -> _F:
+    """Add --plugin FILE, which may be repeated: the parameter plugin_files."""
+    return click.option("--plugin", "plugin_files", **_PLUGIN)(command)
+
+
 def plugin_option(command: _F) -> _F:
-    """Add --plugin FILE, which may be repeated; give its value to `load_plugins`."""
-    text = "Load the plugins of this .py file; may be repeated."
-    return click.option("--plugin", "plugin_files", multiple=True, metavar="FILE", help=text)(command)
+    """Add --plugin FILE, which may be repeated. The plugins are loaded before the command runs.
+
+    Raises PluginError then if a file does not exist or does not import.
+    """
+    return click.option("--plugin", expose_value=False, callback=_load_plugins, **_PLUGIN)(command)
 
 
-def load_plugins(files: Sequence[str]) -> None:
-    """Register the plugins of Python files. Raises PluginError if a file does not exist or does not import."""
-    if files:
+def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[str]) -> None:
+    if files and not context.resilient_parsing:  # a shell that completes words asks for no plugin
         from sucre_bench import plugins
 
         for file in files:

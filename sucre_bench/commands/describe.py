@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import complete
-from sucre_bench.commands.common import json_option, load_plugins, plugin_option, refuse_options
+from sucre_bench.commands.common import json_option, plugin_option, refuse_options
 
 __all__ = ["describe"]
 
@@ -44,7 +44,6 @@ def describe(
     sheet: Path | None,
     no_sheet: bool,
     most: int,
-    plugin_files: tuple[str, ...],
 ) -> None:
     """Describe what a dataset holds, write a contact sheet, and list faults with their remedies.
 
@@ -71,7 +70,6 @@ def describe(
         raise InputError(f"{sheet}: is a folder; give --sheet a file, for example {sheet / 'sheet.png'}")
     if suffix.lower() not in _SUFFIXES:
         raise InputError(f"{sheet}: has no suffix of a picture; end it in {', '.join(_SUFFIXES)}")
-    load_plugins(plugin_files)
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with terminal.live():

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands.common import load_plugins, plugin_option, say
+from sucre_bench.commands.common import plugin_option, say
 
 __all__ = ["lineup"]
 
@@ -20,7 +20,7 @@ __all__ = ["lineup"]
     help="Where to write the line-up; - prints it. [default: RESULTS/lineup.yaml]",
 )
 @plugin_option
-def lineup(folder: Path, out: Path | None, plugin_files: tuple[str, ...]) -> None:
+def lineup(folder: Path, out: Path | None) -> None:
     """Write the line-up of a results folder: one file with its datasets, configurations, metrics and settings.
 
     \b
@@ -35,7 +35,6 @@ def lineup(folder: Path, out: Path | None, plugin_files: tuple[str, ...]) -> Non
     from sucre_bench.jobs.rerun import shell
     from sucre_bench.machine.files import write_atomically
 
-    load_plugins(plugin_files)
     file = folder / "lineup.yaml" if out is None else out
     is_printed = str(file) == "-"
     found = line_up_of(folder, Path() if is_printed else file.parent)

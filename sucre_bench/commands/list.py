@@ -12,7 +12,7 @@ from typing import Any
 import click
 
 from sucre_bench import plugins
-from sucre_bench.commands.common import json_option, load_plugins, plugin_option
+from sucre_bench.commands.common import json_option, plugin_option
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
@@ -26,7 +26,7 @@ __all__ = ["list_"]
 @click.argument("names", nargs=-1, metavar="[NAME]...")
 @json_option
 @plugin_option
-def list_(what: str, names: tuple[str, ...], as_json: bool, plugin_files: tuple[str, ...]) -> None:
+def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
     """List plugins, experiments or degradations, with their options, and whether they run here.
 
     \b
@@ -42,7 +42,6 @@ def list_(what: str, names: tuple[str, ...], as_json: bool, plugin_files: tuple[
 
     from sucre_bench.machine import terminal
 
-    load_plugins(plugin_files)
     items = _named(what, names)
     if as_json:
         click.echo(_as_json(what, items))

@@ -5,11 +5,12 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from pathlib import Path
 
 import click
 
 from sucre_bench.commands import complete
-from sucre_bench.commands.common import json_option, plugin_option, refuse_options
+from sucre_bench.commands.common import json_option, plugin_files_option, refuse_options
 
 __all__ = ["run"]
 
@@ -23,7 +24,7 @@ __all__ = ["run"]
     shell_complete=complete.complete_run,
 )
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
-@plugin_option
+@plugin_files_option
 @click.option("--cfg", is_flag=True, help="Print the configuration of all jobs and stop.")
 @click.option("--dry-run", is_flag=True, help="Print jobs, views, and the expected time, memory and disk, and stop.")
 @json_option
@@ -74,16 +75,16 @@ def run(
     Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was done; 2,
     the command has a mistake; 130, stopped by Ctrl-C.
     """
-    from sucre_bench import plugins
     from sucre_bench.engine import sweep
+    from sucre_bench.jobs.quoting import value_of
 
     refuse_options(overrides, "run")
+    if plugin_files:
+        overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     if cfg:
         from sucre_bench.jobs.command import jobs
         from sucre_bench.jobs.config_file import config_text
 
-        for file in plugin_files:
-            plugins.load_file(file)
         command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
         click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
         return
@@ -91,8 +92,6 @@ def run(
         from sucre_bench.commands import run_forecast
         from sucre_bench.engine.forecast import forecast
 
-        for file in plugin_files:
-            plugins.load_file(file)
         with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
             found = forecast(overrides, multirun)
         if as_json:
@@ -104,7 +103,7 @@ def run(
 
     # What a plugin prints is no part of the object.
     with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-        outcome = sweep.run(overrides, multirun, plugin_files)
+        outcome = sweep.run(overrides, multirun)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:

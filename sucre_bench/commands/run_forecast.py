@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from dataclasses import asdict
 
@@ -11,6 +10,7 @@ from rich.table import Table
 
 from sucre_bench.engine.forecast import Expected, Forecast
 from sucre_bench.machine import terminal
+from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.measured_rates import rates_path
 from sucre_bench.machine.pace import duration
 
@@ -41,13 +41,7 @@ _NUMBERS = ("views", "stored", "to do", "time", "memory", "disk")
 
 def as_json(found: Forecast) -> str:
     """Return the forecast as one JSON object; what is not known is null."""
-    content = asdict(found)
-    content["jobs"] = [{name: _known(value) for name, value in job.items()} for job in content["jobs"]]
-    return json.dumps(content, indent=1)
-
-
-def _known(value: object) -> object:
-    return None if isinstance(value, float) and math.isnan(value) else value
+    return json_text(asdict(found))
 
 
 def _sum(jobs: tuple[Expected, ...]) -> Expected:

@@ -23,6 +23,7 @@ from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
 from sucre_bench.results import Reason, brief, with_remedy
+from sucre_bench.results.layout import log_path
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -62,7 +63,7 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
         "methods": list(outcome.methods),
         "out": str(outcome.out),
         "table": str(outcome.out / results.TABLE) if len(outcome.rows) else None,
-        "log": str(_log(outcome)) if _has_faults(outcome) else None,
+        "log": str(log_path(outcome.out)) if _has_faults(outcome) else None,
         "page": None if page is None else str(page),
         "study": [str(path) for path in study.paths],
         "notes": list(study.notes),
@@ -91,7 +92,7 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
     click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")
     if _has_faults(outcome):
-        click.echo(f"log      {_log(outcome)}")
+        click.echo(f"log      {log_path(outcome.out)}")
     click.echo(f"results  {outcome.out}")
     for note in study.notes:
         _say(note, "yellow")
@@ -115,10 +116,6 @@ def _written(outcome: Outcome, comparisons: Sequence[Comparison]) -> tuple[Writt
 
 def _has_faults(outcome: Outcome) -> bool:
     return bool(outcome.failed or outcome.scores_failed)
-
-
-def _log(outcome: Outcome) -> Path:
-    return outcome.out / "logs" / "failures.log"
 
 
 def _say(text: str, style: str) -> None:

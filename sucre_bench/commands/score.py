@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import complete
-from sucre_bench.commands.common import load_plugins, plugin_option, say
+from sucre_bench.commands.common import plugin_option, say
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -59,7 +59,6 @@ def score(
     how: str,
     as_json: bool,
     file: Path | None,
-    plugin_files: tuple[str, ...],
 ) -> None:
     """Score a folder of images, or one image, with any metric in any published variant.
 
@@ -80,7 +79,6 @@ def score(
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.csv_text import csv_text
 
-    load_plugins(plugin_files)
     names = [name.strip() for name in metrics.split(",") if name.strip()]
     published = None
     if like:

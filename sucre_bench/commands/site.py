@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import counted, load_plugins, plugin_option, say
+from sucre_bench.commands.common import plugin_option, say
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.site.board import Entry
@@ -27,7 +28,7 @@ __all__ = ["site"]
 )
 @click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
 @plugin_option
-def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_files: tuple[str, ...]) -> None:
+def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
     """Write a lab's board: a page of tables over all bundles of a folder.
 
     \b
@@ -44,7 +45,6 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str], plugin_fil
     from sucre_bench.programs.site.board import State, board
     from sucre_bench.programs.site.page import write_page
 
-    load_plugins(plugin_files)
     _check_folders(data)
     paths = sorted(bundles.glob("*.zip"))
     if not paths:

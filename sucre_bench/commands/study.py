@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Sequence
 from pathlib import Path
@@ -11,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands.common import json_option, labels_of, say
+from sucre_bench.machine.json_text import json_text
 
 if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated
@@ -97,7 +97,7 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         say(line, "yellow")
     n = evaluate.store(folder, found)
     if as_json:
-        click.echo(json.dumps(_as_object(found), indent=1))
+        click.echo(json_text(_as_object(found)))
     else:
         _print(folder, found)
         click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
@@ -190,7 +190,6 @@ def _table(first: str, *names: str) -> Any:
 
 
 def _as_object(found: Evaluated) -> dict[str, Any]:
-    """As plain data for JSON, which has no NaN."""
     from dataclasses import asdict
 
     numbered, people = found.numbered, found.people
@@ -201,15 +200,8 @@ def _as_object(found: Evaluated) -> dict[str, Any]:
         "observers": len(numbered.observers),
         "views": len(numbered.views),
         "over_observers": people.over_observers,
-        "preference": [_plain({"method": m, "score": s, "low": a, "high": b}) for m, s, a, b in scores],
-        "agreement": _plain(asdict(found.observers)),
-        "metrics": [_plain({"metric": m, "variant": v, **asdict(a)}) for (m, v), a in found.metrics.items()],
+        "preference": [{"method": m, "score": s, "low": a, "high": b} for m, s, a, b in scores],
+        "agreement": asdict(found.observers),
+        "metrics": [{"metric": m, "variant": v, **asdict(a)} for (m, v), a in found.metrics.items()],
         "skipped": list(found.skipped),
-    }
-
-
-def _plain(values: dict[str, Any]) -> dict[str, Any]:
-    return {
-        name: (float(value) if math.isfinite(value) else None) if isinstance(value, float) else value
-        for name, value in values.items()
     }

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands.common import load_plugins, plugin_option
+from sucre_bench.commands.common import plugin_option
 
 __all__ = ["texture"]
 
@@ -46,7 +46,6 @@ def texture(
     voxel: float | None,
     mesh: bool,
     picture: Path | None,
-    plugin_files: tuple[str, ...],
 ) -> None:
     """Write a scene as points or a mesh in restored colours.
 
@@ -68,7 +67,6 @@ def texture(
         raise InputError(f"{out}: has no suffix of a surface; end it in {' or '.join(SUFFIXES)}")
     if picture is not None and picture.suffix.lower() != ".png":
         raise InputError(f"{picture}: has no suffix of a picture; end it in .png")
-    load_plugins(plugin_files)
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"
     with terminal.live():

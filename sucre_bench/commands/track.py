@@ -9,6 +9,7 @@ from textwrap import shorten
 import click
 
 from sucre_bench.errors import OutputError, SucreBenchError, one_line
+from sucre_bench.machine.shown import counted
 
 __all__ = ["track"]
 
@@ -49,7 +50,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     except Exception as fault:
         reason = shorten(masked(one_line(fault)), 200)
         raise OutputError(f"{masked(uri)}: cannot log in mlflow, {reason}; check the URI") from fault
-    click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {new} new run{'' if new == 1 else 's'}")
+    click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {counted(new, 'new run')}")
     if ui and is_server:
         click.echo(f"page     {masked(page)}")
     elif ui:

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import json_option, load_plugins, plugin_option, say
+from sucre_bench.commands.common import json_option, plugin_option, say
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.programs.verify import TOLERANCE
 
@@ -36,9 +36,7 @@ _MOST = 20  # scores that are listed
 )
 @json_option
 @plugin_option
-def verify(
-    file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool, plugin_files: tuple[str, ...]
-) -> None:
+def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool) -> None:
     """Check a bundle: verify its hashes and its data, and compute its scores again.
 
     \b
@@ -54,7 +52,6 @@ def verify(
     from sucre_bench.programs.verify import check
     from sucre_bench.results.bundle_format import open_bundle
 
-    load_plugins(plugin_files)
     with contextlib.redirect_stdout(sys.stderr), terminal.live(), open_bundle(file) as bundle:
         found = check.verify(bundle, data_folders(set(bundle.rows["dataset"]), data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id

@@ -2,15 +2,16 @@
 
 from __future__ import annotations
 
-import json
 import math
 from collections.abc import Mapping
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import labels_of, load_plugins, plugin_option
+from sucre_bench.commands.common import labels_of, plugin_option
+from sucre_bench.machine.json_text import json_text
 
 if TYPE_CHECKING:
     from sucre_bench.programs.video.flicker import Flicker
@@ -47,7 +48,6 @@ def video(
     fps: float,
     split: bool,
     height: int,
-    plugin_files: tuple[str, ...],
 ) -> None:
     """Write a video of the views before and after, and measure how much each method flickers.
 
@@ -71,7 +71,6 @@ def video(
     labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
-    load_plugins(plugin_files)
     with terminal.live():
         found = revisit(results, labels, dataset, scene)
         size = panel_size(found.frames[0], height)
@@ -81,10 +80,11 @@ def video(
     click.echo(f"{found.dataset} / {found.scene}: {count} views{left_out}, {out.stat().st_size / 1e6:.1f} MB")
     terminal.out.print(_table(flickers))
     click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
+    by_method = {method: {name: asdict(f) for name, f in values.items()} for method, values in flickers.items()}
     about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
-    told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": _plain(flickers)}
+    told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": by_method}
     numbers = out.with_name(f"{out.name}.json")
-    write_atomically(numbers, (json.dumps(told, indent=1) + "\n").encode())
+    write_atomically(numbers, f"{json_text(told)}\n".encode())
     click.echo(f"video    {out}\nnumbers  {numbers}")
 
 
@@ -103,18 +103,3 @@ def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
             interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
             table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
     return table
-
-
-def _plain(flickers: Mapping[str, Mapping[str, Flicker]]) -> dict[str, Any]:
-    """As plain data for JSON, which has no NaN."""
-
-    def number(value: float) -> float | None:
-        return value if math.isfinite(value) else None
-
-    return {
-        method: {
-            name: {"mean": f.mean, "low": number(f.low), "high": number(f.high), "pairs": f.pairs}
-            for name, f in by_statistic.items()
-        }
-        for method, by_statistic in flickers.items()
-    }

@@ -13,6 +13,7 @@ from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.tables import against
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.words import listed
+from sucre_bench.machine.shown import counted
 
 __all__ = ["answer", "blind", "over_views", "rough"]
 
@@ -59,7 +60,7 @@ def _counts(columns: Sequence[Column]) -> list[tuple[str, list[Column]]]:
 
 
 def _views(column: Column) -> str:
-    return f"{column.n_views} view{'s' * (column.n_views != 1)}"
+    return counted(column.n_views, "view")
 
 
 def _interval_of_few(column: Column) -> str:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import html
-import json
 import math
 import re
 import unicodedata
@@ -13,6 +12,7 @@ from typing import Any, Literal
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.words import Shown, blocks, left_out, legend, shown, title
+from sucre_bench.machine.json_text import json_text
 from sucre_bench.results.csv_text import csv_text
 
 __all__ = ["Format", "as_text"]
@@ -30,17 +30,12 @@ def as_text(comparisons: Sequence[Comparison], how: Format, spread: bool = False
     if how in ("csv", "json"):
         records = [record for comparison in comparisons for record in _records(comparison)]
         if how == "json":
-            return json.dumps([{k: _null(v) for k, v in r.items()} for r in records], indent=1) + "\n"
+            return json_text(records) + "\n"
         import pandas as pd
 
         return csv_text(pd.DataFrame(records))
     one = {"md": _markdown, "latex": _latex, "html": _html}[how]
     return "\n".join(one(comparison, len(comparisons) > 1, spread) for comparison in comparisons)
-
-
-def _null(value: Any) -> Any:
-    """JSON knows no NaN and no infinity."""
-    return None if isinstance(value, float) and not math.isfinite(value) else value
 
 
 def _records(comparison: Comparison) -> Iterator[dict[str, Any]]:

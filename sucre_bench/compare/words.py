@@ -10,6 +10,7 @@ from typing import Literal
 
 from sucre_bench.compare.model import FEWEST_VIEWS, Cell, Column, Comparison, Note, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number, signed
+from sucre_bench.machine.shown import counted
 
 __all__ = ["ARROW", "Shown", "blocks", "left_out", "legend", "listed", "shown", "title", "verdict_text"]
 
@@ -139,9 +140,9 @@ def _over(comparison: Comparison) -> Iterator[str]:
 
 
 def _count(column: Column) -> str:
-    views = f"{column.n_views} view{'s' * (column.n_views != 1)}"
+    views = counted(column.n_views, "view")
     scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
-    charts = f" ({column.n_units} chart{'s' * (column.n_units != 1)})" if column.of == "chart" else ""
+    charts = f" ({counted(column.n_units, 'chart')})" if column.of == "chart" else ""
     return views + scenes + charts
 
 

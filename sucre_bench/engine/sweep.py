@@ -5,7 +5,6 @@ from __future__ import annotations
 import shutil
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
-from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import compare, results
@@ -18,7 +17,6 @@ from sucre_bench.engine.preflight import Planned, check, states
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.config_file import config_path, config_text
-from sucre_bench.jobs.quoting import value_of
 from sucre_bench.machine import provenance, terminal
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.log import now
@@ -34,15 +32,12 @@ if TYPE_CHECKING:
 __all__ = ["run"]
 
 
-def run(overrides: Sequence[str], multirun: bool, plugin_files: Sequence[str] = ()) -> Outcome:
+def run(overrides: Sequence[str], multirun: bool) -> Outcome:
     """Run what the overrides ask for.
 
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
     """
-    overrides = list(overrides)
-    if plugin_files:
-        overrides.append(f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     with terminal.live():
         command = config.jobs(overrides, multirun)
         out = command.jobs[0].out

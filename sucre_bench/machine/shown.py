@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
-__all__ = ["escaped_output", "shown"]
+__all__ = ["counted", "escaped_output", "shown"]
 
 # C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
@@ -24,6 +24,11 @@ def shown(text: str) -> str:
     a\x1b[2J.png
     """
     return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+def counted(number: int, name: str) -> str:
+    """Return a number with its name: "1 table", "2 tables"."""
+    return f"{number} {name}{'' if number == 1 else 's'}"
 
 
 class _Escaped:

@@ -9,7 +9,7 @@ from __future__ import annotations
 import csv
 import re
 from collections import Counter, defaultdict
-from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
@@ -20,6 +20,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.image_files import image_size
+from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -108,7 +109,7 @@ def read_table(table: Path, root: Path, images: Mapping[str, Path], has_referenc
     of = [named.images(row) for row in rows]
     if not any(of):
         raise InputError(
-            f"{table}: names none of the {_count(images, 'image')} in {root}, as {next(iter(images))};"
+            f"{table}: names none of the {counted(len(images), 'image')} in {root}, as {next(iter(images))};"
             " give a column 'image' with names of files, or of folders for means"
         )
     alone = Counter(found for found in of if len(found) == 1)
@@ -123,7 +124,7 @@ def read_table(table: Path, root: Path, images: Mapping[str, Path], has_referenc
             (named.label(row), found, _number(row[header])) for row, found in zip(rows, of, strict=True) if found
         ]
         if blank := [label for label, _, number in numbers if number is None]:
-            warnings.append(f"{table}: column '{header}' has no number in {_count(blank, 'row')}: {_few(blank)}")
+            warnings.append(f"{table}: column '{header}' has no number in {counted(len(blank), 'row')}: {_few(blank)}")
         cells = tuple(Cell(label, found, *number) for label, found, number in numbers if number is not None)
         columns += [Column(metric, header, cells)] if cells else []
     if not columns:
@@ -172,10 +173,10 @@ def _left_out(
 ) -> Iterator[str]:
     """What rows and images have no partner."""
     if unknown := [label for label, found in zip(labels, of, strict=True) if not found]:
-        yield f"{table}: {_count(unknown, 'row')} without an image in {root}: {_few(unknown)}"
+        yield f"{table}: {counted(len(unknown), 'row')} without an image in {root}: {_few(unknown)}"
     used = {name for found in of for name in found}
     if left := [name for name in images if name not in used]:
-        yield f"{table}: {_count(left, 'image')} without a row: {_few(left)}"
+        yield f"{table}: {counted(len(left), 'image')} without a row: {_few(left)}"
 
 
 def _number(text: str) -> tuple[float, float] | None:
@@ -229,10 +230,6 @@ class _Named:
         fitting = called[0].intersection(*called[1:])
         of_one = any(fitting & self.files.get(cell, nothing) for cell in cells)
         return tuple(name for name in self.order if name in fitting) if len(fitting) == 1 or not of_one else ()
-
-
-def _count(things: Collection[object], what: str) -> str:
-    return f"{len(things)} {what}{'' if len(things) == 1 else 's'}"
 
 
 def _few(names: Sequence[str]) -> str:

@@ -295,7 +295,7 @@ def test_jobs_run_in_parallel_with_joblib(out: Path, toys: str):
     one = run(out / "one", "method=gain,faulty", multirun=True)
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     arguments = ["dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]", "tracking.uri=off"]
-    two = sweep.run([*arguments, f"out={out / 'two'}", *launcher], True, [toys])
+    two = sweep.run([*arguments, f"out={out / 'two'}", *launcher, f"plugins=[{toys}]"], True)
     same = ["dataset", "scene", "view", "method", "metric", "variant", "region", "value", "status", "reason"]
     plain = [o.rows[~o.rows["metric"].isin(["seconds", "peak_mb"])][same].reset_index(drop=True) for o in (one, two)]
     pd.testing.assert_frame_equal(*plain)
@@ -373,7 +373,7 @@ def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str):
     """A worker that is killed, by the system for its memory say, takes its view with it but not the sweep."""
     arguments = ["dataset=toy", "method=faulty", "method.fault=die,none", "metrics=[psnr]", "tracking.uri=off"]
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    outcome = sweep.run([*arguments, f"out={out}", *launcher], True, [toys])
+    outcome = sweep.run([*arguments, f"out={out}", *launcher, f"plugins=[{toys}]"], True)
     # The views before and after it, and two views of the other job, whose worker was taken down with it.
     assert (outcome.ok, outcome.exit_code) == (4, 1)
     (killed,) = (f for f in outcome.failed if "die" in f.where)
@@ -386,10 +386,10 @@ def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
     arguments = ["dataset=toy", "method=faulty,gain", "metrics=[psnr]", "tracking.uri=off", f"out={out}"]
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
     run(out, "method=faulty", "method.fault=none", "views=[v0.png,v2.png]")
-    outcome = sweep.run([*arguments, "overwrite=always", *launcher], True, [toys])
+    outcome = sweep.run([*arguments, "overwrite=always", *launcher, f"plugins=[{toys}]"], True)
     assert (outcome.exit_code, outcome.cached) == (1, 0)
     arguments[1] = "method=faulty"
-    outcome = sweep.run([*arguments, "method.fault=die,nan", "overwrite=always", *launcher], True, [toys])
+    outcome = sweep.run([*arguments, "method.fault=die,nan", "overwrite=always", *launcher, f"plugins=[{toys}]"], True)
     assert (outcome.exit_code, outcome.cached, outcome.ok) == (1, 0, 4)
 
 

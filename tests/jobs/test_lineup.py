@@ -261,7 +261,7 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
     text = LINE_UP.replace("gain2.gain: [3]", "replicate: [0, 1]").replace("every: 2", "first: 2\nseed: 3")
     Path("l.yaml").write_text(f"{text}study: {{name: s, metrics: [redness], figures: [scores]}}\n")
     words = ["tracking.uri=off", "report=false", "metrics.redness.factor=2"]
-    outcome = sweep.run(["l.yaml", *words, "out=results"], False, [str(TOYS)])
+    outcome = sweep.run(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
     assert not outcome.failed
     first = command.jobs(["l.yaml", *words], False).jobs
     found = line_up_of(Path("results"), Path("published"))

@@ -19,6 +19,7 @@ from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.reading import check_corners
 from sucre_bench.jobs.job import Choice
 from sucre_bench.loading.photograph import is_rigid
+from sucre_bench.machine.shown import counted
 from sucre_bench.plugins.options import options_of
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
 from sucre_bench.programs.contract.process_state import watched
@@ -48,7 +49,7 @@ def names_once(subject: Subject) -> Iterator[Finding]:
             path = PurePosixPath(view.name)
             if not view.name or path.is_absolute() or ".." in path.parts or "\\" in view.name:
                 yield breach(f"a view is called '{view.name}'; a name is a path below the images, dive/a.png")
-    yield note(f"{sum(map(len, scenes))} views in {len(scenes)} scene{'' if len(scenes) == 1 else 's'}")
+    yield note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
 
 
 @rule("opens without reading pixels", "dataset")

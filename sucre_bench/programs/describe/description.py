@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import json
-import math
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -13,6 +11,7 @@ import click
 import numpy as np
 
 from sucre_bench.arrays import evenly
+from sucre_bench.machine.json_text import json_text
 from sucre_bench.programs.describe.contact_sheet import contact_sheet
 from sucre_bench.programs.describe.facts import Look, ViewFacts, look_at
 from sucre_bench.programs.describe.faults import Fault, find_faults
@@ -88,7 +87,7 @@ def described(
 
 def as_json(scenes: Sequence[Described]) -> str:
     """Return descriptions as JSON: a list of scenes; unknown values are null."""
-    return json.dumps([_plain_scene(one) for one in scenes], indent=1)
+    return json_text([_plain_scene(one) for one in scenes])
 
 
 def show(one: Described) -> None:
@@ -175,7 +174,7 @@ def _histogram(looks: Sequence[Look]) -> tuple[tuple[float, ...], tuple[float, .
 
 
 def _plain_scene(one: Described) -> dict[str, Any]:
-    water = None if one.water is None else {k: _plain(np.asarray(v).tolist()) for k, v in vars(one.water).items()}
+    water = None if one.water is None else {k: np.asarray(v).tolist() for k, v in vars(one.water).items()}
     return {
         "dataset": one.dataset,
         "scene": one.name,
@@ -184,17 +183,8 @@ def _plain_scene(one: Described) -> dict[str, Any]:
         "unit": one.unit,
         "has": list(one.has),
         "water": water,
-        "views": [_plain(asdict(view)) for view in one.facts],
-        "overlaps": [_plain(asdict(overlap)) for overlap in one.overlaps],
+        "views": [asdict(view) for view in one.facts],
+        "overlaps": [asdict(overlap) for overlap in one.overlaps],
         "distances": {"edges": list(one.edges), "shares": list(one.counts)},
         "faults": [{**asdict(fault), "text": str(fault)} for fault in one.faults],
     }
-
-
-def _plain(value: Any) -> Any:
-    """JSON has no NaN."""
-    if isinstance(value, dict):
-        return {key: _plain(inner) for key, inner in value.items()}
-    if isinstance(value, (list, tuple)):
-        return [_plain(inner) for inner in value]
-    return None if isinstance(value, float) and not math.isfinite(value) else value

@@ -15,6 +15,7 @@ from sucre_bench import plugins, results
 from sucre_bench.compare import text as tables
 from sucre_bench.machine import provenance
 from sucre_bench.machine.secrets import masked
+from sucre_bench.machine.shown import counted
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.reports.mlflow.connection import connect
 from sucre_bench.reports.mlflow.logged import remember
@@ -276,7 +277,7 @@ def _user() -> str:
 def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataFrame) -> str:
     """The description of a child run on mlflow's page."""
     views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
-    head = f"**{method}** on **{dataset}**, {len(views)} view{'' if len(views) == 1 else 's'}."
+    head = f"**{method}** on **{dataset}**, {counted(len(views), 'view')}."
     plugin = plugins.discover("method").get(str(options.get("name", "")))
     plugin_text = [plugin.summary, plugin.cites] if isinstance(plugin, Plugin) else []
     reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)

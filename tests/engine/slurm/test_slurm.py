@@ -188,7 +188,7 @@ def test_a_sweep_survives_what_happens_to_its_jobs_and_the_same_command_does_wha
     assert "16 ok (13 cached), 0 failed" in said
 
     here = [*user.fixed, "dataset.views=16", *events, f"out={tmp_path / 'whole'}"]
-    assert not sweep.run(here, False, [str(TOYS), str(user.plugin)]).failed
+    assert not sweep.run([*here, f"plugins=[{TOYS},{user.plugin}]"], False).failed
     assert told(results.read(user.out)).equals(told(results.read(tmp_path / "whole")))
 
 

@@ -200,7 +200,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("results")
     toys = str(TOYS)
     words = ["dataset=toy", "method=gain", "method.gain=1,0.5", f"out={out}", "metrics=[psnr]"]
-    sweep.run([*words, "tracking.uri=off", "report=false"], True, [toys])
+    sweep.run([*words, "tracking.uri=off", "report=false", f"plugins=[{toys}]"], True)
     return out
 
 

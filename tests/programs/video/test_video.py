@@ -185,9 +185,9 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("results")
     toys = str(TOYS)
     words = ["dataset=toy", "method=gain", f"out={out}", "metrics=[psnr]", "tracking.uri=off", "report=false"]
-    sweep.run([*words, "method.label=same"], False, [toys])
-    sweep.run([*words, "method.label=dark", "method.gain=0.5", "first=2"], False, [toys])
-    sweep.run([*words, "method.gain=0.5,0.8"], True, [toys])
+    sweep.run([*words, "method.label=same", f"plugins=[{toys}]"], False)
+    sweep.run([*words, "method.label=dark", "method.gain=0.5", "first=2", f"plugins=[{toys}]"], False)
+    sweep.run([*words, "method.gain=0.5,0.8", f"plugins=[{toys}]"], True)
     return out
 
 
