@@ -31,6 +31,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.machine.files import open_atomically
 from sucre_bench.results.check_table import check_values
+from sucre_bench.results.encoded import encoded
 from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
 
@@ -298,6 +299,7 @@ def _hashes(told: Mapping[str, Mapping[str, Any]]) -> dict[str, FileHash]:
 def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
     """Read a table of rows: text as it stands, numbers as numbers. path: for errors."""
     import pandas as pd
+    from pyarrow import Table
 
     try:
         read = pd.read_csv(io.BytesIO(content), dtype="str", keep_default_na=False)[list(columns)]
@@ -309,7 +311,7 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
                 raise ValueError("column 'methods' is no list")
     except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
         raise InputError(f"{path}: is no score table ({one_line(fault)}); bundle again") from fault
-    check_values(path, rows)
+    check_values(path, encoded(Table.from_pandas(rows, preserve_index=False)))
     return rows
 
 

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from sucre_bench.errors import DamagedTableError, in_one_line
+from sucre_bench.results.encoded import texts_of
 from sucre_bench.results.rows import COLUMNS, NUMBERS, Status
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow
 
 __all__ = ["check_columns", "check_values", "damaged"]
@@ -19,7 +20,7 @@ __all__ = ["check_columns", "check_values", "damaged"]
 _MOST_ROWS = 50_000_000  # a few bytes of parquet may stand for any number of equal rows
 _KINDS = {"string": "text", "int64": "whole numbers", "float64": "numbers"}
 _WORDS: Mapping[str, tuple[str, ...]] = {"status": get_args(Status), "better": ("higher", "lower", "none")}
-_TIME = r"\d{4}-\d\d-\d\d"
+_TIME = re.compile(r"\d{4}-\d\d-\d\d")
 _MAY_BE_ABSENT = ("value", "coverage", "seconds", "peak_mb")  # NaN, which some writers store as null
 
 
@@ -61,22 +62,36 @@ def _is_text(found: Any) -> bool:
     return bool(types.is_string(found) or types.is_large_string(found) or types.is_string_view(found))
 
 
-def check_values(path: Path, rows: pd.DataFrame) -> None:
-    """Raise DamagedTableError, with the column and the first row, for a value that no row can have."""
+def check_values(path: Path, rows: pyarrow.Table) -> None:
+    """Raise DamagedTableError, with the column and the first row, for a value that no row can have. rows: encoded."""
+    from pyarrow import compute
+
     for name in COLUMNS:
         if name not in _MAY_BE_ABSENT:
-            _refuse(path, rows[name].isna(), f"column '{name}' is empty")
+            _refuse(path, rows[name].is_null(), f"column '{name}' is empty")
     for name, words in _WORDS.items():
-        _refuse(path, ~rows[name].isin(words), f"column '{name}' is none of {', '.join(words)}")
-    _refuse(path, ~rows["time"].astype(str).str.match(_TIME), "column 'time' is no time")
-    unusable = [text for text in rows["options"].unique() if not _is_json_object(text)]
-    _refuse(path, rows["options"].isin(unusable), "column 'options' is no JSON object")
-    _refuse(path, rows["n_pixels"] < 0, "column 'n_pixels' is negative")
+        _refuse_texts(path, rows[name], words.__contains__, f"column '{name}' is none of {', '.join(words)}")
+    _refuse_texts(path, rows["time"], _TIME.match, "column 'time' is no time")
+    _refuse_texts(path, rows["options"], _is_json_object, "column 'options' is no JSON object")
+    _refuse(path, compute.less(rows["n_pixels"], 0), "column 'n_pixels' is negative")
 
 
-def _refuse(path: Path, is_wrong: pd.Series, fault: str) -> None:
-    if is_wrong.any():
-        raise damaged(path, f"{fault} (row {int(is_wrong.to_numpy().argmax()) + 1})")
+def _refuse_texts(path: Path, column: pyarrow.ChunkedArray, is_right: Callable[[str], Any], fault: str) -> None:
+    """Refuse a column of text if one of its distinct texts is wrong."""
+    from pyarrow import array, compute
+
+    wrong = [text for text in texts_of(column) if not is_right(text)]
+    if wrong:
+        texts = column.cast("large_string")
+        _refuse(path, compute.is_in(texts, value_set=array(wrong, texts.type)), fault)
+
+
+def _refuse(path: Path, is_wrong: pyarrow.ChunkedArray, fault: str) -> None:
+    from pyarrow import compute
+
+    row = compute.index(is_wrong, True).as_py()
+    if row >= 0:
+        raise damaged(path, f"{fault} (row {row + 1})")
 
 
 def _is_json_object(text: str) -> bool:

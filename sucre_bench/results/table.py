@@ -17,13 +17,13 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
-from sucre_bench.results.rows import _RESTORATION, COLUMNS, RESTORATION, Row, as_arrow, frame
+from sucre_bench.results.encoded import TEXTS, as_frame, encoded, joined, of_label, texts_of
+from sucre_bench.results.newest import newest
+from sucre_bench.results.rows import COLUMNS, Row, as_arrow
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -54,16 +54,13 @@ def read(out: str | Path, **labels: str) -> pd.DataFrame:
 
 def read_any(out: Path, **labels: str) -> pd.DataFrame:
     """Return the rows as `read` does; an empty table if there are none."""
-    import pandas as pd
-
-    tables = _tables(out, labels)
-    rows = pd.concat([t for t in tables if len(t)] or [frame([])], ignore_index=True)
+    rows = joined(_tables(out, labels))
     if len(rows):
-        not_before(str(rows["time"].max()))
-    return _newest(rows)
+        not_before(max(texts_of(rows["time"])))
+    return as_frame(newest(rows))
 
 
-def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
+def _tables(out: Path, labels: Mapping[str, str]) -> list[pyarrow.Table]:
     """The table and the parts; read again if one is gone by then: a merge is at work, and its rows are elsewhere."""
     for _ in range(_ATTEMPTS):
         paths = sorted((out / PARTS).glob("*.parquet"))
@@ -76,15 +73,14 @@ def _tables(out: Path, labels: Mapping[str, str]) -> list[pd.DataFrame]:
     return [table for table in (whole, *parts) if table is not None]
 
 
-def _table(path: Path, labels: Mapping[str, str]) -> pd.DataFrame | None:
-    import pandas as pd
-    import pyarrow.parquet
+def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
+    """The encoded rows of a file; None if it is no longer there."""
+    from pyarrow.parquet import ParquetFile
 
     try:
         content = io.BytesIO(regular(path).read_bytes())  # whole: the file may be replaced while it is read
-        check_columns(path, pyarrow.parquet.ParquetFile(content))
-        content.seek(0)
-        rows = pd.read_parquet(content, filters=[(name, "==", label) for name, label in labels.items()] or None)
+        check_columns(path, ParquetFile(content))
+        rows = encoded(ParquetFile(content, read_dictionary=list(TEXTS)).read(list(COLUMNS)))
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
     except SucreBenchError:
@@ -92,46 +88,9 @@ def _table(path: Path, labels: Mapping[str, str]) -> pd.DataFrame | None:
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
         raise damaged(path, one_line(fault)) from fault
     check_values(path, rows)
-    return rows[list(COLUMNS)].astype(frame([]).dtypes.to_dict())
-
-
-def _newest(rows: pd.DataFrame) -> pd.DataFrame:
-    """Keep the newest of each score, and of each restoration only what belongs to its newest try.
-
-    Scores of other options, data or code are not mixed, and a try that failed leaves no older scores standing.
-    """
-    if rows.empty:
-        return rows
-    keys = _numbered(rows).sort_values("time", kind="stable")
-    same = ["options_id", "data_id", "code"]
-    keys = keys[(keys[same] == keys.groupby(_RESTORATION)[same].transform("last")).all(axis=1)]
-    ended = keys["time"].where(keys["has_ended"], -1)
-    keys = keys[keys["time"] >= ended.groupby([keys[c] for c in _RESTORATION]).transform("max")]
-    # A row of a whole job that failed stands until the job has done anything since.
-    keys = keys[~keys["of_job"] | (keys["time"] == keys.groupby(["dataset", "method"])["time"].transform("max"))]
-    keys = keys[keys["time"] == keys.groupby(_SCORE)["time"].transform("max")]
-    keys = keys.drop_duplicates([*_SCORE, "region"]).sort_index()
-    keys = keys.sort_values(["dataset", "method", "scene", "view"], kind="stable")
-    return rows.loc[keys.index].reset_index(drop=True)
-
-
-_SCORE = [*_RESTORATION, "metric", "variant"]
-
-
-def _numbered(rows: pd.DataFrame) -> pd.DataFrame:
-    """The columns that decide which rows count, each text as its place in the order of its column's texts.
-
-    code: of the restoration alone; has_ended: whether the row says that a restoration failed or was skipped; of_job:
-    whether it speaks for a job as a whole. Numbers take a tenth of the texts' memory and time.
-    """
-    import pandas as pd
-
-    names = [*_SCORE, "region", "time", "options_id", "data_id"]
-    keys = pd.DataFrame({name: pd.factorize(rows[name], sort=True)[0] for name in names}, index=rows.index)
-    of_row, codes = pd.factorize(rows["code"])
-    restorations = pd.factorize(np.array([code.split(".")[0] for code in codes], dtype=object))[0]
-    has_ended = (rows["metric"] == RESTORATION) & (rows["status"] != "ok")
-    return keys.assign(code=restorations[of_row], has_ended=has_ended, of_job=rows["view"] == "")
+    for name, label in labels.items():
+        rows = of_label(rows, name, label)
+    return rows
 
 
 class Part:
