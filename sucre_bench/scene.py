@@ -31,8 +31,9 @@ Plane = Literal["rgb", "depth", "reference"]
 
 
 # Decoded planes kept for reuse, so that a method may say `view.rgb` five times without five decodes,
-# and a 5,000-image dive still does not fill the memory.
+# and a 5,000-image dive still does not fill the memory. Small planes decode fast, so few of them are kept.
 _KEPT_BYTES = 768 << 20
+_LEAST_KEPT_BYTES = _KEPT_BYTES // 512
 
 
 @dataclass(frozen=True, eq=False)
@@ -193,7 +194,11 @@ class View:
         return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else np.asarray(depth > 0)
 
 
-@cached(LRUCache(_KEPT_BYTES, getsizeof=lambda a: 0 if a is None else a.nbytes), lock=threading.Lock())
+def _size(plane: Array | None) -> int:
+    return _LEAST_KEPT_BYTES if plane is None else max(plane.nbytes, _LEAST_KEPT_BYTES)
+
+
+@cached(LRUCache(_KEPT_BYTES, getsizeof=_size), lock=threading.Lock())
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
     if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # what is no distance is unknown

@@ -136,9 +136,9 @@ def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     """A line a reason for the scores that views could not give."""
     skipped = results.score_rows(rows[rows["status"] == "skipped"])
     # That a method estimates no water, say, needs no line.
-    says_something = [Reason.of(text) is not Reason.NOTHING_TO_SCORE for text in skipped["reason"]]
-    skipped = skipped.loc[says_something]  # by rows, also where there is none
-    for reason, of_reason in skipped.groupby(skipped["reason"].map(brief), sort=False):
+    briefs = {text: brief(text) for text in skipped["reason"].unique()}
+    skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
+    for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
         views = of_reason[["dataset", "scene", "view"]].drop_duplicates()
         everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
         where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
@@ -159,9 +159,10 @@ def write_study(outcome: Outcome, comparisons: Sequence[Comparison]) -> Written:
     """Write the tables and figures that the command's experiment asks for, if it does."""
     if outcome.study is None:
         return Written((), ())
-    is_whole = len(outcome.asked) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
+    requested = outcome.requested_rows
+    is_whole = len(requested) == (outcome.rows["view"] != "").sum()  # else the folder holds other rows too
     known = comparisons if is_whole else ()
-    return paper.write(outcome.study, outcome.asked, outcome.out, outcome.methods, outcome.datasets, known)
+    return paper.write(outcome.study, requested, outcome.out, outcome.methods, outcome.datasets, known)
 
 
 def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:

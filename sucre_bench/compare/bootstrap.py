@@ -19,11 +19,14 @@ their intervals hold together in 95 % of tables (max-t: Romano and Wolf 2005, se
 
 from __future__ import annotations
 
+import functools
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 
@@ -33,6 +36,7 @@ __all__ = ["Units", "differences", "mean_intervals", "pseudo_values"]
 _RESAMPLES, _FEWEST = 5000, 2000
 _DRAWS = 10_000_000  # more than these only for the fewest resamples
 _AT_ONCE = 500_000  # units drawn at a time
+_KEPT_DRAWS = 40_000_000  # most bytes of draws that stay in memory for the next column
 _LEVEL = 0.95
 _EXACT = 1e-12  # relative spread that is rounding only
 
@@ -88,7 +92,7 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
     n, finite = len(units.sizes), np.isfinite(units.sums).all(axis=0)
     residuals = np.where(finite, Units(np.where(finite, units.sums, 0.0), units.sizes).residuals, np.nan)
     known = np.nan_to_num(residuals)
-    deviations = np.concatenate([(c @ known) / (c @ units.sizes)[:, None] for c in _counts(n, _resamples(n))])  # (R, M)
+    deviations = np.concatenate([c @ known / _totals(c, units.sizes) for c in _counts(n, _resamples(n))])  # (R, M)
     tails = (1 - _LEVEL) / 2
     widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
@@ -154,14 +158,14 @@ def _greatest_t(units: Units, pairs: Sequence[Pair]) -> Array:
     i, j = np.transpose(pairs)
     made = []
     for counts in _counts(n, _FEWEST):
-        total = counts @ s
-        deviation, mixed = (counts @ r) / total[:, None], counts @ (r * s[:, None])
+        total = _totals(counts, s)
+        deviation, mixed = counts @ r / total, counts @ (r * s[:, None])
         greatest = np.zeros(len(counts))
         for part in _parts(len(pairs), len(counts)):
             a, b = i[part], j[part]
             d, m = deviation[:, a] - deviation[:, b], mixed[:, a] - mixed[:, b]
             squares = counts @ (r[:, a] - r[:, b]) ** 2 - 2 * d * m + d**2 * (counts @ s**2)[:, None]
-            error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / total[:, None]
+            error = np.sqrt(np.maximum(squares, 0) * n / (n - 1)) / total
             with np.errstate(divide="ignore", invalid="ignore"):  # the same unit drawn n times has no spread
                 t = np.where(error > _EXACT * np.abs(d), np.abs(d) / error, np.where(d == 0, 0.0, np.inf))
             greatest = np.maximum(greatest, t.max(axis=1))
@@ -179,11 +183,29 @@ def _resamples(n: int) -> int:
     return min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
 
 
+def _totals(counts: Array, sizes: Array) -> Array:
+    """The views in each resample (B, 1), or (1, 1) if all have as many. counts: (B, S); sizes: (S,) of the units."""
+    return counts @ sizes[:, None] if (sizes != 1).any() else np.full((1, 1), len(sizes), dtype=np.float64)
+
+
 def _counts(n: int, resamples: int) -> Iterator[Array]:
     """Yield how often each of n units is drawn in each resample, (B, n) at a time: always the same draws."""
+    parts = _kept_draws(n, resamples) if n * resamples <= _KEPT_DRAWS else _draws(n, resamples)
+    return (part.astype(np.float64) for part in parts)
+
+
+@functools.lru_cache(maxsize=2)
+def _kept_draws(n: int, resamples: int) -> Sequence[npt.NDArray[Any]]:
+    """The draws for one column serve all columns of as many units."""
+    return [*_draws(n, resamples)]
+
+
+def _draws(n: int, resamples: int) -> Iterator[npt.NDArray[Any]]:
+    """How often each unit is drawn, in as few bytes as hold it."""
     rng = np.random.default_rng(0)
     at_once = max(1, _AT_ONCE // n)
     for start in range(0, resamples, at_once):
         rows = min(at_once, resamples - start)
         drawn = rng.integers(n, size=(rows, n)) + n * np.arange(rows)[:, None]
-        yield np.bincount(drawn.ravel(), minlength=rows * n).reshape(rows, n).astype(np.float64)
+        counts = np.bincount(drawn.ravel(), minlength=rows * n).reshape(rows, n)
+        yield counts.astype(np.min_scalar_type(counts.max()))

@@ -74,7 +74,7 @@ def gated(rows: pd.DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gate
 
     Raises InputError for a metric or method that the rows do not have, and for a metric that only describes.
     """
-    known = set(rows["method"])
+    known = set(rows["method"].unique()) if gates else set()
     found: list[Gated] = []
     for gate in gates:
         if gate.method and gate.method not in known:

@@ -5,10 +5,11 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare.model import Column, Note
-from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples
+from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples, values_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,7 +35,7 @@ def notes(
     """
     restored = _restored(rows)
     some = [name for name in methods if restored.get(name)]
-    why = _Why.of(rows)
+    why = _Why(rows)
     anywhere = set().union(*restored.values()) or {view for _, view in why.tried}
     everywhere = anywhere.intersection(*(restored[name] for name in some))
     made: list[Note] = []
@@ -65,33 +66,33 @@ def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[Note]:
 def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
     """The views that each method restored."""
     ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
-    return {
-        str(name): set(zip(of_method["scene"], of_method["view"], strict=True))
-        for name, of_method in ok.groupby("method")
-    }
+    return {str(name): set(values_of(of_method, "scene", "view")) for name, of_method in ok.groupby("method")}
 
 
 _WHY = ("status", "reason", "scene", "view", "method", "metric", "variant")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class _Why:
     """Why there is no score, by method, metric, variant and view; of metric RESTORATION, no restoration."""
 
-    known: dict[tuple[str, str, str, _View], str]
-    tried: set[tuple[str, _View]]
+    rows: pd.DataFrame
 
-    @classmethod
-    def of(cls, rows: pd.DataFrame) -> _Why:
+    @cached_property
+    def known(self) -> dict[tuple[str, str, str, _View], str]:
+        """Made when something is missing that others have."""
         known: dict[tuple[str, str, str, _View], str] = {}
-        for r in tuples(rows[(rows["status"] != "ok") | ~rows["_fresh"]], *_WHY):
+        for r in tuples(self.rows[(self.rows["status"] != "ok") | ~self.rows["_fresh"]], *_WHY):
             reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # so that views with one reason count together
             text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
             known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
-        restored = restoration_rows(rows[rows["_fresh"]])
-        return cls(
-            known, set(zip(restored["method"], zip(restored["scene"], restored["view"], strict=True), strict=True))
-        )
+        return known
+
+    @cached_property
+    def tried(self) -> set[tuple[str, _View]]:
+        """The methods that tried a view, whatever became of it."""
+        restored = restoration_rows(self.rows[self.rows["_fresh"]])
+        return {(method, (scene, view)) for method, scene, view in values_of(restored, "method", "scene", "view")}
 
     def restoration(self, method: str, views: Iterable[_View]) -> str:
         return _counted(self._of_restoration(method, view) for view in views)

@@ -19,7 +19,7 @@ from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import restoration_rows, restorations
+from sucre_bench.results.rows import restoration_rows, restorations, values_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -86,7 +86,7 @@ def _without_little(rows: pd.DataFrame, restorations: pd.DataFrame) -> pd.DataFr
 
 def _places(rows: pd.DataFrame) -> list[_Place]:
     """The view of each row."""
-    return list(zip(rows["dataset"], rows["scene"], rows["view"], strict=True))
+    return [*values_of(rows, *_VIEW)]
 
 
 def of_pixels(metrics: pd.Series) -> pd.Series:
@@ -177,7 +177,7 @@ def filled_rows(rows: pd.DataFrame) -> pd.DataFrame:
     """
     asked = rows[rows["_fresh"] & rows["_asked"]]
     scored = asked[_of_pixels(asked)]
-    if any(says_filled(*pair) for pair in set(zip(asked["metric"], asked["variant"], strict=True))):
+    if any(says_filled(*pair) for pair in _metrics(asked)):
         scored = scored.iloc[:0]
     whole = restorations(rows[rows["_fresh"]])
     if scored.empty or not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any():
@@ -220,7 +220,7 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     total = len(set(_views(scores)))
 
     def note(kind: NoteKind, concerned: pd.DataFrame, **more: Any) -> Note:
-        pairs = set(zip(concerned["metric"], concerned["variant"], strict=True))
+        pairs = _metrics(concerned)
         named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
         return Note(kind, (), named, len(set(_views(concerned))), total, **more)
 
@@ -237,4 +237,10 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
 
 
 def _views(rows: pd.DataFrame) -> list[tuple[str, str]]:
-    return list(zip(rows["scene"], rows["view"], strict=True))
+    return [*values_of(rows, "scene", "view")]
+
+
+def _metrics(rows: pd.DataFrame) -> set[tuple[str, str]]:
+    """The metrics of rows, with their variants."""
+    columns = ["metric", "variant"]
+    return set(values_of(rows[columns].drop_duplicates(), *columns))

@@ -14,7 +14,7 @@ from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
-from sucre_bench.results.rows import COSTS
+from sucre_bench.results.rows import COSTS, values_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -114,7 +114,7 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
     images = {
-        str(name): frozenset(zip(of_method["scene"], of_method["view"], strict=True))
+        str(name): frozenset(values_of(of_method, "scene", "view"))
         for name, of_method in per_view.groupby("method", sort=False)
     }
     alike = _inverted(images)
@@ -173,7 +173,9 @@ def _listed(numbers: Iterable[int]) -> str:
 def _variants(rows: pd.DataFrame) -> Iterator[str]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
-        variants = {str(name): frozenset(scores["variant"]) for name, scores in of_metric.groupby("method", sort=False)}
+        variants = {
+            str(name): frozenset(scores["variant"].unique()) for name, scores in of_metric.groupby("method", sort=False)
+        }
         for (first, names), (second, others) in combinations(_inverted(variants).items(), 2):
             if not first & second:
                 yield (

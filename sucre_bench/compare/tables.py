@@ -20,7 +20,7 @@ from sucre_bench.compare.model import Cell, Column, Comparison, Measured, Note
 from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.results.rows import COSTS, RESTORATION, By
+from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,6 +30,9 @@ __all__ = ["against", "asked_for", "compare", "only", "without_replicates"]
 _VIEW = ["scene", "view"]
 _UNIT = [*_VIEW, "region"]
 _REPETITION = [*_UNIT, "_replicate"]
+
+# Columns that nothing here looks at; they are most of a table's memory.
+_UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})
 
 
 def compare(
@@ -45,7 +48,8 @@ def compare(
     method to compare the others with, instead of with the best.
     Raises InputError for a metric or a baseline that the rows do not have.
     """
-    asked = asked_for(rows, metrics)
+    asked, photographs = asked_for(rows, metrics), _photographs(rows)
+    rows = rows[[name for name in rows.columns if name not in _UNUSED]]
     rows = rows.sort_values("time", kind="stable")  # datasets, methods and metrics as they were run
     order = list(dict.fromkeys([*order, *rows["method"].unique()]))
     if baseline and baseline not in order:
@@ -65,7 +69,8 @@ def compare(
             of_table = _with_reasons(of_table, rows[(rows[groups[:-1]] == list(key[:-1])).all(axis=1)])
         if of_table["_asked"].any():
             methods = sorted(of_table["method"].unique(), key=order.index)
-            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline))
+            of_dataset = {name for dataset, name in photographs if dataset == key[0]}
+            tables.append(_table(" · ".join(map(str, key)), of_table, methods, baseline, of_dataset))
     scored = [table for table in tables if table.columns]
     return scored if by != "method" and scored else tables  # of a region that some views lack
 
@@ -143,7 +148,9 @@ def without_replicates(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.assign(scene=rows["scene"].map(names))
 
 
-def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) -> Comparison:
+def _table(
+    title: str, rows: pd.DataFrame, methods: list[str], baseline: str, all_photographs: Collection[str]
+) -> Comparison:
     import pandas as pd
 
     with_fresh = set(rows.loc[rows["_fresh"], "method"].unique())
@@ -165,7 +172,7 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
         found.append(Note("no baseline", (baseline,)))
         baseline = ""
     measured = {column: _measured(column, values) for column, values in scores.items() if column.n_units}
-    photographs = _photographs(rows, methods)
+    photographs = tuple(name for name in methods if name in all_photographs)
     made = {
         (name, column): cell
         for column, of_column in measured.items()
@@ -175,12 +182,12 @@ def _table(title: str, rows: pd.DataFrame, methods: list[str], baseline: str) ->
     return against(table, baseline) if baseline else table
 
 
-def _photographs(rows: pd.DataFrame, methods: Sequence[str]) -> tuple[str, ...]:
-    """The methods that return the photograph itself."""
-    known = plugins.discover("method")
-    options = dict(zip(rows["method"], rows["options"], strict=True))
-    of_labels = {label: known.get(json.loads(options[label]).get("name", "")) for label in methods}
-    return tuple(name for name, plugin in of_labels.items() if isinstance(plugin, Plugin) and plugin.is_photograph)
+def _photographs(rows: pd.DataFrame) -> set[tuple[str, str]]:
+    """The methods that return the photograph itself, each with its dataset."""
+    known, columns = plugins.discover("method"), ["dataset", "method", "options"]
+    each = rows[columns].drop_duplicates(columns[:2], keep="last")
+    plugin_of = {(d, m): known.get(json.loads(options).get("name", "")) for d, m, options in values_of(each, *columns)}
+    return {of for of, plugin in plugin_of.items() if isinstance(plugin, Plugin) and plugin.is_photograph}
 
 
 def _order(column: Column) -> tuple[bool, bool, bool]:

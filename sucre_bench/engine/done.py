@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,6 +49,7 @@ class Done:
     kept: dict[tuple[str, str], list[_Kept]]
     metric_codes: tuple[str, ...]
     since: str = ""
+    _by_code: dict[str, frozenset[tuple[str, str, str]]] = field(default_factory=dict)
 
     @classmethod
     def of(cls, job: Job, since: str = "") -> Done:
@@ -88,11 +89,16 @@ class Done:
         whole = (base.metric, base.variant, base.code)
         if any(k.metric == base.metric and k.status != "ok" for k in kept):
             return whole in there
-        wanted = {
-            (metric.plugin.name, variant, score_code(base, code))
-            for metric, code in zip(self.job.metrics, self.metric_codes, strict=True)
-            if not metric.plugin.is_of_pairs  # these are scored when all views are there
-            for variant in metric.variants
-        }
         suffixes = [".png", *([".npz"] if self.job.save == "full" else [])]
-        return {whole, *wanted} <= there and are_as_written(picture, suffixes)
+        return whole in there and self._wanted(base) <= there and are_as_written(picture, suffixes)
+
+    def _wanted(self, base: Row) -> frozenset[tuple[str, str, str]]:
+        """The scores, by metric, variant and code, of a view whose rows say `base`: the same for all with its code."""
+        if base.code not in self._by_code:
+            self._by_code[base.code] = frozenset(
+                (metric.plugin.name, variant, score_code(base, code))
+                for metric, code in zip(self.job.metrics, self.metric_codes, strict=True)
+                if not metric.plugin.is_of_pairs  # these are scored when all views are there
+                for variant in metric.variants
+            )
+        return self._by_code[base.code]

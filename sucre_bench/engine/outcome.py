@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.jobs.schema import Tracking
 from sucre_bench.jobs.study import Study
+from sucre_bench.results.rows import values_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,14 +30,14 @@ class Outcome:
     """The outcome of a run. The counts are of restorations: one view by one method.
 
     rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
-    score on its method's own pixels, as it is stored; asked: those of `rows` of the requested datasets, methods and
-    views; datasets, methods: labels, in the order of the command; baseline: the method that the others are compared
-    with, empty for the best; crashed: whether a process ended unexpectedly.
+    score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
+    restoration; datasets, methods: labels, in the order of the command; baseline: the method that the others are
+    compared with, empty for the best; crashed: whether a process ended unexpectedly.
     """
 
     rows: pd.DataFrame
     stored: pd.DataFrame
-    asked: pd.DataFrame
+    requested: frozenset[tuple[str, str, str, str]]
     out: Path
     datasets: tuple[str, ...]
     methods: tuple[str, ...]
@@ -51,6 +52,12 @@ class Outcome:
     scores_failed: tuple[Fault, ...]
     interrupted: bool
     crashed: bool
+
+    @property
+    def requested_rows(self) -> pd.DataFrame:
+        """Those of `rows` of the requested restorations."""
+        keys = values_of(self.rows, "dataset", "method", "scene", "view")
+        return self.rows[[key in self.requested for key in keys]].reset_index(drop=True)
 
     @property
     def exit_code(self) -> int:

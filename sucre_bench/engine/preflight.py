@@ -132,7 +132,7 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
         if job.overwrite == "always":
             continue
         there = rows[rows["dataset"] == job.dataset.label]
-        scenes = {results.unreplicated(scene)[0] for scene in there["scene"]} - {""}
+        scenes = {results.unreplicated(scene)[0] for scene in there["scene"].unique()} - {""}
         if scenes and plan.tasks and not scenes & {task.scene.name for task in plan.tasks}:
             option = _label_option([plan.job.dataset for plan in planned], job.dataset)
             remedy = " or ".join(dict.fromkeys(["out=...", option]))
@@ -141,11 +141,11 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
                 f"give another {remedy}"
             )
         option = _label_option([plan.job.method for plan in planned], job.method)
-        same_folder = set(there["method"]) - {job.method.label}
+        same_folder = set(there["method"].unique()) - {job.method.label}
         for other in sorted(o for o in same_folder if file_name(o) == file_name(job.method.label)):
             said.append(f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give another {option}")
         of_method = there[(there["method"] == job.method.label) & (there["scene"] != "")]
-        if len(of_method) and set(of_method["options_id"]) != {results.fingerprint(job.method.record)[1]}:
+        if len(of_method) and set(of_method["options_id"].unique()) != {results.fingerprint(job.method.record)[1]}:
             said.append(
                 f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"
             )

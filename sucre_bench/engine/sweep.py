@@ -104,7 +104,7 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
     return Outcome(
         rows=scores,
         stored=rows,
-        asked=_asked(scores, planned),
+        requested=_requested(planned),
         out=first.out,
         datasets=tuple(dict.fromkeys(plan.job.dataset.label for plan in planned)),
         methods=tuple(dict.fromkeys(plan.job.method.label for plan in planned)),
@@ -122,25 +122,25 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
     )
 
 
-def _asked(rows: pd.DataFrame, planned: Sequence[Planned]) -> pd.DataFrame:
-    """The rows of what this command asked for, among all that the folder holds."""
-    views = {
+def _requested(planned: Sequence[Planned]) -> frozenset[tuple[str, str, str, str]]:
+    return frozenset(
         (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name)
         for plan in planned
         for task in plan.tasks
-    }
-    keys = zip(rows["dataset"], rows["method"], rows["scene"], rows["view"], strict=True)
-    return rows[[key in views for key in keys]].reset_index(drop=True)
+    )
 
 
 def _failed_scores(rows: pd.DataFrame, planned: Sequence[Planned]) -> Iterator[Fault]:
     """The scores among those asked for that a metric failed to give."""
+    failed = rows[rows["status"] == "failed"]
+    if failed.empty:
+        return
     asked = {
         (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name, metric.plugin.name)
         for plan in planned
         for task in plan.tasks
         for metric in plan.job.metrics
     }
-    for r in rows[rows["status"] == "failed"].itertuples():
+    for r in failed.itertuples():
         if (r.dataset, r.method, r.scene, r.view, r.metric) in asked:
             yield Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)

@@ -34,6 +34,7 @@ __all__ = [
     "score_rows",
     "tuples",
     "unreplicated",
+    "values_of",
 ]
 
 Status = Literal["ok", "failed", "skipped"]
@@ -128,11 +129,16 @@ def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
     return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))
 
 
+def values_of(rows: pd.DataFrame, *columns: str) -> Iterator[tuple[Any, ...]]:
+    """Yield each row as a tuple of these columns: 20 times as fast as pandas does with text."""
+    return zip(*(rows[name].astype(object).tolist() for name in columns), strict=True)
+
+
 def tuples(rows: pd.DataFrame, *columns: str) -> Iterator[Any]:
-    """Yield each row as a named tuple of these columns, default all: 20 times as fast as pandas does with text."""
+    """Yield each row as a named tuple of these columns, default all."""
     chosen = columns or tuple(map(str, rows.columns))
     kind = namedtuple("Tuple", chosen, rename=True)  # type: ignore[misc]
-    return map(kind._make, zip(*(rows[name].astype(object).tolist() for name in chosen), strict=True))
+    return map(kind._make, values_of(rows, *chosen))
 
 
 def restoration_rows(rows: pd.DataFrame) -> pd.DataFrame:

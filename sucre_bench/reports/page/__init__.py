@@ -120,7 +120,7 @@ def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
     for (dataset, method, metric, reason), same in of_status.groupby(
         ["dataset", "method", "metric", "reason"], sort=False
     ):
-        views = sorted(set(same["view"]) - {""})
+        views = sorted(set(same["view"].unique()) - {""})
         score = "" if metric == RESTORATION else metric
         faults.append(
             {"dataset": dataset, "method": method, "score": score, "reason": with_remedy(reason), "views": views}

@@ -137,7 +137,7 @@ class Section:
     @staticmethod
     def _view_words(of_method: pd.DataFrame) -> str:
         """The words that ask for a method's views again; none for more than a command line has room for."""
-        views = sorted(set(of_method["view"]) - {""})
+        views = sorted(set(of_method["view"].unique()) - {""})
         return shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
 
     def _metric_words(self) -> dict[str, str]:
