@@ -13,8 +13,8 @@ A score of a pair of views stands in the means of both views, so views are not i
 shows half of what a view brings to the overall mean or less. Each view then counts by its pseudo-value: how the overall
 mean changes without it (jackknife of a U-statistic of degree 2, Arvesen 1969).
 
-Several differences are judged at once, so each gets the same multiple of its standard error, chosen so that all of
-their intervals hold together in 95 % of tables (max-t: Romano and Wolf 2005, sec. 4).
+Differences of several pairs are judged at once, so each gets the same multiple of its standard error, chosen so that
+all of their intervals hold together in 95 % of tables (max-t: Romano and Wolf 2005, sec. 4).
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Units", "differences", "mean_intervals", "pseudo_values"]
+__all__ = ["Pair", "Units", "differences", "mean_intervals", "pseudo_values"]
 
 # With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
 _RESAMPLES, _FEWEST = 5000, 2000

@@ -173,9 +173,10 @@ class Note:
 class Verdict:
     """Which of two methods leads in a score.
 
-    difference: of the means, paired, at least 0; interval: its 95 % interval, valid for all pairs of the table at once,
-    NaN without one; wins: in how many views the leader is the best, or beats the baseline; effect: the difference in
-    standard deviations of the views' differences, NaN if they do not vary; may_be_chance: whether the interval has 0.
+    difference: of the means, paired, at least 0; interval: its 95 % interval, for which all methods are judged together
+    (`sucre_bench.compare.leads`), NaN without one; wins: in how many views the leader is the best, or beats the
+    baseline; effect: the difference in standard deviations of the views' differences, NaN if they do not vary;
+    may_be_chance: whether the interval has 0.
     """
 
     column: Column

@@ -11,6 +11,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
+from sucre_bench.compare.leads import changes, leads
 from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, Difference, Measured, may_be_chance
 
 __all__ = ["against", "cells"]
@@ -60,7 +61,7 @@ def _ranked(column: Column, measured: Measured, made: Sequence[Cell]) -> list[Ce
 def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline: int) -> list[Cell]:
     """Return the cells with change, wins and effect against the baseline, the method of that number in `measured`.
 
-    The intervals of the changes hold all at once for the methods of `measured`.
+    The methods of `measured` are judged together.
     """
     if column.better == "none":
         return list(cells)
@@ -68,9 +69,8 @@ def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline:
     mean, size = _means(views), _size(views)
     size = np.maximum(size, size[baseline])
     half = np.full_like(mean, np.nan)
-    others = [m for m in range(len(cells)) if m != baseline]
-    if measured.independent is not None and others:
-        half[others] = differences(measured.independent, [(baseline, m) for m in others])
+    if measured.independent is not None:
+        half = changes(measured.independent, baseline)
     gap = _less(mean, mean[baseline], size)
     lead = -_less(views, views[:, [baseline]], size) * sign
     made = []
@@ -128,8 +128,10 @@ def _difference(gap: float, half: float, size: float) -> Difference:
 
 @dataclass(frozen=True)
 class _Pairs:
-    """Pairs of methods [i, j]. gap: (M, M), how far method j is behind method i; half: (M, M), half of the interval,
-    NaN without one; size: (M, M), of the larger scores.
+    """Pairs of methods [i, j]; those of the best are judged by its leads.
+
+    gap: (M, M), how far method j is behind method i; half: (M, M), half of the interval, NaN without one; size: (M, M),
+    of the larger scores.
     """
 
     gap: Array
@@ -146,6 +148,9 @@ class _Pairs:
             if pairs := list(combinations(range(len(worse)), 2)):
                 i, j = np.transpose(pairs)
                 half[i, j] = half[j, i] = differences(independent, pairs)
+                best = int(np.argmin((gap > 0).sum(axis=0)))
+                others = np.arange(len(worse)) != best
+                half[best, others] = half[others, best] = leads(independent, best)[others]
         return cls(gap, half, sizes)
 
     def difference(self, i: int, j: int) -> Difference:

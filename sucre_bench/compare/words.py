@@ -157,13 +157,19 @@ def _how(comparison: Comparison, has_interval: bool) -> str:
     units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
     means = f"intervals: bootstrap over {units}"
     end = rough if few else ""
-    n = len(comparison.methods if comparison.baseline else comparison.restorers or comparison.methods)
-    pairs = n - 1 if comparison.baseline else n * (n - 1) // 2
-    if pairs < 1:
-        return means + end
-    differences = "simultaneous (max-t) for" if pairs > 1 else "Student's, for"
-    count = f"the {pairs} differences to {comparison.baseline}" if comparison.baseline else f"all {pairs} pairs"
-    return f"{means}; of differences: {differences} {count if pairs > 1 else 'the pair'}{end}"
+    return f"{means}{_of_differences(comparison)}{end}"
+
+
+def _of_differences(comparison: Comparison) -> str:
+    """Which intervals differences have: those of the methods with scores, from the best or the baseline."""
+    scored = {name for name, column in comparison.cells if column.ranked}
+    n = len(scored.intersection(comparison.methods if comparison.baseline else comparison.restorers))
+    if n < 2:
+        return ""
+    if n == 2:
+        return "; of the difference: Student's"
+    of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
+    return f"; of {of}: step-down max-t over {n} methods, so that at most 5 % of tables have a false one"
 
 
 def left_out(comparison: Comparison) -> list[str]:
