@@ -11,9 +11,12 @@ from pathlib import Path
 import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
+os.environ.pop("COLUMNS", None)  # a terminal made while it is set keeps this width
 
+from support import process_state
 from support.command_line import Done, run_here, run_program
 from support.places import TOYS
+from support.registries import registry
 
 from sucre_bench import plugins
 
@@ -23,18 +26,38 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
-@pytest.fixture
-def toys() -> str:
-    """The toy plugins, loaded in this process; the path of their file for other processes."""
-    plugins.load_file(TOYS)
-    return str(TOYS)
+_before: dict[str, object] = {}
 
 
-@pytest.fixture
-def only_built_in() -> Iterator[None]:
-    """No plugin file is loaded, and those that the test loads are forgotten after it."""
-    with plugins.using(plugins.Registry()):
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
+    """Note the state of the process before the test's fixtures, those of its module among them."""
+    _before.clear()
+    _before.update(process_state.snapshot())
+    return (yield)
+
+
+@pytest.hookimpl(wrapper=True, tryfirst=True)
+def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
+    """Fail a test that leaves the process other than it was: the next test would depend on the order."""
+    answer = yield
+    if left := process_state.changed(_before, process_state.snapshot()):
+        pytest.fail("leaves the process changed\n" + "\n".join(left), pytrace=False)
+    return answer
+
+
+@pytest.fixture(autouse=True)
+def own_registry() -> Iterator[None]:
+    """Plugins that the test loads are forgotten after it."""
+    with plugins.using(registry()):
         yield
+
+
+@pytest.fixture
+def toys(own_registry: None) -> Iterator[str]:
+    """The toy plugins, loaded in this process; the path of their file for other processes."""
+    with plugins.using(registry(TOYS)):
+        yield str(TOYS)
 
 
 @pytest.fixture

@@ -36,8 +36,10 @@ class Registry:
         self._known: dict[Kind, dict[str, Plugin | Broken]] = {}
 
     def copy(self) -> Registry:
-        """Return a registry with the same files; what is loaded into one of them is not in the other."""
-        return Registry(self._files)
+        """Return a registry with the same plugins; what is loaded into one of them is not in the other."""
+        other = Registry(self._files)
+        other._known = {kind: dict(known) for kind, known in self._known.items()}
+        return other
 
     def load_file(self, path: str | Path) -> None:
         """Add the plugins of one Python file. Raises PluginError if it does not exist or does not import."""
@@ -71,7 +73,7 @@ class Registry:
             if not info.name.startswith("_"):
                 module = f"{package.__name__}.{info.name}"
                 yield from _try(info.name, functools.partial(importlib.import_module, module))
-        for entry in importlib.metadata.entry_points(group="sucre_bench.plugins"):
+        for entry in _installed(tuple(sys.path)):
             yield from _try(entry.name, entry.load)
         for loaded in self._files.values():
             yield from _plugins_in(loaded)
@@ -132,6 +134,12 @@ def find(kind: Kind, name: str) -> Plugin:
 def set_aside(plugin: Plugin, reason: str) -> None:
     """From now on, treat a plugin as one that cannot be used."""
     current().set_aside(plugin, reason)
+
+
+@functools.cache
+def _installed(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoints:
+    """Return what the packages on a search path offer as plugins. Finding it reads a file of each package."""
+    return importlib.metadata.entry_points(group="sucre_bench.plugins")
 
 
 def _module_of(path: Path) -> ModuleType:

@@ -386,13 +386,7 @@ class Diary:
 
 
 @pytest.fixture
-def own_plugins(toys: str):
-    with plugins.using(plugins.current().copy()):
-        yield
-
-
-@pytest.fixture
-def run(tmp_path: Path, own_plugins: None):
+def run(tmp_path: Path, toys: str):
     (tmp_path / "diary.py").write_text(METHOD)
     plugins.load_file(tmp_path / "diary.py")
     base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]

@@ -221,9 +221,8 @@ def test_a_package_that_breaks_when_imported_fails_the_job_with_its_reason(
     (tmp_path / "broken_library_xyz.py").write_text("raise OSError('libcudart.so: cannot open')\n")
     (tmp_path / "uses.py").write_text(NEEDS_A_BROKEN_LIBRARY)
     monkeypatch.syspath_prepend(tmp_path)
-    with plugins.using(plugins.current().copy()):
-        plugins.load_file(tmp_path / "uses.py")
-        outcome = run(out, "method=uses,gain", multirun=True)
+    plugins.load_file(tmp_path / "uses.py")
+    outcome = run(out, "method=uses,gain", multirun=True)
     assert (outcome.ok, outcome.exit_code) == (3, 1)
     assert {f.reason for f in outcome.failed} == {"OSError: libcudart.so: cannot open"}
 
@@ -403,7 +402,7 @@ def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_pat
     missing = pytest.raises(
         preflight.ProblemsError, match=r"'needy': not installed; pip install nonexistent_package_xyz"
     )
-    with plugins.using(plugins.current().copy()), missing:
-        plugins.load_file(path)
+    plugins.load_file(path)
+    with missing:
         run(out, "method=gain,needy", multirun=True)
     assert not out.exists() or not list(out.rglob("*.png"))

@@ -86,7 +86,6 @@ def test_what_a_folder_is_is_said_in_a_line(bench, tmp_path: Path):
     assert "dataset=colmap dataset.root=dive" in done.stdout + done.stderr
 
 
-@pytest.mark.usefixtures("only_built_in")
 def test_every_dataset_of_files_can_be_recognised():
     known = [plugin for plugin in plugins.discover("dataset").values() if isinstance(plugin, Plugin)]
     assert {plugin.name for plugin in known if not plugin.signs} == {"demo"}

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
@@ -16,9 +17,16 @@ from sucre_bench.plugins.plugin import Broken
 from sucre_bench.plugins.registry import discover, find, load_file
 from sucre_bench.plugins.requirements import missing_packages
 
-pytestmark = pytest.mark.usefixtures("only_built_in")
+
+@pytest.fixture(autouse=True)
+def new_registry() -> Iterator[None]:
+    """A registry that has looked for no plugin yet."""
+    with plugins.using(plugins.Registry()):
+        yield
+
 
 METHOD = """
+from collections.abc import Iterator
 from dataclasses import dataclass
 from sucre_bench import Restoration, Scene, View, method
 

@@ -11,18 +11,17 @@ import signal
 import subprocess
 import sys
 import tempfile
-from collections.abc import Iterator
 from dataclasses import dataclass
 from multiprocessing import forkserver
 from pathlib import Path
 from unittest import mock
 
 import click
-from rich.console import Console
 
 from sucre_bench.cli import cli, main
 from sucre_bench.machine import terminal
-from sucre_bench.plugins.registry import Registry, using
+from sucre_bench.plugins.registry import using
+from support.registries import registry
 
 PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
 WIDTH = 200  # columns, so that no line is folded
@@ -37,16 +36,6 @@ class Done:
     stderr: str
 
 
-@contextlib.contextmanager
-def _wide(console: Console) -> Iterator[None]:
-    before = console.width
-    console.width = WIDTH
-    try:
-        yield
-    finally:
-        console.width = before
-
-
 def run_here(folder: Path, *arguments: str) -> Done:
     """Run `sucre-bench ARGUMENTS` in this process, in a folder, without the plugin files loaded before.
 
@@ -55,11 +44,9 @@ def run_here(folder: Path, *arguments: str) -> Done:
     out, err = (io.TextIOWrapper(io.BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
     with (
         contextlib.chdir(folder),
-        using(Registry()),
+        using(registry()),
         mock.patch.dict(os.environ, COLUMNS=str(WIDTH)),
         mock.patch.object(sys, "argv", [PROGRAM, *arguments]),
-        _wide(terminal.out),
-        _wide(terminal.err),
         contextlib.redirect_stdout(out),
         contextlib.redirect_stderr(err),
     ):

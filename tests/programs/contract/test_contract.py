@@ -3,9 +3,12 @@
 from __future__ import annotations
 
 import json
+import os
 import re
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
+from unittest import mock
 
 import numpy as np
 import pytest
@@ -18,7 +21,13 @@ from sucre_bench.commands.check import check as command
 from sucre_bench.plugins.registry import find, load_file
 from sucre_bench.programs.contract import Subject, breaches, check, rules
 
-pytestmark = pytest.mark.usefixtures("only_built_in")
+
+@pytest.fixture(autouse=True)
+def own_environment() -> Iterator[None]:
+    """Variables that a plugin sets are gone after the test."""
+    with mock.patch.dict(os.environ):
+        yield
+
 
 HEAD = """
 import os, random, warnings

@@ -21,8 +21,6 @@ from sucre_bench.cli import cli
 from sucre_bench.commands.new import new as command
 from sucre_bench.programs.contract.new import checkout_of
 
-pytestmark = pytest.mark.usefixtures("only_built_in")
-
 Bench = Callable[..., "subprocess.CompletedProcess[str]"]
 KINDS = [("method", ()), ("method", ("--depth",)), ("metric", ()), ("dataset", ())]
 

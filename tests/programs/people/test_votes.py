@@ -11,6 +11,7 @@ from typing import Any
 import pytest
 from support.command_line import run_here
 from support.places import TOYS
+from support.registries import registry
 from support.toy_runs import run
 
 from sucre_bench import plugins, results
@@ -22,9 +23,9 @@ Bench = Callable[..., Any]
 def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A study of two methods on three views."""
     place = tmp_path_factory.mktemp("made")
-    plugins.load_file(TOYS)
-    for label, gain in (("bright", 1.0), ("dark", 0.4)):
-        run(place / "results", f"method.gain={gain}", f"method.label={label}", "report=false")
+    with plugins.using(registry(TOYS)):
+        for label, gain in (("bright", 1.0), ("dark", 0.4)):
+            run(place / "results", f"method.gain={gain}", f"method.label={label}", "report=false")
     done = run_here(place, "study", "results", "--methods", "bright,dark", "--out", "study.html")
     assert done.returncode == 0, done.stderr
     return place
