@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field, is_dataclass, make_dataclass
 from pathlib import Path
 from types import UnionType
-from typing import Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
@@ -18,6 +18,9 @@ from sucre_bench.plugins.options import check_values, options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.ranges import check_ranges
 
+if TYPE_CHECKING:
+    from hydra.core.config_store import ConfigStore
+
 __all__ = ["CONF", "CONF_FOLDER", "GROUPS", "Overwrite", "RunConfig", "Save", "Tracking", "register"]
 
 CONF = "sucre_bench.conf"
@@ -26,26 +29,56 @@ CONF_FOLDER = Path(__file__).parent.parent / "conf"
 GROUPS: dict[str, Kind] = {"method": "method", "dataset": "dataset", "metrics": "metric"}
 
 
+class _Schemas(dict[str, Any]):
+    """Hydra's store, and the plugins whose options it has: group and name to plugin.
+
+    Hydra copies its store for each job that it composes, and only reads the copy.
+    """
+
+    plugins: dict[tuple[str, str], Plugin]
+
+    def __deepcopy__(self, memo: object) -> _Schemas:
+        return self
+
+
 def register() -> None:
-    """Tell Hydra's config store every plugin's options; what cannot be used is left out."""
+    """Tell Hydra's config store the options of every plugin, and of no other; what cannot be used is left out."""
     from hydra.core.config_store import ConfigStore
+
+    store = ConfigStore.instance()
+    if not isinstance(store.repo, _Schemas):
+        _store_settings(store)
+        store.repo = _Schemas(store.repo)
+        store.repo.plugins = {}
+    stored = store.repo.plugins
+    usable = {(group, plugin.name): plugin for group, kind in GROUPS.items() for plugin in _usable(kind)}
+    for group, name in [key for key, plugin in stored.items() if usable.get(key) is not plugin]:
+        del store.repo[group][f"{name}.yaml"], stored[group, name]
+    for (group, name), plugin in usable.items():
+        if (group, name) not in stored:
+            package = f"metrics.{name}" if plugin.kind == "metric" else group
+            try:
+                store.store(group=group, name=name, node=_schema(plugin), package=package)
+            except Exception as fault:  # a default that is not of its option's type, say
+                plugins.set_aside(plugin, one_line(fault))
+            else:
+                stored[group, name] = plugin
+
+
+def _usable(kind: Kind) -> list[Plugin]:
+    return [plugin for plugin in plugins.discover(kind).values() if isinstance(plugin, Plugin)]
+
+
+def _store_settings(store: ConfigStore) -> None:
+    """Store what is the same for every command: the launchers' options and the keys of `run`."""
     from hydra.core.plugins import Plugins
 
     from sucre_bench.jobs.slurm_settings import Settings
 
     Plugins.instance()  # Hydra's own plugins store their settings first; ours replace some
-    store = ConfigStore.instance()
     for name, settings in (("basic", OneByOne), ("slurm", Settings), ("submitit_slurm", Settings)):
         store.store(group="hydra/launcher", name=name, node=settings, provider="sucre_bench")
     store.store(name="base_run", node=_run_schema())
-    for group, kind in GROUPS.items():
-        for plugin in list(plugins.discover(kind).values()):
-            if isinstance(plugin, Plugin):
-                package = f"metrics.{plugin.name}" if kind == "metric" else group
-                try:
-                    store.store(group=group, name=plugin.name, node=_schema(plugin), package=package)
-                except Exception as fault:  # a default that is not of its option's type, say
-                    plugins.set_aside(plugin, one_line(fault))
 
 
 def _schema(plugin: Plugin) -> type[Any]:
