@@ -6,9 +6,10 @@ launchers get each job as text and run `run_text` with it in another process.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+import logging
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from enum import Enum
 from multiprocessing import get_context
@@ -115,8 +116,19 @@ class _ThroughHydra:
 
         context = HydraContext(config_loader=_Composed(), callbacks=Callback())  # type: ignore[arg-type]
         self.launcher.setup(hydra_context=context, task_function=_task, config=self.settings)
-        for ended in self.launcher.launch([[job.config, job.shared_pairs] for job in jobs], 0):
-            _ = ended.return_value  # raises what ended the job
+        with _same_log_level():
+            for ended in self.launcher.launch([[job.config, job.shared_pairs] for job in jobs], 0):
+                _ = ended.return_value  # raises what ended the job
+
+
+@contextmanager
+def _same_log_level() -> Iterator[None]:
+    """Hydra's launchers set the level of the log of the whole process; it is put back."""
+    level = logging.root.level
+    try:
+        yield
+    finally:
+        logging.root.setLevel(level)
 
 
 class _Composed:
