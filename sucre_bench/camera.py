@@ -1,8 +1,8 @@
 """Pinhole geometry: pixels to rays, points and back (SUCRe, eq. 4 and 5).
 
 Pixel coordinates are (x, y) with pixel centres at +0.5. A rigid transform is (4, 4); ``cam_from_world`` maps world
-points to the camera's frame. Images of rays and the like keep coordinates last; `unproject`, made for millions of
-scattered points, keeps them first, (3, ...), which NumPy works several times faster.
+points to the camera's frame. Images of rays have coordinates on the last axis. `unproject` is made for millions of
+scattered points and has coordinates on the first axis, (3, ...), because NumPy is several times faster with it.
 """
 
 from __future__ import annotations
@@ -48,7 +48,7 @@ def project(camera: Camera, points: Array) -> tuple[Array, Array]:
 
 
 def depth_at(depth: Array, xy: Array) -> Array:
-    """Return the depth (P,) float64 of the pixels that coordinates (P, 2) lie in; 0 where it is unknown, and outside.
+    """Return the depth (P,) float64 of the pixels at coordinates (P, 2); 0 where it is unknown or outside.
 
     NaN coordinates, of points behind a camera, are outside.
     """
@@ -73,7 +73,8 @@ def unproject(camera: Camera, x: npt.NDArray[Any], y: npt.NDArray[Any], depth: A
 class Camera:
     """A pinhole camera without distortion.
 
-    K: (3, 3) float64 intrinsic matrix in pixels, pixel centres at +0.5; width, height: image size in pixels.
+    - K: (3, 3) float64 intrinsic matrix in pixels, with pixel centres at +0.5;
+    - width, height: image size in pixels.
 
     >>> camera = Camera(np.array([[500.0, 0, 320], [0, 500, 240], [0, 0, 1]]), 640, 480)
     >>> pixel_rays(camera)[240, 320].tolist()  # the pixel right and below the principal point
@@ -86,6 +87,6 @@ class Camera:
 
 
 def scaled_camera(camera: Camera, size: tuple[int, int], image_scale: float = 1.0) -> Camera:
-    """Return a camera brought from its own size to `size` (width, height) times `image_scale`."""
+    """Return the camera for images of `size` (width, height) times `image_scale` instead of its own size."""
     width, height = (max(1, round(side * image_scale)) for side in size)
     return Camera(np.diag([width / camera.width, height / camera.height, 1.0]) @ camera.K, width, height)

@@ -1,4 +1,4 @@
-"""The errors that a user meets, and checks of what a user gives. A message is one line: ``place: fault; remedy``."""
+"""The error classes, and checks of user input. A message is one line: ``place: fault; remedy``."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ __all__ = [
 
 
 class SucreBenchError(Exception):
-    """The base of every error that the user can mend; the command line prints it as one line.
+    """The base class of all errors that the user can mend. The command line prints their message as one line.
 
     >>> issubclass(InputError, SucreBenchError)
     True
@@ -57,11 +57,11 @@ class DamagedTableError(InputError):
 
 
 class OutputError(SucreBenchError):
-    """Results cannot be written. The command stops; what was written before stays whole."""
+    """Results cannot be written. The command stops; files that were written before stay complete."""
 
 
 class PluginError(SucreBenchError):
-    """A plugin does not import, or breaks the contract.
+    """A plugin cannot be imported, or breaks the contract.
 
     >>> import sucre_bench as sb
     >>> try:
@@ -73,7 +73,7 @@ class PluginError(SucreBenchError):
 
 
 class StopRequest(BaseException):
-    """Ends the work as Ctrl-C does; it is no fault of a plugin."""
+    """A request to stop all work, like Ctrl-C. It is no fault of a plugin."""
 
 
 def raise_if_stop(fault: BaseException) -> None:
@@ -83,11 +83,11 @@ def raise_if_stop(fault: BaseException) -> None:
 
 
 class DiedError(PluginError):
-    """A plugin has ended a process at this step before, so the step is left out. The text is that of a `Death`."""
+    """The step was left out, because a plugin ended a process at it before. The text is that of a `Death`."""
 
 
 class SolveError(SucreBenchError):
-    """An estimation has no meaningful answer on this input.
+    """An estimation has no meaningful answer for this input. The view has failed.
 
     >>> raise SolveError("a.png: no pixel has two observations; add views")
     Traceback (most recent call last):
@@ -96,7 +96,7 @@ class SolveError(SucreBenchError):
 
 
 class NotApplicableError(SolveError):
-    """A method does not apply to a view, and nothing is wrong: the view is skipped, with this reason.
+    """A method or metric is not made for this view. The view is skipped, with this reason; nothing is wrong.
 
     >>> raise NotApplicableError("a.png: has no depth; run `sucre-bench prepare`")
     Traceback (most recent call last):
@@ -104,7 +104,7 @@ class NotApplicableError(SolveError):
     """
 
 
-# What a plugin may raise: its sys.exit must not end the bench, Ctrl-C must.
+# What a plugin may raise. sys.exit in a plugin must not end a command; Ctrl-C must.
 ANY_FAULT = (Exception, SystemExit)
 
 _MOST_CHARACTERS = 2000  # of an exception's text
@@ -118,7 +118,7 @@ _NOTHING = "only images"
 
 @dataclass(frozen=True)
 class Lack:
-    """What a plugin needs and a scene or view does not have. Its text is stored in rows, and `read` reads it."""
+    """What a plugin needs and a scene or view lacks. Rows store its text, and `read` reads it again."""
 
     needs: tuple[str, ...]
     has: tuple[str, ...]
@@ -126,7 +126,7 @@ class Lack:
 
     @property
     def brief(self) -> str:
-        """What is needed, in words."""
+        """The needs, in words."""
         return f"needs {' and '.join(self.needs)}"
 
     def __str__(self) -> str:
@@ -134,7 +134,7 @@ class Lack:
 
     @classmethod
     def read(cls, text: str) -> Lack | None:
-        """Return the lack that a text says; None for any other text."""
+        """Return the lack that a text describes; None for any other text."""
         found = re.fullmatch(r"needs (\w+(?: and \w+)*), the (scene|view) has (\w+(?:, \w+)*|only images)", text)
         if found is None:
             return None
@@ -144,7 +144,7 @@ class Lack:
 
 @dataclass(frozen=True)
 class Death:
-    """How a process died, and at which step. Its text is stored in rows, and `read` reads it."""
+    """How a process died, and at which step. Rows store its text, and `read` reads it again."""
 
     how: str
     step: str
@@ -154,13 +154,13 @@ class Death:
 
     @classmethod
     def read(cls, text: str) -> Death | None:
-        """Return the death that a text says; None for any other text."""
+        """Return the death that a text describes; None for any other text."""
         found = re.fullmatch(rf"the process died \(([^)]*)\) in (.*); {re.escape(_AFTER_DEATH)}", text)
         return cls(found[1], found[2]) if found else None
 
 
 def did_you_mean(word: str, known: Iterable[str]) -> str:
-    """Return "did you mean 'x'? " if a known name is near, and in any case the known names."""
+    """Return "did you mean 'x'? " if a known name is similar, followed by all known names."""
     names = sorted(known)
     near = difflib.get_close_matches(word, names, n=1, cutoff=0.5)
     hint = f"did you mean '{near[0]}'? " if near else ""
@@ -168,14 +168,14 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 
 def unknown_name(place: str, name: str, known: Iterable[str], what: str = "option") -> InputError:
-    """Return the error for a name that is none of the known ones, with the nearest. place: as the user typed it."""
+    """Return the error for an unknown name; it suggests the nearest known name. place: as the user typed it."""
     return InputError(f"{place}: no {what} '{name}'; {did_you_mean(name, known)}")
 
 
 def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
-    """Whether a value is a number in an interval, "[0, 1)" say: "(" and ")" exclude the bound. NaN is in none.
+    """Whether a value is a number in an interval, for example "[0, 1)"; "(" and ")" exclude the bound.
 
-    whole: only whole numbers are. True and False are no numbers.
+    NaN is in no interval. True and False are no numbers. whole: accept only whole numbers.
     """
     if isinstance(value, bool) or not isinstance(value, Integral if whole else Real):
         return False
@@ -192,12 +192,12 @@ def check_number(place: str, value: Any, interval: str) -> None:
 
 
 def in_one_line(text: object) -> str:
-    """Return a name from a file as a message may hold it: line breaks of any kind become spaces."""
+    """Return text from a file in a form for messages: line breaks of any kind become spaces."""
     return " ".join(str(text).split())
 
 
 def one_line(fault: BaseException) -> str:
-    """Return an exception as one line: its text, with its type in front unless it is one of ours."""
+    """Return an exception as one line: its text, after its type unless it is an error of sucre_bench."""
     try:
         text = " ".join(str(fault).split())
     except BaseException as second:  # a plugin's exception may hold any code

@@ -1,4 +1,4 @@
-"""Two restored views of one scene and the points that both show: what a metric of several restored views scores."""
+"""The input of a metric of several restored views: two restored views of a scene, and the points that both show."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ Indices = npt.NDArray[np.integer[Any]]
 
 @dataclass(frozen=True, eq=False)
 class RestoredView:
-    """A view and what one method made of it; pictures are read when they are asked for.
+    """A view and its restoration by one method. The pictures are read when they are needed.
 
-    view: the photograph, with camera, pose and depth; read_shown, read_image: return `shown` and `image`.
+    - view: the photograph, with camera, pose and depth;
+    - read_shown, read_image: functions that read `shown` and `image`.
     """
 
     view: View
@@ -31,18 +32,18 @@ class RestoredView:
 
     @cached_property
     def shown(self) -> Array:
-        """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour: the restored image. Stored ones have 8 bits."""
+        """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour: the restored image. A stored one has 8 bits."""
         return _locked(self.read_shown())
 
     @cached_property
     def image(self) -> Array | None:
-        """(H, W, 3) float32 in the view's encoding, NaN = no colour: J; None if it was not stored (save=full does)."""
+        """(H, W, 3) float32 in the view's encoding, NaN = no colour: J. None unless the run had save=full."""
         image = self.read_image()
         return None if image is None else _locked(image)
 
 
 def _locked(image: Array) -> Array:
-    image.setflags(write=False)  # what one metric may not do to the next
+    image.setflags(write=False)  # so that no metric changes the input of the next
     return image
 
 
@@ -50,8 +51,9 @@ def _locked(image: Array) -> Array:
 class CommonPoints:
     """The pixels of two views that show the same P patches of the scene.
 
-    here, there: (M,) and (N,) int32 flat pixel indices in the two views; here_patch, there_patch: (M,) and (N,) int32
-    in [0, P), the patch of each; distance: (2, P) float64 metres, of each patch from the first and the second camera.
+    - here, there: (M,) and (N,) int32, flat pixel indices in the two views;
+    - here_patch, there_patch: (M,) and (N,) int32 in [0, P), the patch of each of these pixels;
+    - distance: (2, P) float64 metres, of each patch from the first and the second camera.
     """
 
     here: Indices
@@ -61,11 +63,11 @@ class CommonPoints:
     distance: Array
 
     def __len__(self) -> int:
-        """P."""
+        """Return P, the number of patches."""
         return self.distance.shape[1]
 
     def turned(self) -> CommonPoints:
-        """Return the same with the views in the other order."""
+        """Return the same points with the two views exchanged."""
         return CommonPoints(self.there, self.here, self.there_patch, self.here_patch, self.distance[::-1])
 
 
@@ -73,7 +75,9 @@ class CommonPoints:
 class RestoredPair:
     """Two views that one method restored, and the patches of the scene that both show.
 
-    are_neighbours: whether one of them overlaps more with the other than with all but one of the scene's views.
+    - here, there: the two restored views;
+    - points: the pixels that show the same patches;
+    - are_neighbours: whether one view is among the two views that overlap the other most.
 
     >>> from sucre_bench import Arrays, View
     >>> dark, light = (RestoredView(View(name, Arrays(np.zeros((8, 8, 3)))), lambda g=g: np.full((8, 8, 3), g))
@@ -92,7 +96,7 @@ class RestoredPair:
     def means(self, here: Array, there: Array) -> tuple[Array, Array]:
         """Return the mean colours (P, 3) float64 of the common patches in images (H, W, 3) of the two views.
 
-        Both are NaN for a patch of which less than three quarters have a colour in one of the images.
+        Both are NaN for a patch if less than 3/4 of its pixels have a colour in one of the images.
         """
         points = self.points
         first = _means(here, points.here, points.here_patch, len(points))

@@ -30,18 +30,23 @@ Encoding = Literal["gamma", "linear"]
 Plane = Literal["rgb", "depth", "reference"]
 
 
-# Decoded planes kept for reuse, so that a method may say `view.rgb` five times without five decodes,
-# and a 5,000-image dive still does not fill the memory. Small planes decode fast, so few of them are kept.
+# A cache of decoded planes. A method may use `view.rgb` five times and the file is decoded once; a dive of 5,000 images
+# still does not fill the memory. Small planes decode fast, so few of them are kept.
 _KEPT_BYTES = 768 << 20
 _LEAST_KEPT_BYTES = _KEPT_BYTES // 512
 
 
 @dataclass(frozen=True, eq=False)
 class Water:
-    """The water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
+    """The parameters of the water's colour model, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2).
 
-    veiling_light: (3,) B, in image intensity; attenuation: (3,) beta, 1/m; backscatter: (3,) gamma, 1/m. RGB; NaN for
-    what a method does not estimate. encoding: of the intensities that it explains; None where those are the view's.
+    I is the photograph, J the colour without water, z the distance in metres. All three arrays are RGB; a parameter
+    that a method does not estimate is NaN.
+
+    - veiling_light: (3,) B, in image intensity;
+    - attenuation: (3,) beta, 1/m;
+    - backscatter: (3,) gamma, 1/m;
+    - encoding: encoding of I and J, "gamma" or "linear"; None if it is that of the view.
 
     >>> Water(np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13]))
     Water           red   green    blue
@@ -64,12 +69,12 @@ class Water:
 
 @dataclass(frozen=True, eq=False)
 class Chart:
-    """A colour chart seen in a view.
+    """A colour chart in a view.
 
-    name: unique in the view, the same chart has the same name in every view;
-    kind: the layout and reference colours: "dgk", "colorchecker24", "colorchecker_sg", or the path of a CSV file;
-    corners: (4, 2) float64 pixels, the chart's frame: top left, top right, bottom right, bottom left,
-    as the chart is read (not as it lies in the image).
+    - name: unique in the view; a chart has the same name in all views;
+    - kind: layout and reference colours: "dgk", "colorchecker24", "colorchecker_sg", or the path of a CSV file;
+    - corners: (4, 2) float64 pixels, the corners of the chart's frame: top left, top right, bottom right, bottom left,
+      as one reads the chart (not as it lies in the image).
 
     >>> Chart("near", "dgk", np.array([[10, 10], [90, 10], [90, 60], [10, 60]])).name
     'near'
@@ -81,7 +86,7 @@ class Chart:
 
 
 class Pixels(Protocol):
-    """Where a view's pixels come from; asked only when they are needed.
+    """The source of a view's pixels. The view calls `load` when a plane is needed.
 
     >>> class Black:
     ...     def load(self, plane):
@@ -91,16 +96,20 @@ class Pixels(Protocol):
     """
 
     def load(self, plane: Plane) -> Array | None:
-        """Return "rgb" (H, W, 3), "depth" (H, W) metres or "reference" (H, W, 3), float32; None if there is none.
+        """Return a plane as float32: "rgb" (H, W, 3), "depth" (H, W) in metres, or "reference" (H, W, 3).
 
-        Raises InputError naming the file when it cannot be read.
+        Return None if the view has no such plane. Raise InputError with the name of the file if it cannot be read.
         """
         ...
 
 
 @dataclass(frozen=True, eq=False)
 class Arrays:
-    """Pixels already in memory: rgb (H, W, 3) in [0, 1]; optional depth (H, W) metres; optional reference (H, W, 3).
+    """Pixels that are already in memory.
+
+    - rgb: (H, W, 3) in [0, 1];
+    - depth: (H, W) metres along the optical axis, 0 = unknown, or None;
+    - reference: (H, W, 3) in [0, 1], the view without water, or None.
 
     >>> View("a.png", Arrays(np.full((48, 64, 3), 0.5))).rgb.dtype
     dtype('float32')
@@ -117,14 +126,16 @@ class Arrays:
 
 @dataclass(frozen=True, eq=False)
 class View:
-    """One image of a scene.
+    """One photograph of a scene, with its camera, pose, depth and charts.
 
-    name: path relative to the image folder, unique in the scene;
-    pixels: where rgb, depth and reference come from;
-    camera, cam_from_world: (4, 4) float64 rigid transform; None when unknown;
-    charts: the colour charts seen in it; encoding: of rgb and reference, "gamma" (sRGB-like) or "linear".
+    - name: path relative to the image folder, unique in the scene;
+    - pixels: the source of rgb, depth and reference;
+    - camera: the pinhole camera, or None if unknown;
+    - cam_from_world: the pose, a (4, 4) float64 rigid transform, or None if unknown;
+    - charts: the colour charts in the view;
+    - encoding: encoding of rgb and reference, "gamma" (sRGB-like) or "linear".
 
-    The image planes below are float32, read-only, decoded when asked for and kept only for a while.
+    The planes below are float32 and read-only. They are decoded when they are needed, and kept only for a while.
 
     >>> view = View("a.png", Arrays(np.zeros((48, 64, 3)), depth=np.ones((48, 64))))
     >>> view
@@ -148,7 +159,7 @@ class View:
 
     @property
     def rgb(self) -> Array:
-        """(H, W, 3) float32 in [0, 1], encoded as `encoding` says."""
+        """(H, W, 3) float32 in [0, 1], in the encoding of the view. Raises InputError if the view has no image."""
         rgb = _plane(self.pixels, "rgb")
         if rgb is None:
             raise InputError(f"{self.name}: the view has no image; every view needs one")
@@ -156,18 +167,19 @@ class View:
 
     @property
     def levels(self) -> npt.NDArray[np.uint8] | None:
-        """The image (H, W, 3) in 8 bits, 255 = 1, where it lies on the disk like that; else None. `rgb` is the same."""
+        """(H, W, 3) uint8, the image with 255 = 1, if the file has 8 bits; otherwise None. `rgb` has the same
+        values."""
         levels = getattr(self.pixels, "levels", None)
         return levels() if levels is not None else None
 
     @property
     def has_depth(self) -> bool:
-        """Whether the view has a depth map (reads it)."""
+        """Whether the view has a depth map. Reads the map."""
         return _plane(self.pixels, "depth") is not None
 
     @property
     def depth(self) -> Array:
-        """(H, W) float32 metres along the optical axis, 0 = unknown. InputError when the view has none."""
+        """(H, W) float32 metres along the optical axis, 0 = unknown. Raises InputError if the view has no depth map."""
         depth = _plane(self.pixels, "depth")
         if depth is None:
             raise InputError(f"{self.name}: the view has no depth map; this needs one")
@@ -175,7 +187,10 @@ class View:
 
     @property
     def distance(self) -> Array:
-        """(H, W) float32 metres from the camera's centre, 0 = unknown: ||K^-1 (u + .5, v + .5, 1) d||."""
+        """(H, W) float32 metres from the camera's centre, 0 = unknown: ||K^-1 (u + .5, v + .5, 1) depth||.
+
+        Raises InputError if the view has no camera or no depth map.
+        """
         from sucre_bench.camera import distance_map
 
         if self.camera is None:
@@ -184,12 +199,12 @@ class View:
 
     @property
     def reference(self) -> Array | None:
-        """(H, W, 3) float32, the scene as it looks without water, or None."""
+        """(H, W, 3) float32 in [0, 1], the view as it would look without water; None if unknown."""
         return _plane(self.pixels, "reference")
 
     @property
     def valid(self) -> Mask:
-        """(H, W) bool: pixels with depth; all of them where the view has no depth map."""
+        """(H, W) bool, the pixels with depth; all pixels if the view has no depth map."""
         depth = _plane(self.pixels, "depth")
         return np.ones(self.rgb.shape[:2], dtype=bool) if depth is None else np.asarray(depth > 0)
 
@@ -201,10 +216,10 @@ def _size(plane: Array | None) -> int:
 @cached(LRUCache(_KEPT_BYTES, getsizeof=_size), lock=threading.Lock())
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
-    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # what is no distance is unknown
+    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # unknown
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
     if values is not None:
-        values.setflags(write=False)  # what one method may not do to the next
+        values.setflags(write=False)  # so that no method changes the input of the next
     return values
 
 
@@ -212,11 +227,13 @@ def _plane(pixels: Pixels, plane: Plane) -> Array | None:
 class Scene:
     """Views of one place in one water.
 
-    name: unique in its dataset; views: in capture order; water: the true water, where known;
-    has: what the scene offers, of "depth", "poses", "reference", "charts", "truth" (at least one view has it);
-    data_id: a short hash of the data, equal exactly where the data are equal.
+    - name: unique in its dataset;
+    - views: in capture order;
+    - has: what at least one view has: "depth", "poses", "reference", "charts", "truth";
+    - water: the true water, or None if unknown;
+    - data_id: a short hash of the data. Equal data have equal ids, other data other ids.
 
-    A scene is a sequence of views, and finds one by its name too:
+    Index a scene by the place or the name of a view:
 
     >>> views = [View(name, Arrays(np.zeros((48, 64, 3)))) for name in ("a.png", "b.png")]
     >>> scene = Scene("reef", views, frozenset())
@@ -241,9 +258,9 @@ class Scene:
         return "\n".join(lines + ([repr(self.water)] if self.water else []))
 
     def __getitem__(self, name: str | int) -> View:
-        """Return a view by its name, or by its place (from 0; negative from the end).
+        """Return the view with this name, or at this place (from 0; negative from the end).
 
-        Raises InputError for a name that no view has, IndexError for a place beyond the last.
+        Raises InputError if no view has the name, and IndexError if there is no such place.
         """
         if isinstance(name, int):
             return self.views[name]
@@ -271,12 +288,14 @@ def _few(name: str, names: list[str]) -> str:
 
 @dataclass(frozen=True, eq=False)
 class Restoration:
-    """What a method makes of a view.
+    """The result of a method for a view.
 
-    image: (H, W, 3) float in the view's encoding; may leave [0, 1]; NaN where the method gives no colour;
-    water: as estimated; confidence: (H, W), posterior standard deviation or the method's own measure;
-    info: anything worth keeping: cost, iterations, "device"; filled: (H, W, 3) as image, guessed colours of pixels that
-    image has none for, NaN elsewhere: they are drawn and never scored.
+    - image: (H, W, 3) float, J in the encoding of the view. Values may leave [0, 1]; NaN means "no colour";
+    - water: the estimated water, or None;
+    - confidence: (H, W), the standard deviation of image or the method's own measure, or None;
+    - info: any other results by name, for example cost, iterations, "device". They are stored beside the picture;
+    - filled: (H, W, 3) like image, guessed colours for pixels without colour, NaN elsewhere, or None. Pictures show
+      these colours; metrics never score them.
 
     >>> image = np.full((48, 64, 3), 0.5)
     >>> image[:24] = np.nan
@@ -300,17 +319,19 @@ class Restoration:
 
     @property
     def valid(self) -> Mask:
-        """(H, W) bool: pixels where the method gives all three colours."""
+        """(H, W) bool, the pixels that have a colour: all three channels are finite."""
         return coloured(self.image)
 
 
 @dataclass(frozen=True)
 class Score:
-    """One number a metric gives.
+    """One number of a metric, for one region of a view.
 
-    region: "image", a chart's name, or "<chart>/<patch>"; n_pixels: how many pixels it is made of;
-    coverage: the share of the region's pixels that it is made of, 0 to 1; weight: of a score of a pair of views, in the
-    mean over a view's pairs.
+    - value: the score, in the unit of the metric; NaN if there is nothing to score;
+    - region: "image", the name of a chart, or "<chart>/<patch>";
+    - n_pixels: number of pixels that were scored;
+    - coverage: share of the region's pixels that were scored, 0 to 1;
+    - weight: for metrics of pairs, the weight of this pair in the mean over the pairs of a view.
 
     >>> Score(0.93, region="near/red", n_pixels=120)
     Score(value=0.93, region='near/red', n_pixels=120, coverage=1.0, weight=1.0)

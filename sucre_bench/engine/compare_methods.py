@@ -58,12 +58,12 @@ class Compared:
 
     @property
     def table(self) -> pd.DataFrame:
-        """One row a view and method, one column a metric: see `sucre_bench.wide`."""
+        """A table with one row for each view and method, and one column for each metric: see `sucre_bench.wide`."""
         return wide(self.rows)
 
     @property
     def comparison(self) -> Comparison | None:
-        """The means, paired differences, ranks and ties; None if there are no scores."""
+        """Means, paired differences, ranks and ties; None if there are no scores."""
         return next(iter(compare.compare(self.rows, order=self.labels)), None) if len(self.rows) else None
 
     def __repr__(self) -> str:
@@ -71,12 +71,15 @@ class Compared:
         return as_text([found], "md") if found else "no scores"
 
     def plot(self, view: str | int = 0, labels: Sequence[str] = (), metric: str = "", height: int = 360) -> Image:
-        """Return a view before and after, side by side: the photograph, each method, the reference if there is one.
+        """Return a picture of one view before and after: the photograph, each method, and the reference if known.
 
-        view: its name or place; labels: default all; metric: the column of `table` whose score stands below a name,
-        where there is one, default the score that sorts the methods; height: of the picture, pixels. In a notebook, the
-        picture shows itself.
-        Raises InputError for a label or view that there is not.
+        - view: name or place of the view;
+        - labels: the methods to show; default all;
+        - metric: the column of `table` whose score stands beside a method's name; default the score that sorts the
+          methods;
+        - height: height of the picture, in pixels.
+
+        A notebook shows the returned picture. Raises InputError for an unknown label or view.
         """
         from PIL import Image
 
@@ -117,13 +120,17 @@ def compare_methods(
     views: Iterable[str | int | View] | None = None,
     show_progress: bool | None = None,
 ) -> Compared:
-    """Restore views of a scene with several methods, and score and compare the restorations.
+    """Restore views of a scene with several methods, score the restorations, and compare the methods.
 
-    methods: names or method objects; to name configurations, a mapping from label to a name, an object, or options with
-    the name: {"few": {"name": "sucre", "max_observations": 10}}. metrics: as in `score`, default those of `run`.
-    views: names, places or views, default all. show_progress: True shows it on stderr, False does not, None does in a
-    terminal. A view that cannot be restored is a row with the reason, and the others go on.
-    Raises InputError for an unknown method, option, metric or view before any work.
+    - methods: names or method objects. To name configurations, give a mapping from each label to a name, an object, or
+      options with the name: {"few": {"name": "sucre", "max_observations": 10}};
+    - metrics: as in `score`; default those of `sucre-bench run`;
+    - views: names, places or views; default all views of the scene;
+    - show_progress: True shows progress on stderr, False does not, None shows it in a terminal only.
+
+    If a view cannot be restored, its row has the reason, and the other views continue.
+
+    Raises InputError for an unknown method, option, metric or view, before any work.
 
     >>> from sucre_bench.engine.one_view import load_scenes
     >>> scene = next(load_scenes("demo", views=2, width=160, height=120))

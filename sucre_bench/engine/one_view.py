@@ -1,4 +1,4 @@
-"""The bench from Python: load scenes, restore a view, score the restoration, list what there is."""
+"""Functions for Python scripts: load scenes, restore a view, score the restoration, list plugins and experiments."""
 
 from __future__ import annotations
 
@@ -45,9 +45,10 @@ _ready: set[str] = set()
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Restored(Restoration):
-    """A restoration by `restore`, which knows how it is shown.
+    """The result of `restore`: a restoration, and the restored image that is made of it.
 
-    display: the name of the normalisation that makes the restored image of it; encoding: the view's.
+    - display: name of the normalisation that makes the restored image;
+    - encoding: encoding of the view, "gamma" or "linear".
 
     >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
     >>> result = restore("stitching", scene, 0)
@@ -60,19 +61,20 @@ class Restored(Restoration):
 
     @property
     def shown(self) -> Array:
-        """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = a hole: the restored image that is scored and saved."""
+        """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = a hole: the restored image, which metrics score."""
         return display(self.image, self.display, self.encoding, water=self.water)
 
     @property
     def picture(self) -> Array:
-        """(H, W, 3) as `shown`, with the filled pixels: the picture that is saved and looked at."""
+        """(H, W, 3) like `shown`, but with filled pixels: the picture that `save` writes and `show` shows."""
         shown, filled = displayed(self, self.display, self.encoding)
         return shown if filled is None else np.asarray(np.where(np.isnan(shown), filled, shown))
 
     def save(self, path: str | Path) -> None:
-        """Write the restored image with 8 bits, holes black; as .npz the arrays: image (H, W, 3), B, beta, gamma.
+        """Write the restored image with 8 bits and black holes. With the suffix .npz, write J, B, beta and gamma.
 
-        Raises InputError for a suffix that is neither an image's nor .npz, OutputError if the file cannot be written.
+        Raises InputError if the suffix is neither .npz nor that of an image, and OutputError if the file cannot be
+        written.
         """
         path = Path(path)
         if path.suffix.lower() == ".npz":
@@ -83,7 +85,7 @@ class Restored(Restoration):
             raise InputError(f"{path}: cannot be written as '{path.suffix}'; end it in .npz or {', '.join(SUFFIXES)}")
 
     def show(self) -> None:
-        """Show the restored image: in the notebook, or else with the system's viewer."""
+        """Show the restored image in the notebook, or in the system's viewer."""
         from PIL import Image
 
         picture = Image.fromarray(to_8bit(self.picture))
@@ -99,7 +101,10 @@ class Restored(Restoration):
 
 
 def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
-    """Yield the scenes of a dataset. options: as in Hydra, e.g. root="dive/".
+    """Yield the scenes of a dataset.
+
+    - name: the dataset's name, see `list_datasets`;
+    - options: its options, for example root="dive/".
 
     Raises InputError for an unknown name or option, and for data that are not as expected.
 
@@ -111,12 +116,18 @@ def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
 
 
 def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
-    """Restore a view. method: a name with its options, or a method object; view: a view, its name, or its place.
+    """Restore one view with a method.
 
-    `info` of the result also says how it came about: method, options, display, seconds, peak_mb.
-    Raises InputError if the scene lacks what the method needs or has no such view, PluginError for a result that
-    breaks the contract, SolveError if an estimation has no answer, NotApplicableError (a SolveError) if the method
-    does not apply to the view.
+    - method: the method's name, or a method object;
+    - scene: the scene of the view; methods of several views use its other views;
+    - view: a view, its name, or its place in the scene (from 0);
+    - options: the options of a method that is given by name.
+
+    `info` of the result also has method, options, display, seconds and peak_mb (MB of memory).
+
+    Raises InputError if the scene has no such view or lacks what the method needs, PluginError if the result breaks the
+    contract, SolveError if the estimation has no answer, and NotApplicableError (a SolveError) if the method is not
+    made for the view.
 
     >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
     >>> result = restore("gray_world", scene, 0)
@@ -153,11 +164,16 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
 def score(
     result: Restoration, view: View, metrics: str | Sequence[str], how: str | None = None, dataset: str = ""
 ) -> pd.DataFrame:
-    """Score a restoration: the long table's columns (`sucre_bench.results.rows.Row`), a row a score.
+    """Score a restoration. Return a table with one row for each score (columns: `sucre_bench.results.rows.Row`).
 
-    metrics: "name", "name:variant" or "name:all"; how: the display normalisation, default the method's own.
-    A metric the view cannot give is a row with status "skipped" and the reason. `sucre_bench.wide` makes a table with
-    a column a metric of the rows.
+    - result: what `restore` returned;
+    - view: the restored view;
+    - metrics: "name", "name:variant" or "name:all", or a list of these;
+    - how: the display normalisation; default the method's own;
+    - dataset: the dataset's name in the rows.
+
+    If a metric cannot score the view, its row has the status "skipped" and the reason. `sucre_bench.wide` turns the
+    rows into a table with one column for each metric.
 
     >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
     >>> rows = score(restore("gray_world", scene, 0), scene[0], metrics=["psnr", "uciqe"])

@@ -46,15 +46,20 @@ def method(
     reads: Iterable[str] = (),
     is_photograph: bool = False,
 ) -> Callable[[_C], _C]:
-    """Make a frozen dataclass with ``restore(scene, view)`` a restorer.
+    """Make a method of a frozen dataclass with ``restore(scene, view)``.
 
-    name: default the class's in snake_case; needs: of "depth", "poses", "reference", "charts", "truth";
-    requires: import names of packages it uses when it runs; cites, licence: of the method it implements;
-    display: the normalisation its result is shown and scored with, see `sucre_bench.imaging.display.display`;
-    encoding: "gamma" when it assumes gamma-encoded intensities: it then gets a linear view encoded (sRGB), and what it
-    returns is decoded again; reads: options that name a file, a folder or another method that its results rest on, e.g.
-    weights: when that changes, views are restored again; is_photograph: it returns the photograph itself, which tables
-    show beside the methods, and which is neither best nor second.
+    - name: the method's name; default the class name in snake_case;
+    - needs: what a scene must have: "depth", "poses", "reference", "charts", "truth";
+    - requires: import names of the packages that the method uses when it runs;
+    - cites, licence: publication and licence of the method;
+    - display: the normalisation that makes a picture of the result, see `sucre_bench.imaging.display.display`;
+    - encoding: "gamma" if the method assumes gamma-encoded intensities. sucre_bench then encodes linear views (sRGB)
+      before the call, and decodes the result;
+    - reads: options that name a file, a folder or another method which affects the result, for example weights. When it
+      changes, views are restored again;
+    - is_photograph: the method returns the photograph itself. Tables show it, but it is never best or second.
+
+    Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
     >>> from dataclasses import dataclass
     >>> import numpy as np
@@ -90,13 +95,18 @@ def dataset(
     charts_file: str = "",
     signs: Iterable[str] = (),
 ) -> Callable[[_C], _C]:
-    """Make a frozen dataclass with ``scenes()`` a dataset.
+    """Make a dataset of a frozen dataclass with ``scenes()``.
 
-    name: default the class's in snake_case; requires: import names of packages it uses when it runs; cites: the
-    publication; licence: of the data; source: where to get the data, and their size; has: what its scenes may offer, of
-    "depth", "poses", "reference", "charts", "truth"; charts_file: the option that names its charts.json, relative to
-    the option `root` (`sucre-bench charts` writes that file), "" if there is none; signs: files or folders, as patterns
-    of paths in `root`, of which one says that a folder is this dataset (``dataset=FOLDER`` looks for them).
+    - name: the dataset's name; default the class name in snake_case;
+    - requires: import names of the packages that the dataset uses when it runs;
+    - cites, licence: publication and licence of the data;
+    - source: where to get the data, and their size;
+    - has: what its scenes may have: "depth", "poses", "reference", "charts", "truth";
+    - charts_file: the option that names its charts.json, relative to the option `root`. `sucre-bench charts` writes
+      this file. "": the dataset has none;
+    - signs: files or folders, as patterns of paths in `root`. ``dataset=FOLDER`` recognises the dataset by them.
+
+    Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
     >>> from collections.abc import Iterator
     >>> from dataclasses import dataclass
@@ -132,16 +142,22 @@ def metric(
     role: Role = "",
     symbol: str = "",
 ) -> Callable[[_C], _C]:
-    """Make a frozen dataclass with ``score(restored, shown, view, variant)`` a metric.
+    """Make a metric of a frozen dataclass with ``score(restored, shown, view, variant)``.
 
-    variants: name -> what sets it apart; default: those computed unless others are asked for (the first one);
-    unit: as printed; better: "higher", "lower", or "none" for a metric that only describes; range: of possible values,
-    (0, 360) with unit "deg" for angles of a full turn, of which 0 and 360 are the same;
-    name: default the class's in snake_case; needs: what a scene must offer, "restoration" for a metric that does
-    not apply to just any picture, "restored_views" for one of pairs of views, which has ``score_pair(pair, variant)``;
-    requires: import names of packages it uses; cites, licence: of its definition;
-    role: what figures and the page use it for, besides its column in tables (`Role` in plugin.py); symbol: its name on
-    the axis of a figure, TeX between dollars, default name and unit.
+    - variants: each variant's name, and what is different about it;
+    - unit: the unit as tables print it;
+    - better: "higher", "lower", or "none" for a metric that only describes;
+    - range: least and greatest value. (0, 360) with the unit "deg" means angles of a full turn: 0 and 360 are the same;
+    - name: the metric's name; default the class name in snake_case;
+    - needs: what a scene must have, as for a method. "restoration": the metric needs more than a picture.
+      "restored_views": the metric compares pairs of views, and has ``score_pair(pair, variant)``;
+    - default: the variants that are computed unless the user names others; default the first;
+    - requires: import names of the packages that the metric uses when it runs;
+    - cites, licence: publication and licence of its definition;
+    - role: what tables, figures and the page use the metric for, besides its column (`Role` in plugin.py);
+    - symbol: its name on the axis of a figure, with TeX between dollars; default name and unit.
+
+    Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
     >>> from dataclasses import dataclass
     >>> import sucre_bench as sb
