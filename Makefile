@@ -1,7 +1,7 @@
 # make demo        set-up, then the main job on the built-in scene
 # make test        set-up, then the whole test suite
 # make test-short  set-up, then the tests marked `short`; with another Python: make test-short PYTHON=python3.13 VENV=.venv-3.13
-# make fuzz        set-up, then 3,000 generated files for each reader; SEED=7 repeats a campaign
+# make fuzz        set-up, then 3,000 generated files for each reader, commands killed 20 times; SEED=7 repeats a campaign
 # make docs        set-up, then the documentation as a site, outputs/site/index.html
 # make setup       .venv with exact versions; seconds when nothing changed
 
@@ -26,7 +26,8 @@ test-short: setup
 
 fuzz: setup
 	@mkdir -p outputs/fuzz && echo "$(strip $(SEED))" >> outputs/fuzz/seeds.txt && echo "seed $(strip $(SEED))"
-	@FUZZ_EXAMPLES=3000 $(bin)/python -m pytest tests/hostile/test_readers.py --hypothesis-seed=$(strip $(SEED))
+	@FUZZ_EXAMPLES=3000 FUZZ_KILLS=20 FUZZ_SEED=$(strip $(SEED)) $(bin)/python -m pytest \
+		tests/hostile/test_readers.py tests/hostile/test_killed.py --hypothesis-seed=$(strip $(SEED))
 
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict

@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import contextlib
 import errno
+import functools
 import os
 import stat
 import tempfile
+import time
 from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
@@ -15,6 +17,8 @@ from sucre_bench.errors import InputError, OutputError
 
 __all__ = ["fault_of", "is_file", "not_writable", "open_atomically", "regular", "write_atomically"]
 
+_UNFINISHED = ".writing-"
+_DAY_S = 86_400
 _KINDS = {
     stat.S_IFDIR: "a folder",
     stat.S_IFIFO: "a named pipe",
@@ -73,7 +77,8 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
     """
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=".writing-", delete=False) as file:
+        _remove_leftovers(path.parent.absolute())
+        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=_UNFINISHED, delete=False) as file:
             try:
                 yield file
                 file.flush()
@@ -85,6 +90,15 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
                 raise
     except OSError as fault:
         raise not_writable(path, fault) from fault
+
+
+@functools.cache
+def _remove_leftovers(folder: Path) -> None:
+    """Remove the unfinished files of processes that were killed a day ago or earlier, once in a process."""
+    for path in folder.glob(f"{_UNFINISHED}*"):
+        with contextlib.suppress(OSError):
+            if time.time() - path.stat().st_mtime > _DAY_S:
+                path.unlink()
 
 
 def not_writable(path: Path, fault: OSError) -> OutputError:

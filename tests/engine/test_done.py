@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import signal
 from pathlib import Path
 
 import pandas as pd
@@ -13,38 +12,6 @@ from sucre_bench import results
 from sucre_bench.engine import sweep
 from sucre_bench.engine.outcome import Outcome
 
-# A plugin file that ends its own process, without a word, at the n-th change of the disk: before it, and from then on
-# after it. What a run changes on the disk it changes by renaming and unlinking.
-KILLER = """
-import os, signal
-from pathlib import Path
-
-left = {moments}
-
-def ticking(change):
-    def changed(*arguments, **options):
-        global left
-        left -= 1
-        if not left:
-            os.kill(os.getpid(), signal.SIGKILL)
-        answer = change(*arguments, **options)
-        if left == 1 and {after}:
-            os.kill(os.getpid(), signal.SIGKILL)
-        return answer
-    return changed
-
-Path.replace, Path.unlink = ticking(Path.replace), ticking(Path.unlink)
-
-
-from dataclasses import dataclass
-from sucre_bench import method
-
-@method()
-@dataclass(frozen=True)
-class Killer:
-    def restore(self, scene, view):
-        raise AssertionError("nobody asks for it")
-"""
 TIMES = ["seconds", "peak_mb", "time"]
 
 
@@ -52,26 +19,6 @@ def but_times(rows: pd.DataFrame) -> pd.DataFrame:
     """A table without how long things took, and the memory that the process happened to hold."""
     rows = rows.drop(columns=TIMES).assign(value=rows["value"].where(~rows["metric"].isin(TIMES), 0.0))
     return rows.sort_values(["dataset", "method", "view", "metric", "variant", "region"]).reset_index(drop=True)
-
-
-def test_a_sweep_killed_again_and_again_ends_with_the_table_of_one_left_alone(tmp_path: Path, toys: str):
-    command = ["run", "-m", "dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]", "tracking.uri=off"]
-    command += ["report=false", "--plugin", toys]
-
-    def run(out: str, *more: str) -> int:
-        return Started(tmp_path, *command, f"out={out}", *more).ended().returncode
-
-    alone = run("alone")
-    killed = 0
-    for after in (False, True):
-        for moments in (3, 8, 13):
-            killer = tmp_path / f"killer{moments}{after}.py"
-            killer.write_text(KILLER.format(moments=moments, after=after))
-            killed += run("killed", "--plugin", str(killer)) == -signal.SIGKILL
-    assert killed == 6, "none of these may come to its end, or nothing is tested"
-    assert run("killed") == alone
-    undisturbed, resumed = (but_times(results.read(tmp_path / out)) for out in ("alone", "killed"))
-    pd.testing.assert_frame_equal(resumed, undisturbed)
 
 
 def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path):

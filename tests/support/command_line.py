@@ -62,13 +62,14 @@ class Started:
     """`sucre-bench ARGUMENTS` at work in a process of its own, which leads a group of processes.
 
     The process is forked from one that has imported the engine already: for tests that kill many.
+    dies_at: the change of a file in the folder before which it is killed, counted from 1; 0 for never.
     """
 
-    def __init__(self, folder: Path, *arguments: str) -> None:
+    def __init__(self, folder: Path, *arguments: str, dies_at: int = 0) -> None:
         with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
             forkserver.ensure_running()  # before Python 3.14 it does not look in our sys.path
         self._said = Path(tempfile.mkdtemp())
-        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments))
+        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments, dies_at))
         self._process.start()
 
     def send(self, number: signal.Signals, to_group: bool = False) -> None:
@@ -80,6 +81,7 @@ class Started:
         self._process.join(timeout)
         status = self._process.exitcode
         said = [(self._said / name).read_text(encoding="utf-8") for name in ("out", "err")]
+        self.changes = len((self._said / "changes").read_bytes())
         shutil.rmtree(self._said)
         assert status is not None, "the command does not end"
         return Done(status, *said)
@@ -89,15 +91,39 @@ _FORKS = multiprocessing.get_context("forkserver")
 _FORKS.set_forkserver_preload(["support.warm", __name__])
 
 
-def _run(folder: Path, said: Path, arguments: tuple[str, ...]) -> None:
+def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int) -> None:
     os.setsid()
     os.chdir(folder)
+    _count_changes(folder, said / "changes", dies_at)
     for name, stream in (("out", 1), ("err", 2)):
         os.dup2(os.open(said / name, os.O_WRONLY | os.O_CREAT), stream)
     sys.stdout, sys.stderr = (open(stream, "w", encoding="utf-8") for stream in (1, 2))  # noqa: PTH123, SIM115
     terminal.out.width = terminal.err.width = WIDTH
     sys.argv = [PROGRAM, *arguments]
     main()
+
+
+_CHANGES = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.symlink", "os.truncate"}
+
+
+def _count_changes(folder: Path, told: Path, dies_at: int) -> None:
+    """Append a byte to a file for each change of files in a folder; kill this process before one of them."""
+    count, counted = 0, os.open(told, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    ours = os.getpid()
+
+    def changing(event: str, arguments: tuple[object, ...]) -> None:
+        nonlocal count
+        if event not in _CHANGES or os.getpid() != ours or not isinstance(arguments[0], str | bytes | Path):
+            return
+        if event == "open" and not int(str(arguments[2])) & (os.O_WRONLY | os.O_RDWR):
+            return
+        if (folder / os.fsdecode(arguments[0])).is_relative_to(folder):
+            count += 1
+            if count == dies_at:
+                os.kill(ours, signal.SIGKILL)
+            os.write(counted, b".")
+
+    sys.addaudithook(changing)
 
 
 def run_program(folder: Path, *arguments: str, **environment: str) -> Done:

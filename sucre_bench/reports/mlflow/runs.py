@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import json
+import os
+import socket
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, suppress
@@ -47,6 +49,7 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
     """
     client, experiment_id = connect(uri, experiment)
     store = _Store(client, experiment_id, out)
+    store.end_abandoned()
     named = rows[rows["method"] != ""]
     jobs = [(str(d), str(m), of_job) for (d, m), of_job in named.groupby(["dataset", "method"], sort=False)]
     new = [job for job in jobs if not store.has(job[2])]
@@ -81,8 +84,17 @@ class _Store:
 
     def has(self, rows: pd.DataFrame) -> bool:
         """Whether a run of these very rows has been ended."""
-        query = f"tags.rows = '{_hash(rows)}' and attributes.status != 'RUNNING'"
+        ended = "attributes.status != 'RUNNING' and attributes.status != 'KILLED'"
+        query = f"tags.rows = '{_hash(rows)}' and {ended}"
         return bool(self.client.search_runs([self.experiment], query, max_results=1))
+
+    def end_abandoned(self) -> None:
+        """Mark runs of this folder as killed whose process, on this machine, was killed."""
+        for run in self.client.search_runs([self.experiment], "attributes.status = 'RUNNING'"):
+            machine, _, process = run.data.tags.get("process", "").rpartition(" ")
+            is_of_here = run.data.tags.get("out") == str(self.out.resolve()) and machine == socket.gethostname()
+            if is_of_here and not _is_alive(int(process)):
+                self.client.set_terminated(run.info.run_id, "KILLED")
 
     def latest(self) -> dict[tuple[str, str], list[str]]:
         """The newest runs of this folder by dataset and method, both empty for its parent run."""
@@ -107,7 +119,8 @@ class _Store:
     def run(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
         """A run from the time its rows begin to that of their end; one that is broken off does not go on for ever."""
         about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
-        all_tags = {**about, "out": str(self.out.resolve()), **tags}
+        process = f"{socket.gethostname()} {os.getpid()}"
+        all_tags = {**about, "out": str(self.out.resolve()), "process": process, **tags}
         run = str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), all_tags, name).info.run_id)
         try:
             yield run
@@ -123,6 +136,16 @@ class _Store:
             path = Path(folder) / results.TABLE
             rows.to_parquet(path, index=False)
             self.client.log_artifact(run, str(path))
+
+
+def _is_alive(process: int) -> bool:
+    try:
+        os.kill(process, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        pass  # it is another user's
+    return True
 
 
 def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame, older: Iterable[str]) -> None:

@@ -15,11 +15,22 @@ import cv2
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from support.made_scene import make_pose
+from support.photographed_valley import (
+    CAMERA,
+    DISTORTION,
+    HEIGHT,
+    NAMES,
+    PLACES,
+    POSES,
+    WIDTH,
+    photograph,
+    true_depth,
+    write,
+)
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, depth_at, pixel_rays, project
+from sucre_bench.camera import depth_at, pixel_rays, project
 from sucre_bench.commands.prepare import prepare as command
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
@@ -36,55 +47,6 @@ from sucre_bench.programs.prepare.relief import relief_of
 from sucre_bench.programs.prepare.scale import Known, Length, Scale, find_scale
 from sucre_bench.programs.prepare.sparse_points import Shot, neighbours, read_shots
 from sucre_bench.programs.prepare.undistort import write_pinhole
-
-WIDTH, HEIGHT = 320, 240
-CAMERA = Camera(np.array([[290.0, 0, WIDTH / 2], [0, 290, HEIGHT / 2], [0, 0, 1]]), WIDTH, HEIGHT)
-DISTORTION = np.array([-0.08, 0, 0, 0])
-PLANES = np.array([[0.11, 0.03, 0.4], [-0.14, 0.02, 0.41]])  # n . X = 1: they meet in a valley some 2.5 m away
-PLACES = [(0, 0, 0), (0.18, 0.05, 0.05), (0.38, -0.04, 0.1), (0.55, 0.1, 0), (0.2, 0.3, 0.2), (0.45, 0.35, -0.1)]
-# Turned: cameras that only move tell the focal length from nothing, and so no depth.
-TURNS = [
-    (0.1, -0.1, 0.0),
-    (0.0, 0.05, 0.4),
-    (-0.1, 0.0, -0.3),
-    (-0.15, -0.05, 0.1),
-    (0.05, 0.15, 0.7),
-    (-0.1, 0.1, 0.2),
-]
-POSES = [make_pose(place, *turn) for place, turn in zip(PLACES, TURNS, strict=True)]
-NAMES = [f"dive 1/photo {i}.png" for i in range(len(PLACES))]
-
-
-def true_depth(pose: Array, rays: Array) -> Array:
-    """Planar depth along rays of unit depth of a camera."""
-    world_from_cam = np.linalg.inv(pose)
-    depths = (1 - PLANES @ world_from_cam[:3, 3]) / (rays @ world_from_cam[:3, :3].T @ PLANES.T)
-    return depths.min(axis=-1)
-
-
-def photograph(pose: Array) -> np.ndarray:
-    """What the distorting camera sees (H, W, 3) uint8."""
-    K = CAMERA.K.copy()
-    K[:2, 2] -= 0.5
-    u, v = np.meshgrid(np.arange(WIDTH, dtype=np.float64), np.arange(HEIGHT, dtype=np.float64))
-    straight = cv2.undistortPoints(np.stack([u, v], -1).reshape(-1, 1, 2), K, DISTORTION).reshape(HEIGHT, WIDTH, 2)
-    rays = np.concatenate([straight, np.ones((HEIGHT, WIDTH, 1))], axis=-1)
-    world_from_cam = np.linalg.inv(pose)
-    points = (rays * true_depth(pose, rays)[..., None]) @ world_from_cam[:3, :3].T + world_from_cam[:3, 3]
-    random = np.random.default_rng(3)
-    texture = sum(
-        cv2.resize(random.normal(size=(side, side)), (1024, 1024), interpolation=cv2.INTER_CUBIC)
-        for side in (64, 128, 256)
-    )
-    at = ((points[..., :2] + 2.5) * 200).astype(np.float32)
-    seen = cv2.remap(np.asarray(texture), at[..., 0], at[..., 1], cv2.INTER_LINEAR, borderMode=cv2.BORDER_WRAP)
-    gray = 110 + 35 * seen
-    return np.clip(gray[..., None] + [30, 10, -40], 0, 255).astype(np.uint8)
-
-
-def write(path: Path, image: np.ndarray) -> None:
-    path.parent.mkdir(parents=True, exist_ok=True)
-    assert cv2.imwrite(str(path), image)
 
 
 @pytest.fixture(scope="module")

@@ -1,0 +1,136 @@
+"""Commands that are killed again and again: the same command then gives what it gives undisturbed.
+
+Each is killed before some of its changes of files, drawn at random; `make fuzz` draws more.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import random
+import shutil
+import signal
+import sqlite3
+import zipfile
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import pytest
+from support.command_line import Started, run_here
+from support.photographed_valley import POSES, photograph, write
+from support.places import TOYS
+
+from sucre_bench import results
+
+KILLS = int(os.environ.get("FUZZ_KILLS", "0"))
+SEED = int(os.environ.get("FUZZ_SEED", "0"))
+RUN = ["run", "-m", "--plugin", str(TOYS), "dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]"]
+RUN += ["tracking.uri=off", "report=false", "out=results"]
+
+
+def rows_and_pictures(folder: Path) -> Any:
+    """The score table without what differs from run to run, and the pictures."""
+    rows = results.read(folder / "results").drop(columns=["seconds", "peak_mb", "time"])
+    rows = rows.assign(value=rows["value"].where(~rows["metric"].isin(["seconds", "peak_mb"]), 0.0))
+    rows = rows.sort_values(["method", "view", "metric", "variant", "region"])
+    pictures = {str(path.relative_to(folder)): path.read_bytes() for path in folder.rglob("*.png")}
+    return rows.to_csv(index=False), pictures
+
+
+def page(folder: Path) -> Any:
+    return (folder / "results" / "report" / "index.html").read_text(encoding="utf-8")
+
+
+def bundled(folder: Path) -> Any:
+    with zipfile.ZipFile(folder / "b.zip") as file:
+        return {info.filename: info.CRC for info in file.infolist()}
+
+
+def tracked(folder: Path) -> Any:
+    """The runs that are the newest, how they ended, and their numbers; no run may be at work."""
+    latest = "JOIN tags ON tags.run_uuid = runs.run_uuid AND tags.key = 'latest' AND tags.value = 'yes'"
+    with sqlite3.connect(folder / "mlflow.db") as store:
+        assert store.execute("SELECT * FROM runs WHERE status = 'RUNNING'").fetchall() == []
+        runs = store.execute(f"SELECT name, status FROM runs {latest} ORDER BY 1").fetchall()
+        numbers = f"SELECT name, m.key, m.value FROM runs JOIN latest_metrics m ON m.run_uuid = runs.run_uuid {latest}"
+        return runs, sorted(store.execute(numbers).fetchall())
+
+
+def prepared(folder: Path) -> Any:
+    files = sorted(path for name in ("images", "sparse") for path in (folder / "out" / name).rglob("*.*"))
+    depths = [path.name for path in sorted((folder / "out" / "depths").iterdir())]
+    return {str(path.relative_to(folder)): hashlib.sha256(path.read_bytes()).hexdigest() for path in files}, depths
+
+
+@dataclass(frozen=True)
+class Case:
+    """A command, what is compared of what it leaves, its exit code.
+
+    needs: what lies in the folder before; kills: how often it is killed, unless `make fuzz` asks for more.
+    """
+
+    words: list[str]
+    made: Callable[[Path], Any]
+    needs: str = "results"
+    status: int = 0
+    kills: int = 2
+
+
+CASES = {
+    "run": Case(RUN, rows_and_pictures, "", 1, kills=3),
+    "report": Case(["report", "results"], page),
+    "bundle": Case(["bundle", "results", "b.zip"], bundled),
+    "track": Case(["track", "results", "--uri", "sqlite:///mlflow.db"], tracked, kills=1),
+    "prepare": Case(["prepare", "photos", "out", "--scale", "2", "--surface", "sparse"], prepared, "photos", kills=1),
+}
+
+
+@pytest.fixture(scope="module")
+def before(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """What the commands need."""
+    folder = tmp_path_factory.mktemp("before")
+    (folder / "none").mkdir()
+    assert run_here(folder / "none", *RUN).returncode == 1
+    (folder / "none" / "results").rename(folder / "results")
+    for number, pose in enumerate(POSES[:4]):
+        write(folder / "photos" / f"{number}.png", photograph(pose))
+    return folder
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_a_command_that_was_killed_gives_what_it_gives_undisturbed(before: Path, tmp_path: Path, name: str):
+    case = CASES[name]
+    for place in ("undisturbed", "killed"):
+        (tmp_path / place).mkdir()
+        if case.needs:
+            shutil.copytree(before / case.needs, tmp_path / place / case.needs)
+    alone = Started(tmp_path / "undisturbed", *case.words)
+    done = alone.ended()
+    assert done.returncode == case.status, done.stderr
+    draw, killed = random.Random(f"{SEED} {name}"), 0
+    for _ in range(KILLS or case.kills):
+        moment = draw.randint(1, alone.changes)
+        killed += Started(tmp_path / "killed", *case.words, dies_at=moment).ended().returncode == -signal.SIGKILL
+    assert killed
+    again = Started(tmp_path / "killed", *case.words).ended()
+    assert again.returncode == done.returncode, again.stderr
+    assert case.made(tmp_path / "killed") == case.made(tmp_path / "undisturbed")
+
+
+def test_what_a_killed_process_was_writing_is_no_result_and_goes_after_a_day(before: Path, tmp_path: Path):
+    shutil.copytree(before / "results", tmp_path / "results")
+    left = [tmp_path / "results" / place / ".writing-abc" for place in ("", "parts", "restored/toy/gain", "report")]
+    for path in left:
+        path.parent.mkdir(exist_ok=True)
+        path.write_bytes(b"half a file")
+    assert run_here(tmp_path, *RUN).returncode == 1
+    assert run_here(tmp_path, "bundle", "results", "b.zip", "--pictures", "all").returncode == 0
+    assert not [name for name in bundled(tmp_path) if ".writing" in name]
+    assert all(path.exists() for path in left)  # another process may be at it
+    for path in left:
+        os.utime(path, (0, 0))
+    shutil.copytree(tmp_path / "results", tmp_path / "later" / "results")  # a folder that this process has not seen
+    assert run_here(tmp_path / "later", *RUN, "overwrite=always").returncode == 1
+    assert not [path for path in (tmp_path / "later").rglob(".writing-*") if path.parent.name != "report"]
