@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import multiprocessing
+import signal
 from pathlib import Path
 
 import numpy as np
@@ -11,9 +13,14 @@ from support.command_line import Done, run_here, run_program
 from support.places import ROOT, TOYS
 
 from sucre_bench import results
+from sucre_bench.engine.launch import run_text
 from sucre_bench.errors import Death
+from sucre_bench.jobs import command
 from sucre_bench.machine.log import now
 from sucre_bench.machine.steps import NoteFile, at_work
+from sucre_bench.plugins.registry import Registry, using
+
+FORKS = multiprocessing.get_context("forkserver")
 
 PLUGINS = str(TOYS.with_name("hostile_plugins.py"))
 
@@ -143,3 +150,27 @@ def test_a_plugin_that_ends_the_process_as_it_is_imported_is_named(tmp_path: Pat
     assert done.returncode == 2
     assert "mine.py: does not import" in done.stderr
     assert len(done.stderr.splitlines()) == 1
+
+
+def test_a_step_at_which_three_jobs_of_a_queue_died_is_left_out_by_the_next(tmp_path: Path):
+    """Nobody sees how a job on SLURM dies: the next one reads its note."""
+    with using(Registry()):
+        job = command.jobs(
+            [
+                *words("segfault", "method=actor", "metrics=[coverage]")[3:-1],
+                f"plugins=[{PLUGINS}]",
+                f"out={tmp_path / 'results'}",
+            ],
+            multirun=False,
+        ).jobs[0]
+    ends = []
+    for _ in range(4):
+        process = FORKS.Process(target=run_text, args=(job.config,))
+        process.start()
+        process.join(60)
+        ends.append(process.exitcode)
+    assert ends == [-signal.SIGSEGV] * 3 + [0]
+    rows = restorations(tmp_path)
+    assert rows["status"].to_dict() == {"before.png": "ok", "segfault.png": "failed", "after.png": "ok"}
+    assert "the process died (3 times" in rows.loc["segfault.png", "reason"]
+    assert run_here(tmp_path, *words("segfault", "method=actor", "metrics=[coverage]")).returncode == 1  # leaves it out

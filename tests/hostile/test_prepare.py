@@ -1,0 +1,43 @@
+"""COLMAP ends the process of `prepare`: one line says where, and the remedy that it names goes on from there."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+from support.command_line import run_here, run_program
+from support.photographed_valley import POSES, photograph, write
+from support.places import ROOT
+
+# Stands before the real module on the path, and lets one of its functions do what C++ does on an exception in a thread.
+ABORTING = """
+import os, sys
+sys.path.remove(os.path.dirname(__file__))
+del sys.modules["pycolmap"]
+import pycolmap
+setattr(pycolmap, os.environ["ABORTS_IN"], lambda *_, **__: os.abort())
+sys.modules["pycolmap"] = pycolmap
+"""
+PREPARE = ("prepare", "photos", "out", "--scale", "2", "--surface", "sparse")
+
+
+@pytest.mark.parametrize(
+    ("function", "step"), [("extract_features", "search for features"), ("incremental_mapping", "reconstruction")]
+)
+def test_an_abort_of_colmap_is_one_line_and_the_same_command_goes_on(tmp_path: Path, function: str, step: str):
+    for number, pose in enumerate(POSES[:4]):
+        write(tmp_path / "photos" / f"{number}.png", photograph(pose))
+    (tmp_path / "first").mkdir()
+    (tmp_path / "first" / "pycolmap.py").write_text(ABORTING)
+    path = f"{tmp_path / 'first'}:{ROOT}"
+    done = run_program(tmp_path, *PREPARE, PYTHONPATH=path, ABORTS_IN=function)
+    assert done.returncode == 1
+    said = [line for line in done.stderr.splitlines() if "signal 6" in line]
+    assert len(said) == 1
+    assert f"COLMAP's {step}; " in said[0]
+    assert "give the same command again" in said[0]
+    assert "Traceback" not in done.stdout + done.stderr
+    again = run_here(tmp_path, *PREPARE)
+    assert again.returncode == 0, again.stderr
+    assert "4" in again.stdout
+    assert len(list((tmp_path / "out" / "depths").iterdir())) == 4
