@@ -1,4 +1,4 @@
-"""Gaussian Sea-thru: the water of a single view by maximum likelihood, with normally distributed colours.
+"""Gaussian Sea-thru: estimates the water of one view by maximum likelihood, with normally distributed colours.
 
 A variant of Sea-thru by the authors of SUCRe. In each channel, J ~ N(mu, sigma^2) at every distance. So
 I ~ N(m(z), s(z)^2) with m(z) = mu exp(-beta z) + B (1 - exp(-gamma z)) and s(z) = sigma exp(-beta z). Intensities are

@@ -1,4 +1,4 @@
-"""The photograph itself, with which every restorer is compared."""
+"""The photograph itself, as a method: all other methods are compared with it."""
 
 from __future__ import annotations
 

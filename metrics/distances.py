@@ -1,4 +1,4 @@
-"""How far away colour charts are (chart_distance), and how much distances vary over a view (distance_variance).
+"""Distances: of colour charts (chart_distance), and their variance over a view (distance_variance).
 
 Both are of the view, whatever the method. Distances are Euclidean, from the camera's centre, as the water has them.
 """

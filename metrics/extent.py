@@ -1,4 +1,4 @@
-"""How far a restoration reaches: the share of pixels given a colour (coverage), and of impossible ones (negative)."""
+"""Coverage, the share of pixels that have a colour, and negative, the share of pixels with impossible ones."""
 
 from __future__ import annotations
 

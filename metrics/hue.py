@@ -1,4 +1,4 @@
-"""The hue of chart patches: as it is (hue), and how far it is off (hue_error).
+"""The hue of chart patches (hue), and its distance from the expected hue (hue_error).
 
 SUCRe tracks "the hue value" of each colour patch over distance and does not say which hue that is. "hsv" is taken as
 meant: the angle on the hexagon of HSV (Smith 1978), of the shown picture's encoded RGB, against the sRGB list. "lab" is

@@ -1,4 +1,4 @@
-"""How much a method had to go by: observations of the view's pixels in all views."""
+"""How many observations of the view a method used, over all views."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The colour of each chart patch as it is shown, and as it should be: what a table of swatches is made of."""
+"""The displayed and the expected colour of each chart patch, for tables of swatches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Pixels that a restoration turns into a saturated red."""
+"""The share of pixels that a restoration makes saturated red."""
 
 from __future__ import annotations
 

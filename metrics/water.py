@@ -1,4 +1,4 @@
-"""How well the water is estimated, where the true water is known (made scenes)."""
+"""The relative error of the estimated water, if the true water is known (made scenes)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The water as a method estimates it: whether it is alike from view to view, as it is in the sea (SUCRe, appendix)."""
+"""The estimated water, to see whether it is the same in all views, as in the sea (SUCRe, appendix)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Types of arrays, and what is asked of arrays everywhere."""
+"""Types of arrays, and questions about arrays that many rooms ask."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The built-in dataset: a made underwater scene of which everything is known, made once and kept on disk."""
+"""The built-in dataset: a made underwater scene with known truth, made once and stored in the cache folder."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The made scene as files, in the layout that SUCRe reads, which is also what a user's own dive looks like.
+"""Writes and reads the made scene as files, in the layout that SUCRe reads and `prepare` writes.
 
 `images/`, `reference/` (8-bit PNG), `depths/depth_<stem>.png` (16-bit, millimetres along the optical axis), `sparse/`
 (a COLMAP text model with the cameras and poses, without points), `charts.json` (corners in pixels), `water.json`.

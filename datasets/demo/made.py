@@ -1,4 +1,4 @@
-"""The whole made scene in memory, with everything that is true of it."""
+"""The whole made scene in memory, with its truth: colours, depth, poses, water."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Smooth random fields over space: a point has the same value whatever grid it is asked for on."""
+"""Smooth random fields over space: a point has the same value on every grid."""
 
 from __future__ import annotations
 

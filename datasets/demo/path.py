@@ -1,4 +1,4 @@
-"""The cameras: a survey that comes down and closer to one place, swaying, and looks more ahead as it nears."""
+"""The camera path: a survey that comes down to one place, sways, and looks more ahead as it comes nearer."""
 
 from __future__ import annotations
 

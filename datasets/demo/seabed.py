@@ -1,4 +1,4 @@
-"""What the seabed looks like: sand, rock and what grows on them, as a picture seen from above."""
+"""The colours of the seabed: sand, rock and their growth, as a picture seen from above."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flat pictures in metres, with coarser copies for far views: what the seabed and the charts are painted with.
+"""Flat pictures in metres, with coarser copies for far views: the surfaces of the seabed and the charts.
 
 A far pixel covers many texels. Taking one of them would give each view its own random choice, and the same point
 would change colour from view to view; so a pixel is the mean of samples over its own area, taken from the copy whose

@@ -1,4 +1,4 @@
-"""Waters of known colour, and what they make of an image.
+"""Waters of known parameters, and how they change an image.
 
 The model works on gamma-encoded intensities, I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 5), with z the
 distance from the camera. The presets are chosen by eye to look like photographs, from clear ocean to turbid coast.

@@ -1,4 +1,4 @@
-"""Finds the chunk in what Metashape writes.
+"""Finds the chunk in Metashape's export or project.
 
 cameras.xml     <document><chunk>: sensors, components, cameras; no paths of photographs
 name.psx        <document path="{projectname}.files/project.zip">: a folder of archives with a doc.xml each:

@@ -1,4 +1,4 @@
-"""Camera raw files as linear images: what the sensor counted, demosaiced and nothing more.
+"""Reads camera raw files as linear images: the sensor's values, demosaiced and otherwise unchanged.
 
 No white balance, no colour matrix, no tone curve, no brightening; black subtracted, white level to 1; each channel
 interpolated on its own (bilinear). The maximum is the camera's, not each photograph's, so that views stay comparable.

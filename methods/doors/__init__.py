@@ -1,4 +1,4 @@
-"""Doors for restorers that live elsewhere: images that were restored already, and programs that restore them.
+"""Methods for restorers outside this project: images that exist already, and programs that restore images.
 
 What both have in common: `pattern` finds the image that belongs to a view, `picture` reads it, `template` fills
 placeholders. `handover` writes what a program is given, `process` runs it.

@@ -1,4 +1,4 @@
-"""Any program or container that restores images: in another language, another environment, with its own licence.
+"""Runs any program or container as a method: in another language or environment, with a licence of its own.
 
 No shell runs the command. It is split into words as a shell would do, and then the placeholders are filled, so no file
 name can become a command.

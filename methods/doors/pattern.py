@@ -1,4 +1,4 @@
-"""Finds the image that was made of a view, by name.
+"""Finds the restored image of a view by its file name.
 
 The image of ``left/a.jpg`` is ``left/a`` in the folder, of any kind that can be read; or else the only ``a`` in it, at
 any depth, provided that no other view of the scene is called ``a``. A pattern says how names differ:

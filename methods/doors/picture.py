@@ -1,4 +1,4 @@
-"""Reads a restored image as another program left it, and the water beside it.
+"""Reads a restored image that another program wrote, and the water beside it.
 
 8- and 16-bit files are divided by 255 and 65535; floating ones, .npy, .npz and .tif, are taken as they are. Arrays are
 (H, W, 3) in RGB order, those with a fourth channel have their transparency there; an .npz holds one, or several and

@@ -1,4 +1,4 @@
-"""Images that another program has restored: renderings of a radiance field, results of published code."""
+"""A method of images that exist already: renderings of a radiance field, results of published code."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Runs a program: without a shell, for a limited time, and leaves none of its processes behind.
+"""Runs a program without a shell and for a limited time, and ends all processes that it leaves behind.
 
 The program gets no input, this process's environment and working folder, and a process group of its own. Of what it
 prints, only the end is kept, however much it is. Its memory is sampled ten times a second: the resident memory of it

@@ -1,4 +1,4 @@
-"""How differently water attenuates blue, green and red: Jerlov's optical water types, as ratios.
+"""Jerlov's optical water types, as ratios of the attenuation of blue, green and red.
 
 Attenuation at the wavelengths of the sensors' peaks, from Jerlov 1976, Marine optics, as used by Berman, Levy, Avidan &
 Treibitz 2021: from clear ocean (I) over murky ocean (III) to the coast (1C to 5C).

@@ -1,4 +1,4 @@
-"""Haze-lines: pixels of one colour, at all distances, lie on a line through the veiling light, and tell their distance.
+"""Haze-lines: pixels of one colour at all distances lie on a line through the veiling light.
 
 With the veiling light A and the ratios of attenuation beta_B / beta_c of the water, every channel is brought to the
 same transmission, blue's: sign(I - A) |I - A|^(beta_B / beta_c) = t_B sign(J - A) |J - A|^(beta_B / beta_c). In this

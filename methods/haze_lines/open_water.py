@@ -1,4 +1,4 @@
-"""Where an image shows nothing but water: its texture-less area, the veiling light there, and what looks like it.
+"""Finds open water in an image: an area without texture, the veiling light there, and similar pixels.
 
 After Berman et al. 2021, who find edges by a trained detector; here a gradient is one.
 """

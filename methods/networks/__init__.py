@@ -1,4 +1,4 @@
-"""Restorers that are trained networks, run from a file of weights the user has; none is shipped or fetched.
+"""Methods that run a trained network from a file of weights that the user has. sucre_bench contains no weights.
 
 `water_net`, `funie_gan` and `tacl` are the published architectures in PyTorch and read a state dict; `onnx` runs any
 network exported as ONNX.

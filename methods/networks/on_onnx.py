@@ -1,4 +1,4 @@
-"""Opening an ONNX model, reading what it declares, and running it on pixels."""
+"""Opens an ONNX model, reads the sizes and types that it declares, and runs it on pixels."""
 
 from __future__ import annotations
 

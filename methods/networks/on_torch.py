@@ -1,4 +1,4 @@
-"""Running a PyTorch network on pixels: loaded once, float32, no gradients, the same numbers every time."""
+"""Runs a PyTorch network on pixels: loaded once, float32, no gradients, equal results every time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Bringing a view of any size to a network: resized, mirrored to a size it takes, or in tiles that are blended."""
+"""Fits a view of any size to a network: resizes it, mirrors its edges, or cuts it into blended tiles."""
 
 from __future__ import annotations
 

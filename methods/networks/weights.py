@@ -1,4 +1,4 @@
-"""Reading a PyTorch state dict from a file that anybody may have written: tensors only, nothing is unpickled.
+"""Reads a PyTorch state dict from an untrusted file: tensors only, nothing is unpickled.
 
 State dicts are accepted bare, under the names that training scripts wrap them in, and as data-parallel training saves
 them ("module." before each key).

@@ -1,4 +1,4 @@
-"""What every network here shares: the size it works at."""
+"""Options that all networks here share: the size at which they work."""
 
 from __future__ import annotations
 

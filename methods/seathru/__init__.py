@@ -1,4 +1,4 @@
-"""Sea-thru*: the water of a single view from its darkest pixels and its local illuminant."""
+"""Sea-thru*: estimates the water of one view from its darkest pixels and its local illuminant."""
 
 from sucre_bench.methods.seathru.seathru import Seathru
 

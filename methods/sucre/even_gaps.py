@@ -1,4 +1,4 @@
-"""Take the pattern out of colours that comes from which views show a pixel, and not from what they show.
+"""Removes patterns in the colours that come from gaps of single views, not from the scene.
 
 Views of a point never agree fully: light, exposure and the model's errors differ. A pixel that one view misses, between
 pixels that it shows, then has another colour than they. Pairs of pixels leave such gaps in dots and lines wherever

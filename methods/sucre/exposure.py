@@ -1,4 +1,4 @@
-"""One gain a view, for cameras that expose automatically, estimated together with the water.
+"""Estimates one gain for each view together with the water, for cameras that expose automatically.
 
     I = g_v (J a + b)
 

@@ -1,4 +1,4 @@
-"""Colours for pixels without depth: a guessed distance, the fitted water, the pixel's own intensity."""
+"""Colours pixels without depth: a distance from the surroundings, the fitted water, the pixel's own intensity."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A known water: from a file, an earlier run, another method, or the truth of a made scene."""
+"""Reads a known water: from a file, an earlier run, another method, or the truth of a made scene."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Find a lamp that is fixed to the camera and is the only light, as in the deep sea, and take its light out.
+"""Finds a lamp that is fixed to the camera and is the only light, as in the deep sea, and removes its light.
 
     I = l (J a + b),    l = exp(-|M p|^2 / 2),    z = |X| + |Y|,    Y = R (X - position),    p = (Y_x, Y_y) / Y_z
 

@@ -1,4 +1,4 @@
-"""Robust weights: observations that do not fit count less (animals that move, pixels paired wrongly).
+"""Robust weights: observations that do not fit count less, for example animals that move or wrong pairs.
 
 Such an observation is wrong in all three channels at once, so it has one weight. With y = (I - b) / noise and x = a, an
 observation's misfit in the current water is the squared studentised residual, summed over the channels,

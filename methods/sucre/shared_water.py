@@ -1,4 +1,4 @@
-"""Samples of many target images, for one water of a whole dive.
+"""Takes samples of many target images, to fit one water to a whole dive.
 
 A single image often sees too few distances to determine its water, and a dive has one water. Every target gives a
 sample of its pixels and the fit sums over all samples, so memory holds samples and never a whole dive.

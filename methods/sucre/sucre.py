@@ -1,4 +1,4 @@
-"""SUCRe, solved exactly, with every choice open."""
+"""SUCRe, solved exactly: the method `sucre` with all its options."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SUCRe as published: the paper's pairing, start and optimiser."""
+"""SUCRe as published: the method `sucre_paper`, with the pairing, starting point and optimiser of the paper."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""SUCRe with the options that helped on colour charts and on made scenes."""
+"""The method `sucre_plus`: SUCRe with the options that lowered errors on colour charts and made scenes."""
 
 from __future__ import annotations
 

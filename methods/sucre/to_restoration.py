@@ -1,4 +1,4 @@
-"""Turn a solution into a restoration: the image, its confidence, and the record of the fit."""
+"""Makes a restoration of a solution: the image, its confidence, and the record of the fit."""
 
 from __future__ import annotations
 

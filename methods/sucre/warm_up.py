@@ -1,4 +1,4 @@
-"""Compile everything before the first image, so that no image's time includes the compiler's."""
+"""Compiles all loops before the first image, so that the time of no image includes compiling."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Does a point's restored light still depend on the camera's distance?
+"""Range slope: how the restored light of a point still depends on the camera's distance.
 
 Of each channel, with J the mean over a patch of 8 x 8 pixels, decoded to linear light, and z its distance from the
 camera,

@@ -1,4 +1,4 @@
-"""The least and greatest value in every block of a picture: what UISM and UIConM are made of.
+"""The least and greatest value in each block of a picture, for UISM and UIConM.
 
 Blocks lie side by side from the top left; blocks that the right and lower edge cut are the last column and row.
 """

@@ -1,4 +1,4 @@
-"""UICM, the colourfulness in UIQM: how far the opponent colours R - G and (R + G) / 2 - B lie and spread."""
+"""UICM, the colourfulness in UIQM: mean and spread of the opponent colours R - G and (R + G) / 2 - B."""
 
 from __future__ import annotations
 

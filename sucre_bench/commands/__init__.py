@@ -1,1 +1,1 @@
-"""One file a command: its options, one call, and what it prints."""
+"""The commands, one file each: its options, one call, and the lines that it prints."""

@@ -1,4 +1,4 @@
-"""`sucre-bench bundle`: write a results folder as one file."""
+"""`sucre-bench bundle`: writes a results folder as one file."""
 
 from __future__ import annotations
 

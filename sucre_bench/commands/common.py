@@ -1,4 +1,4 @@
-"""Options that several commands have, and a line on stderr."""
+"""Options and helpers that several commands share."""
 
 from __future__ import annotations
 

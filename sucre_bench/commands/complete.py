@@ -1,4 +1,4 @@
-"""What a shell's <TAB> completes: the words (key=value) of commands, as the plugins define them."""
+"""The words (key=value) that <TAB> completes in a shell, from the options of commands and plugins."""
 
 from __future__ import annotations
 

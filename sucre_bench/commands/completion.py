@@ -1,4 +1,4 @@
-"""`sucre-bench completion`: the scripts by which shells complete commands, and how they ask.
+"""`sucre-bench completion`: prints the scripts by which shells complete commands.
 
 A shell asks by `_SUCRE_BENCH_COMPLETE=SHELL_complete`, with the line up to the cursor in COMP_LINE; the answer is a
 line a word. The scripts are of our own because click's part what is typed at "=" (bash) or "," (fish), put a space

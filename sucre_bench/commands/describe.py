@@ -1,4 +1,4 @@
-"""`sucre-bench describe`: what a dataset holds, and its faults."""
+"""`sucre-bench describe`: describes a dataset and lists its faults."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""`sucre-bench doctor`: what runs on this machine."""
+"""`sucre-bench doctor`: lists what works on this machine."""
 
 from __future__ import annotations
 

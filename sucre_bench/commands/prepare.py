@@ -1,4 +1,4 @@
-"""`sucre-bench prepare`: from photos to a scene."""
+"""`sucre-bench prepare`: makes a scene of photographs."""
 
 from __future__ import annotations
 

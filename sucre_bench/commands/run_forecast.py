@@ -1,4 +1,4 @@
-"""`sucre-bench run --dry-run`: prints what a run would do, and what it would take."""
+"""`sucre-bench run --dry-run`: prints the jobs of a run, and their expected time, memory and disk."""
 
 from __future__ import annotations
 

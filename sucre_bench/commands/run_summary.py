@@ -1,4 +1,4 @@
-"""What a run came to, at its end: lines and tables for people, one JSON object for programs."""
+"""The end of `sucre-bench run`: lines and tables for people, or one JSON object for programs."""
 
 from __future__ import annotations
 

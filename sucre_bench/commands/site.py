@@ -1,4 +1,4 @@
-"""`sucre-bench site`: one page over many bundles."""
+"""`sucre-bench site`: writes one page over many bundles."""
 
 from __future__ import annotations
 

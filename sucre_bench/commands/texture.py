@@ -1,4 +1,4 @@
-"""`sucre-bench texture`: a scene as a coloured surface, from a results folder."""
+"""`sucre-bench texture`: writes a coloured surface of a scene, from a results folder."""
 
 from __future__ import annotations
 

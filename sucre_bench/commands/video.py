@@ -1,4 +1,4 @@
-"""`sucre-bench video`: a video of the views before and after, and how much methods flicker."""
+"""`sucre-bench video`: writes a video of the views before and after, and measures flicker."""
 
 from __future__ import annotations
 

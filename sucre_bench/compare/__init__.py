@@ -1,4 +1,4 @@
-"""From the long table to an answer: which method is better, by how much, and whether that is more than chance.
+"""Compares methods from the score table: which one is better, by how much, and is that more than chance?
 
 A score's unit is an image, or a chart if the metric scores charts. Methods are compared on the units that all of them
 have. A method without any restricts nobody, and notes say what is left out. A view counts once, with the mean over its

@@ -1,4 +1,4 @@
-"""What a comparison comes to, in two sentences: who leads by the main score, and what the other columns say."""
+"""The answer of a comparison in two sentences: who leads by the main score, and what the other columns say."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The columns by which a reader decides between methods: a few scores, the share of pixels with a colour, the time.
+"""Chooses the columns of the short table: a few scores, the share of pixels with a colour, the time.
 
 Metrics declare by their role what they are good for (`Role`). The first of the scores is the main one.
 """

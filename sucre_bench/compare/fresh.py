@@ -1,4 +1,4 @@
-"""Which rows are of the newest data."""
+"""Finds the rows that were computed from the newest data."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Columns with numbers below each other, in blocks of as many as fit into a terminal."""
+"""Lays out columns of numbers in blocks that fit into a terminal."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Numbers as tables show them: one rule for the terminal, documents and the page."""
+"""Rounds numbers for tables, by one rule for the terminal, documents and the page."""
 
 from __future__ import annotations
 

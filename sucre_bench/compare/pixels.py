@@ -1,4 +1,4 @@
-"""On which pixels methods are compared: each on its own, or all on those that all of them fill.
+"""Chooses the pixels for a comparison: the own pixels of each method, or the common pixels of all.
 
 Where methods fill different pixels of a view, their own scores are of different pictures. A run therefore scores such
 views on their common pixels too (`sucre_bench.engine.common_pixels`), and `on_pixels` puts these scores in the place of

@@ -1,4 +1,4 @@
-"""Makes comparisons of rows: the units that all methods have, and a table for each dataset, view or region."""
+"""Makes comparisons from rows: the units that all methods have, and a table for each dataset, view or region."""
 
 from __future__ import annotations
 

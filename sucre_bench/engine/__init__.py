@@ -1,1 +1,1 @@
-"""From jobs to rows: check, restore, score, resume; a fault is a row, not the end."""
+"""From jobs to rows: check, restore, score, resume. A fault becomes a row, and the other views continue."""

@@ -1,4 +1,4 @@
-"""After the jobs of a run: where methods fill different pixels of a view, scores on the pixels that all of them fill.
+"""Scores on common pixels, computed after all jobs of a run if methods fill different pixels of a view.
 
 The pictures and masks are those that the results folder holds, so no method runs again. All methods of the folder that
 restored the view take part, also those of earlier runs; one that failed or fills less than 1 % of the image does not.

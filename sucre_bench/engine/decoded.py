@@ -1,4 +1,4 @@
-"""Decoded images and depth maps that the jobs of a command share while it runs."""
+"""The store of decoded images and depth maps that the jobs of a command share while it runs."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What need not be done again: a view whose picture and scores are there, from the same options, data and code."""
+"""Finds views that are done: picture and scores exist, from the same options, data and code."""
 
 from __future__ import annotations
 

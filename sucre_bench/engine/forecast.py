@@ -1,4 +1,4 @@
-"""What a command will do, and what that will take, from rates that are measured on this machine.
+"""The forecast of a command: its jobs, and their time, memory and disk from rates measured on this machine.
 
 A method restores one view of the data, shrunk to 0.1 and to 0.8 megapixels, with a few neighbours. What grows between
 the two is taken to grow with the number of pixels, and for methods of several views with the views that may see them.

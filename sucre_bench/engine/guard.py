@@ -1,4 +1,4 @@
-"""Keeps what a plugin does to its process from the views that come after: a time limit, and what must stay open."""
+"""Protects the process from plugins: a time limit for each step, and a check that outputs stay open."""
 
 from __future__ import annotations
 

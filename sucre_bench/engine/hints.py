@@ -1,4 +1,4 @@
-"""What a method says of its views during a job: with method and dataset in front, each hint once."""
+"""Collects the hints of a method about its views, and shows each hint once with method and dataset."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Handing the jobs of a command to its launcher, and what to do if a job takes others down with it.
+"""Hands the jobs of a command to its launcher, and runs jobs again that were lost when another job crashed.
 
 A launcher is the class that `hydra.launcher` names: `OneByOne`, the one for SLURM, or any of Hydra's. Hydra's own
 launchers get each job as text and run `run_text` with it in another process.

@@ -1,4 +1,4 @@
-"""The check before the work: everything a command selects is opened, made and compared with what is already there."""
+"""The check before the work: opens all that a command selects, and compares it with the stored results."""
 
 from __future__ import annotations
 

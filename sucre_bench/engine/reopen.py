@@ -1,4 +1,4 @@
-"""What a run restored, seen again: views of its dataset, opened once more, with the pictures methods made of them.
+"""Opens a run's dataset again, with the stored restorations of its views.
 
 The dataset, its options and what was done to it stand in the folder's config.yaml, that of the last command that wrote
 there; rows say which views a method restored, and of which data. A picture has 8 bits; black in it stands for no colour

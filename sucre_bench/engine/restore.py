@@ -1,4 +1,4 @@
-"""Restoring one view, measured, and checked against what a method must return."""
+"""Restores one view: measures time and memory, and checks that the result keeps the contract."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""One job: a dataset x a method x metrics, view by view, to rows and pictures. A fault is a row, not the end."""
+"""Runs one job, view by view, to rows and pictures. A fault becomes a row, and the next view follows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Scoring one restoration: a row a score, a skipped or failed row where a metric gives none."""
+"""Scores one restoration: a row for each score, and a skipped or failed row if a metric gives none."""
 
 from __future__ import annotations
 

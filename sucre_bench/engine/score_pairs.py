@@ -1,4 +1,4 @@
-"""Scoring pairs of restored views of a scene: a row a view, the mean over the pairs that the view belongs to.
+"""Scores pairs of restored views of a scene: the score of a view is the mean over its pairs.
 
 The points that two views share do not depend on the method, so they are found once for all methods of a scene.
 """

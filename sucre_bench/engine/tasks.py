@@ -1,4 +1,4 @@
-"""The views that a command's words choose, dataset=, views=, every=, first=, as `sucre-bench run` reads them."""
+"""Selects the views of a command, from the words dataset=, views=, every= and first=."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads arrays in .npy and .npz files. Their headers are read first: no memory is allocated for what is not there."""
+"""Reads arrays in .npy and .npz files. It reads the header first, so that a false size allocates no memory."""
 
 from __future__ import annotations
 

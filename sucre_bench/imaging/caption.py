@@ -1,4 +1,4 @@
-"""Words on a picture: what it is of, in a corner of it."""
+"""Writes a caption into a corner of a picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Statistics of many numbers of which few are different: each value once, with how often it occurs.
+"""Statistics of many numbers with few different values: each value once, with its count.
 
 An 8-bit picture of 12 megapixels has about a million colours, 256 levels and 511 differences of two levels. Sums over
 these give exactly what sums over all pixels give, and percentiles need no sort of the pixels.

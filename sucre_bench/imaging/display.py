@@ -1,4 +1,4 @@
-"""Encodings, and how a restored image is brought to the screen.
+"""Display normalisations: they make the restored image from the result of a method.
 
 A display normalisation has a name that is kept with each score: "none" clips to [0, 1]; "stretch-1-99" clips
 every channel at its percentiles 1 and 99 and maps those to 0 and 1 (SUCRe, sec. 4.2; any two percentiles may be

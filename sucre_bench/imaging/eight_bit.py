@@ -1,4 +1,4 @@
-"""A picture as programs see it that read it from an 8-bit file, and its palette: every colour once."""
+"""A picture as programs read it from an 8-bit file, and its palette: every colour once."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Colours for pixels without depth, for maps and mosaics that need whole pictures: the option `fill`.
+"""Colours for pixels without depth: the option `fill`, for maps and mosaics that need whole pictures.
 
 Such a pixel gets a distance from its surroundings, and then the method's own water on its own intensity. These colours
 are a guess: they stay apart from the restored image (`Restoration.filled`), are drawn, and are never scored.

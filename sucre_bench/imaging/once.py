@@ -1,4 +1,4 @@
-"""What several metrics, or several variants of one, need of a picture is computed once."""
+"""The decorator `once`: computes once what several metrics, or variants of one, need of a picture."""
 
 from __future__ import annotations
 

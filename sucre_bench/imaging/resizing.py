@@ -1,4 +1,4 @@
-"""Scores of pictures brought to a square of a fixed side first, as the programs of many papers do.
+"""Scores of pictures that are first resized to a square, as the programs of many papers do.
 
 A variant's name says so behind an @: "funie@256" is the variant funie of the pictures at 256x256 pixels.
 """

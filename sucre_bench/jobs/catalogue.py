@@ -1,4 +1,4 @@
-"""What there is: plugins with their options and needs, presets and experiments, as plain data."""
+"""The catalogue of plugins, presets and experiments, with options and needs, as plain data."""
 
 from __future__ import annotations
 

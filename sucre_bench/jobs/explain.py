@@ -1,4 +1,4 @@
-"""What is wrong with a command's overrides, said in words of ours: where Hydra refuses, this finds the reason."""
+"""Explains mistakes in a command's words: where Hydra refuses, this module finds the reason."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What one Hydra job is to do: a dataset, a method, metrics, each with its options, read from a configuration."""
+"""A job: one dataset, one method and metrics, each with its options, read from a configuration."""
 
 from __future__ import annotations
 

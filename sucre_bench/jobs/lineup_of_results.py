@@ -1,4 +1,4 @@
-"""The line-up that made a results folder: from its last command's configuration, and from the rows of older ones."""
+"""Makes the line-up of a results folder, from its last command's configuration and the rows of older commands."""
 
 from __future__ import annotations
 

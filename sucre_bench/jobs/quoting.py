@@ -1,4 +1,4 @@
-"""Values as Hydra's grammar writes them."""
+"""Writes values in Hydra's grammar."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Reads a line-up file, and says what is wrong with it: the file, the key, what to write instead.
+"""Reads a line-up file. Errors name the file, the key, and what to write instead.
 
 Paths in it are relative to its folder; only `out` is relative to the folder where the command runs. Its values are
 taken as they are: nothing in them is interpolated.

@@ -1,4 +1,4 @@
-"""Which dataset a folder is, by the files that each dataset says it is known by."""
+"""Recognises the dataset of a folder by the files that each dataset declares."""
 
 from __future__ import annotations
 

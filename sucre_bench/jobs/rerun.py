@@ -1,4 +1,4 @@
-"""The command that makes a row again, from what the row says of itself."""
+"""Makes the command that computes a row again, from the columns of the row."""
 
 from __future__ import annotations
 

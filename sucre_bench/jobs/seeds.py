@@ -1,4 +1,4 @@
-"""Seeds by axis: dataset, degradation and method each draw on their own, and every replicate anew.
+"""Random seeds: dataset, degradation and method each have their own, and every replicate has new ones.
 
 All methods of one replicate see the same draws of the data, so they stay paired; what a method draws does not depend on
 which other methods run. Replicate 0 has the seeds that were given.

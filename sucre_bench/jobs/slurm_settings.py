@@ -1,4 +1,4 @@
-"""What may be asked of SLURM for each job of a sweep."""
+"""The settings of SLURM for each job of a sweep."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The words of a command: which of them is a line-up, and the others as Hydra's overrides."""
+"""Sorts the words of a command: a line-up, bare words, and overrides for Hydra."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Brown's lens model with all the terms that photogrammetry tools fit.
+"""Brown's lens model, with all terms that photogrammetry tools fit.
 
     x' = x (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + (2 p1 x y + p2 (r^2 + 2 x^2)) (1 + p3 r^2 + p4 r^4)
     y' = y (1 + k1 r^2 + k2 r^4 + k3 r^6 + k4 r^8) + (2 p2 x y + p1 (r^2 + 2 y^2)) (1 + p3 r^2 + p4 r^4)

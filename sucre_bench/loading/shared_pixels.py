@@ -1,4 +1,4 @@
-"""Pixels that are decoded once a run: the processes, methods and targets of a run map them from a store."""
+"""Pixels that a run decodes once: its processes, methods and targets map them from a store."""
 
 from __future__ import annotations
 

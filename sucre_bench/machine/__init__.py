@@ -1,1 +1,1 @@
-"""What is asked of this computer: files, memory, cores, terminal, progress, provenance."""
+"""Everything about this computer: files, memory, cores, terminal, progress, provenance."""

@@ -1,4 +1,4 @@
-"""Arrays in files that the processes of a run share, so that each is made once; they are mapped, not read.
+"""A store of arrays in files: the processes of a run share them, and memory-map them.
 
 A file is written beside its place and moved there, so nobody maps half of one. When the folder is full, the files
 that were used longest ago are removed; whoever has mapped one keeps it. Without a store, or where the disk fails,

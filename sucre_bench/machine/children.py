@@ -1,4 +1,4 @@
-"""Processes that this one starts: none of them imports Python files of the current folder."""
+"""Starts child processes that import no Python files of the current folder."""
 
 from __future__ import annotations
 

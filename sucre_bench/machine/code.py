@@ -1,4 +1,4 @@
-"""What code does, as digests: comments, docstrings and the module a definition stands in change nothing."""
+"""Digests of code that comments, docstrings and the place of a definition do not change."""
 
 from __future__ import annotations
 

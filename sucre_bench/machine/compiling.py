@@ -1,4 +1,4 @@
-"""Compiles the loops of this package when they are first called, and says so."""
+"""Compiles the loops of this package at their first call, and prints a line about it."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Writes files atomically: a reader sees the old content or the new, never a part. Refuses to read what is no file."""
+"""Writes files atomically: a reader sees the old content or the new, never a part. Reads regular files only."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""JSON as programs read it: what JSON has no number for is null."""
+"""JSON text: NaN and infinity become null."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Digests of source files, kept in the user's cache: parsing some 200 files takes longer than many a command."""
+"""Digests of source files, stored in the user's cache, because parsing 200 files takes longer than many commands."""
 
 from __future__ import annotations
 

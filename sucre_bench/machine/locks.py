@@ -1,4 +1,4 @@
-"""Locks that say whom they wait for."""
+"""File locks that name the process which holds them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The log of tracebacks, and the clock whose times rows carry."""
+"""The log of tracebacks, and the clock for the times in rows."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What work takes on this machine, measured once and kept in the user's cache."""
+"""How fast methods and metrics run on this machine, measured once and stored in the user's cache."""
 
 from __future__ import annotations
 

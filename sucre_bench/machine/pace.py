@@ -1,4 +1,4 @@
-"""How long a row of steps will take, from those that are done."""
+"""Estimates the time left from the steps that are done."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Peak memory of a piece of work."""
+"""Measures the peak memory of a piece of work."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Passwords in addresses, which nothing may print or store."""
+"""Masks passwords in addresses before they are printed or stored."""
 
 from __future__ import annotations
 

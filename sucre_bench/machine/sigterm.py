@@ -1,4 +1,4 @@
-"""Signals that end a command: Ctrl-C, and SIGTERM as if it were Ctrl-C."""
+"""Handles the signals that end a command: Ctrl-C, and SIGTERM in the same way."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The step that this process is at, noted where another can read it after this one has died.
+"""The current step of a process, noted where another process can read it if this one dies.
 
 A plugin may end the process: a segmentation fault, `os._exit`, the system for want of memory. Whoever goes on then
 knows the step, and leaves it out: `step` raises `DiedError` for a step at which a process has died before.

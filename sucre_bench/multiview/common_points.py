@@ -1,4 +1,4 @@
-"""The points that two views of a scene both show, in small patches; and which pairs of views share any.
+"""Finds the points that two views of a scene both show, in small patches, and the pairs of views that share any.
 
 Single pixels of two photographs differ where the surface has texture: depth and poses are off by a part of a pixel, and
 the nearer camera resolves more. So colours are compared as means over patches of 8 x 8 pixels of the view that resolves

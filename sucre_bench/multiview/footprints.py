@@ -1,4 +1,4 @@
-"""Observations whose colours average the same ground: what a fit of the water needs.
+"""Observations whose colours average the same ground, for the fit of the water.
 
 A pixel records the mean over its footprint. The same point seen from farther away is averaged over a larger piece of
 ground, so it has less contrast. A fit books that loss as attenuation. Here the images are blurred so that all

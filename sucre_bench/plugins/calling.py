@@ -1,4 +1,4 @@
-"""Calling a method: encoded as it wants, checked against the contract, with errors that name it."""
+"""Calls a method: gives it its encoding, checks its result against the contract, and names it in errors."""
 
 from __future__ import annotations
 

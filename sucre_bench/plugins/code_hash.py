@@ -1,4 +1,4 @@
-"""What a result rests on, as one short hash: the source that made it, and the files that options name."""
+"""One short hash of all that a result depends on: its source code, and the files that options name."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A plugin's options are the fields of its dataclass: what they are, what they say, and which values they take."""
+"""The options of a plugin: the fields of its dataclass, with their types, help texts and checks."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a plugin is: the protocols of methods, datasets and metrics, and what is known of each."""
+"""The protocols of methods, datasets and metrics, and `Plugin`, the record of one."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Ranges of options: checked where a plugin is made, before any view is read."""
+"""Ranges of options: checked when a plugin is made, before any view is read."""
 
 from __future__ import annotations
 

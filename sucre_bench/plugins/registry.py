@@ -1,4 +1,4 @@
-"""Finding plugins: in the folders of this package, in installed packages, and in files that the user names."""
+"""Finds plugins: in the folders of this package, in installed packages, and in files that the user names."""
 
 from __future__ import annotations
 

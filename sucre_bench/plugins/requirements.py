@@ -1,4 +1,4 @@
-"""What a plugin requires: packages of this machine, and what a scene must offer."""
+"""Checks what a plugin requires: installed packages, and depth, poses and so on of the scene."""
 
 from __future__ import annotations
 

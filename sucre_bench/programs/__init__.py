@@ -1,1 +1,1 @@
-"""Programs of their own behind one command each; none imports another."""
+"""One program for each command that runs no methods. No program imports another."""

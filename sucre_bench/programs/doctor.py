@@ -1,4 +1,4 @@
-"""Examines this machine: what works, what does not, and the command that changes that.
+"""Examines this machine: what works, what does not, and the commands that install the rest.
 
 In: the folder whose disk to check. Out: `Examined`, with machine, features and remedies.
 """

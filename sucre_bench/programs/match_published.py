@@ -1,4 +1,4 @@
-"""Which public variant of a metric gives the numbers of a published table: `sucre-bench score IMAGES --like TABLE.csv`.
+"""Finds the public variant that gives the numbers of a published table: `sucre-bench score IMAGES --like TABLE.csv`.
 
 A table has a row an image, or a row a folder of images of which it gives means, and a column a metric. Every variant of
 these metrics is computed on the images, also of the images at 256x256, and compared with the table.

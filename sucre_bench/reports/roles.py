@@ -1,4 +1,4 @@
-"""The metrics that play a role in figures and on the page."""
+"""The metrics that have a role in figures and on the page."""
 
 from __future__ import annotations
 

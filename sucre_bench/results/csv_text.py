@@ -1,4 +1,4 @@
-"""A table as CSV, every number in as many digits as it takes to read the same number again."""
+"""Writes a table as CSV, with as many digits as are needed to read the same numbers again."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Rows while they are read: each column of text as numbers that point to its distinct texts.
+"""Rows while they are read: each column of text as numbers that point to its different texts.
 
 Most texts of a table are the same in thousands of rows. Encoded, a row takes a fifth of the memory, and checks look at
 each text once. `as_frame` writes the texts out.

@@ -1,4 +1,4 @@
-"""Of several rows of one score, the one that counts."""
+"""Chooses the row that counts if there are several rows of one score."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What a results folder stores of a restoration: picture, mask, record (.json), and with save=full its arrays (.npz).
+"""Writes and reads stored restorations: picture, mask, record (.json), and with save=full the arrays (.npz).
 
 With save=full, a metric that is added later is computed from the stored restoration; the method does not run again.
 """

@@ -1,4 +1,4 @@
-"""Whether the files of a stored restoration are those that were written.
+"""Checks whether the files of a stored restoration are unchanged.
 
 The record (.json) beside a picture has size, time and hash of the picture, and of the .npz where there is one. A file
 of the same size and time is taken for the same; only one of another time, a copy say, is read and hashed.

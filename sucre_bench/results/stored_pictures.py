@@ -1,4 +1,4 @@
-"""Pictures and masks of a results folder, read again to be scored: no method runs a second time."""
+"""Reads the pictures and masks of a results folder to score them again; no method runs a second time."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The score table with a column a metric: one number for each view and method."""
+"""Turns the score table into one with a column for each metric, and one row for each view and method."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The two passes over all observations that the solvers need, in several array libraries.
+"""The two passes over all observations that the solvers need, for several array libraries.
 
 A backend is a `Kernel`: these two functions and nothing else. Solving, sampling and judging are the same for all.
 """

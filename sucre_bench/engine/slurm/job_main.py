@@ -1,4 +1,4 @@
-"""What runs in a job of the queue."""
+"""The main function of a SLURM job."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What SLURM's controller says of jobs, through commands that need no accounting database."""
+"""Asks SLURM's controller for the states of jobs, with commands that need no accounting database."""
 
 from __future__ import annotations
 

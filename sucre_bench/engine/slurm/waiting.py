@@ -1,4 +1,4 @@
-"""Telling how the jobs of a sweep stand, and how many views they have done."""
+"""Waits for the jobs of a sweep, and reports their states and how many views they have done."""
 
 from __future__ import annotations
 

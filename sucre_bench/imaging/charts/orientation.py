@@ -1,4 +1,4 @@
-"""Whether a chart's corners are in order, told by its patches.
+"""Checks the order of a chart's corners by its patches.
 
 Water dims and tints a chart, but keeps each channel of its patches nearly an increasing, straight function of what
 is expected: I = a J + b, a > 0. The share of the patches' variance that such lines explain tells how well a reading

@@ -1,4 +1,4 @@
-"""Colour charts: where each kind's patches lie, what they should look like, and what an image shows there.
+"""Measures colour charts: the places of patches, their expected colours, and their colours in an image.
 
 Conventions. A chart's frame is the unit square, x right, y down, as the chart is read: its corners (0, 0), (1, 0),
 (1, 1), (0, 1) are the top left, top right, bottom right and bottom left in `scene.Chart.corners`. Expected colours are

@@ -1,4 +1,4 @@
-"""Image steps that several restorers take, each written once; what OpenCV or scikit-image has is theirs.
+"""Image filters that several methods use. If OpenCV or scikit-image has a filter, it is used here.
 
 Planes are (H, W) and images (H, W, 3) float32 RGB in [0, 1]. What is a matter of colour (lab, luma, saliency,
 white_balance) takes gamma-encoded ones; filters, pyramids, the veiling light and water work on linear intensities, too.

@@ -1,4 +1,4 @@
-"""Noise taken out, edges kept (Tomasi & Manduchi 1998, Bilateral filtering for gray and color images)."""
+"""The bilateral filter: removes noise, keeps edges (Tomasi & Manduchi 1998)."""
 
 from __future__ import annotations
 

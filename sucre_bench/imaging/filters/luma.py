@@ -1,4 +1,4 @@
-"""How bright gamma-encoded colours are, in the encoding they have: luma (ITU-R BT.601)."""
+"""Luma: the brightness of gamma-encoded colours (ITU-R BT.601)."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What stands out in an image (Achanta, Hemami, Estrada & Susstrunk 2009, Frequency-tuned salient region detection)."""
+"""Saliency: which pixels stand out (Achanta, Hemami, Estrada & Susstrunk 2009)."""
 
 from __future__ import annotations
 

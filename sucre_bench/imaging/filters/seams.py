@@ -1,4 +1,4 @@
-"""Seams of a picture: steps along a line that nothing in the photograph and its distances accounts for.
+"""Seams of a picture: steps along a line that neither the photograph nor its distances explain.
 
 A restoration that is any smooth function of a pixel's colour and distance has no seam: where the photograph is smooth,
 so is what is made of it. One that is put together from other photographs may step where its sources change. To tell

@@ -1,4 +1,4 @@
-"""Water between camera and scene: how much of it each pixel is seen through, what it takes, an image without it.
+"""The water between camera and scene: its length for each pixel, its effect, and an image without it.
 
 Like `View.distance`, distances are Euclidean, in metres, 0 = unknown. Channels are red, green, blue.
 """

@@ -1,4 +1,4 @@
-"""White balance: red lifted from green, gray world by scaling or by shifting, and stretches of contrast."""
+"""White balance: red raised from green, gray world by scaling or by shifting, and contrast stretches."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Collects what a bundle holds of a results folder, and writes it."""
+"""Collects the files of a bundle from a results folder, and writes the bundle."""
 
 from __future__ import annotations
 

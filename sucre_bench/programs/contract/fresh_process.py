@@ -1,4 +1,4 @@
-"""Runs plugins in a fresh process: what importing them costs and changes, and whether they restore equally there.
+"""Runs plugins in a fresh process: cost and side effects of their import, and whether they restore equally there.
 
 `python -m sucre_bench.programs.contract.fresh_process` is that process. It reads what to do as JSON, and its last line
 is JSON.

@@ -1,4 +1,4 @@
-"""How much views see of each other, whether their depth maps agree, and which common mistake explains it if not.
+"""Measures how much views overlap and whether their depth maps agree, and finds the mistake that explains it if not.
 
 A point of a view projects to a pixel of another view at depth Z. With that view's own depth d it sees the same place if
 |d - Z| <= 5 % of Z. In consistent data the median of |d - Z| / Z is a few per mille. If it is larger, the usual

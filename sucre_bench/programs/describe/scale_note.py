@@ -1,4 +1,4 @@
-"""Whether a scene's lengths are metres: the note that `sucre-bench prepare` writes beside its model."""
+"""Reads the note of `sucre-bench prepare` that says whether lengths of a scene are metres."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""charts.json while charts are marked: confirmed charts where loaders read them, proposals beside them.
+"""Reads and writes charts.json while charts are marked: confirmed charts for loaders, and proposals.
 
     {"images": {"a.png": {"chart1": [[x, y], ...]}},
      "proposed": {"b.png": {"chart1": {"kind": "dgk", "corners": [[x, y], ...], "from": "a.png"}, "chart2": null}}}

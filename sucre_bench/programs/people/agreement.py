@@ -1,4 +1,4 @@
-"""How far observers agree with each other, and metrics with observers."""
+"""Agreement: of observers with each other, and of metrics with observers."""
 
 from __future__ import annotations
 

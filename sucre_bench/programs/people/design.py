@@ -1,4 +1,4 @@
-"""What a people's study shows: which views, which restored images, and the key that tells whose a picture is.
+"""The design of a people's study: its views, its restored images, and the key to the method of each picture.
 
 The page has pictures under random names and knows no method. The key stays in the results folder, as
 people/<study>.json.

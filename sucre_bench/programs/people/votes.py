@@ -1,4 +1,4 @@
-"""Reads the files of votes that a study's page saved: strangers' files, so everything in them is checked."""
+"""Reads the files of votes that a study's page saved. They come from strangers, so everything in them is checked."""
 
 from __future__ import annotations
 

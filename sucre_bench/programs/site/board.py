@@ -1,4 +1,4 @@
-"""Puts the methods of many bundles into tables, and mixes nothing that may not be compared.
+"""Puts the methods of many bundles into tables. Results that may not be compared get separate tables.
 
 A table has one dataset in one state of its data, the same images for all methods, and for each column one variant and
 one version of its metric. What does not fit a table begins another one, with the reason. Seconds and memory are left

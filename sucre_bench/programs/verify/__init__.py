@@ -1,4 +1,4 @@
-"""Checks a bundle of somebody else: its hashes, its data, and its scores, computed again from its pictures.
+"""Checks somebody else's bundle: its hashes, its data, and its scores, computed again from its pictures.
 
 In: a bundle, see `sucre_bench.results.bundle_format`, and the data if they are here. Out: `Verified`.
 Metrics and datasets are those registered here. Nothing of the bundle is executed or unpacked onto the disk.

@@ -1,4 +1,4 @@
-"""Whether a score in a table agrees with the one that comes out of a picture of 8 bits."""
+"""Decides whether a stored score agrees with the score of the 8-bit picture."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The data that a bundle's scores are of, opened where this user has them."""
+"""Opens the data of a bundle's scores in the folders that the user names."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Flicker: how much a method's colours change between consecutive views although the input's do not.
+"""Flicker: how much a method's colours change between consecutive views.
 
 gain      the mean over channels of |G(t+1) - G(t)|, where G = ln(mean of restored / mean of input) of a channel, in
           linear light, over the pixels that are restored (not black). A method that multiplies every other view by a

@@ -1,4 +1,4 @@
-"""Where mlflow keeps its runs: a client, and the experiment."""
+"""Connects to mlflow: a client, and the experiment."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Which tables of a results folder were logged where, so that a run with nothing new need not ask mlflow."""
+"""Notes which tables of a results folder were logged where, so that a run with nothing new does not ask mlflow."""
 
 from __future__ import annotations
 

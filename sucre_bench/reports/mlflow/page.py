@@ -1,4 +1,4 @@
-"""mlflow's own page: served on this machine, and opened on a table of methods with the columns that decide."""
+"""Serves mlflow's own page on this machine, and opens it on a table of methods with the columns that decide."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Studies: what an experiment asks of its rows, beside the long table itself: tables and figures for a paper.
+"""Studies: the tables and figures that an experiment makes of its rows.
 
 `Study` is the block ``study:`` of an experiment's configuration, `write` makes its files. `follow_option`
 has the tables of a study that follows one option through its values.

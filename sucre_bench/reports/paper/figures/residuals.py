@@ -1,4 +1,4 @@
-"""What a least-squares fit leaves, as the appendices of the SUCRe paper show it: four figures for a restoration.
+"""Residuals of a least-squares fit, as in the appendices of the SUCRe paper: four figures for a restoration.
 
 histogram: residuals, and the normal distribution of their mean and standard deviation; normal: their quantiles over
 those of a normal distribution, and the line through the quartiles; fits: residuals over fitted intensities, as a

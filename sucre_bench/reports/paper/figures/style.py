@@ -1,4 +1,4 @@
-"""How figures look: sizes of paper columns, type, and a colour and a marker for each method.
+"""The style of figures: sizes of paper columns, type, and a colour and a marker for each method.
 
 A method's colour is found from its label alone, so that it has the same one in every figure, run and study; where two
 methods of one figure would share it, `looks` gives one of them the next. The palette begins with the seven colours of
