@@ -14,8 +14,9 @@ from click.testing import CliRunner
 from support.made_frames import make_frame, plain, wall_view
 from support.made_scene import BOX, PLANE, make_camera, make_pose, make_view
 from support.places import TOYS
+from support.registries import registry
 
-from sucre_bench import InputError, View
+from sucre_bench import InputError, View, plugins
 from sucre_bench.camera import project, scaled_camera
 from sucre_bench.commands.texture import texture
 from sucre_bench.engine import sweep
@@ -200,7 +201,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("results")
     toys = str(TOYS)
     words = ["dataset=toy", "method=gain", "method.gain=1,0.5", f"out={out}", "metrics=[psnr]"]
-    sweep.run([*words, "tracking.uri=off", "report=false", f"plugins=[{toys}]"], True)
+    with plugins.using(registry()):
+        sweep.run([*words, "tracking.uri=off", "report=false", f"plugins=[{toys}]"], True)
     return out
 
 

@@ -13,8 +13,9 @@ import pytest
 from click.testing import CliRunner
 from support.made_frames import make_frame, plain, wall_view
 from support.places import TOYS
+from support.registries import registry
 
-from sucre_bench import Arrays, InputError, View
+from sucre_bench import Arrays, InputError, View, plugins
 from sucre_bench.commands.video import video
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen import Frame
@@ -185,9 +186,10 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
     out = tmp_path_factory.mktemp("results")
     toys = str(TOYS)
     words = ["dataset=toy", "method=gain", f"out={out}", "metrics=[psnr]", "tracking.uri=off", "report=false"]
-    sweep.run([*words, "method.label=same", f"plugins=[{toys}]"], False)
-    sweep.run([*words, "method.label=dark", "method.gain=0.5", "first=2", f"plugins=[{toys}]"], False)
-    sweep.run([*words, "method.gain=0.5,0.8", f"plugins=[{toys}]"], True)
+    with plugins.using(registry()):
+        sweep.run([*words, "method.label=same", f"plugins=[{toys}]"], False)
+        sweep.run([*words, "method.label=dark", "method.gain=0.5", "first=2", f"plugins=[{toys}]"], False)
+        sweep.run([*words, "method.gain=0.5,0.8", f"plugins=[{toys}]"], True)
     return out
 
 
