@@ -46,10 +46,10 @@ _NEAR = 0.01  # of the diagonal
     range=(-np.inf, np.inf),
     symbol="verified matches, restored / photograph",
     cites="Summers, Sensors 2025, 25(22) 6966; Lowe 2004",
-    default=["ratio", "doublings"],
+    default=["doublings", "ratio"],
     variants={
-        "ratio": "verified matches restored over before; of several pairs the ratio of the sums",
         "doublings": "log2 of (matches restored + 1) / (matches before + 1), the mean over pairs",
+        "ratio": "verified matches restored over before; of several pairs the ratio of the sums",
     },
 )
 @dataclass(frozen=True)
@@ -63,14 +63,16 @@ class Matches:
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
         """Yield the score if the two are neighbours.
 
-        The ratio is NaN if the photographs have no match. Raises NotApplicableError for two views without colours.
+        Raises NotApplicableError for a ratio if the photographs have no match, and for two views without colours.
         """
         if not pair.are_neighbours:
             return
         before, after = _before(pair), _after(pair)
         share = float(np.mean([np.isfinite(side.shown).all(axis=-1).mean() for side in (pair.here, pair.there)]))
         if variant == "ratio":
-            yield Score(after / before if before else np.nan, n_pixels=after, coverage=share, weight=before)
+            if not before:
+                raise NotApplicableError("the photographs have no verified matches")
+            yield Score(after / before, n_pixels=after, coverage=share, weight=before)
         else:
             if not share:
                 raise NotApplicableError("the restored views have no colours")

@@ -137,3 +137,12 @@ def test_matches_of_the_photographs_themselves_are_as_many_and_of_the_truth_more
     assert mean(rows, "truth", "matches", "ratio") > 1.5
     assert mean(rows, "truth", "matches", "doublings") > 0.5
     assert mean(rows, "gray", "matches", "ratio") == 0
+
+
+def test_photographs_without_a_match_have_no_ratio_and_the_reason_says_so():
+    scene = make_ground(water((0.40, 0.50, 0.48), (60.0,) * 3, (60.0,) * 3))  # veil only
+    rows = pair_scores(scene, {"truth": references(scene)}, "matches:all")
+    of = rows.groupby("variant")
+    assert set(of.get_group("ratio")["status"]) == {"skipped"}
+    assert all("no verified matches" in reason for reason in of.get_group("ratio")["reason"])
+    assert set(of.get_group("doublings")["status"]) == {"ok"}

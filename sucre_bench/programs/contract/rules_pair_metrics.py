@@ -5,12 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.engine.score import scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
+from sucre_bench.errors import NotApplicableError
 from sucre_bench.jobs.job import Choice, MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.plugin import Plugin
@@ -87,9 +89,17 @@ def _pair(scene: Scene, turned: bool = False) -> RestoredPair:
 def is_symmetric(subject: Subject) -> Iterator[Finding]:
     metric = subject.make()
     for variant in subject.plugin.variants:
-        one, other = (list(metric.score_pair(_pair(submerged(), turned), variant)) for turned in (False, True))
+        one, other = (_scores(metric, _pair(submerged(), turned), variant) for turned in (False, True))
         if [score.region for score in one] != [score.region for score in other] or not all(map(_alike, one, other)):
             yield breach(f"{variant}: another score when the views change places; a pair has no order")
+
+
+def _scores(metric: Any, pair: RestoredPair, variant: str) -> list[Score]:
+    """The scores of a pair; none if the variant does not apply to it: other variants may."""
+    try:
+        return list(metric.score_pair(pair, variant))
+    except NotApplicableError:
+        return []
 
 
 def _alike(one: Score, other: Score) -> bool:
@@ -105,7 +115,7 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
     kept = [plane.copy() for plane in planes]
     with watched() as changes:
         for variant in subject.plugin.variants:
-            first, again = ([repr(score) for score in metric.score_pair(pair, variant)] for _ in range(2))
+            first, again = ([repr(score) for score in _scores(metric, pair, variant)] for _ in range(2))
             if first != again:
                 yield breach(f"{variant}: another score the second time; seed what is random")
     yield from changes
