@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
-from sucre_bench.engine.common_view import CommonView, PixelMetrics, rows_of, score_of
+from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, rows_of, score_of
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import scorers
 from sucre_bench.engine.tasks import Task
@@ -28,6 +28,7 @@ from sucre_bench.results.common_scores import (
     read_common,
     write_common,
 )
+from sucre_bench.results.layout import log_path
 from sucre_bench.results.merging import locked as locked_table
 from sucre_bench.results.rows import COLUMNS, Row, restorations
 
@@ -53,7 +54,7 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: pd.DataFrame, out: 
     with locked_table(out, COMMON_TABLE):
         rows, before = results.read(out), _before(out)  # other commands may have added to it
         metrics = _metrics(planned, out)
-        views = _views(rows, before, _candidates(rows, planned), metrics)
+        views = _views(rows, before, _candidates(rows, planned), metrics, out)
         todo = {place: view for place, view in views.items() if not view.is_done}
         made: dict[_Place, list[CommonRow]] = {}
         written = time.monotonic()
@@ -109,16 +110,16 @@ def _metrics(planned: Sequence[Planned], out: Path) -> PixelMetrics:
     chosen = {metric.plugin.name: metric for plan in planned for metric in plan.job.metrics}
     each = scorers(metric for metric in chosen.values() if metric.plugin.is_of_pixels)
     by_code = {(scorer.plugin.name, scorer.code): scorer for scorer in each}
-    return PixelMetrics(out, by_code, planned[0].job.view_timeout_s)
+    return PixelMetrics(by_code, log_path(out), planned[0].job.view_timeout_s)
 
 
 def _views(
-    rows: pd.DataFrame, before: pd.DataFrame, tasks: Mapping[_Place, Task], metrics: PixelMetrics
+    rows: pd.DataFrame, before: pd.DataFrame, tasks: Mapping[_Place, Task], metrics: PixelMetrics, out: Path
 ) -> dict[_Place, CommonView]:
-    views = {place: CommonView(task) for place, task in tasks.items()}
+    views = {place: CommonView(task.base, task.view) for place, task in tasks.items()}
     for place, row in _of_views(_restorations(rows), views):
-        if row.data_id == views[place].task.base.data_id:
-            views[place].whole[row.method] = row
+        if row.data_id == views[place].base.data_id:
+            views[place].add(row, Stored(out, tasks[place].place, row))
     scores = rows[
         (rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin({m for m, _ in metrics.by_code})
     ]

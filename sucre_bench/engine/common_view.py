@@ -1,4 +1,4 @@
-"""Scores of one view on the pixels that all methods fill, from the pictures and masks of the results folder."""
+"""Scores of one view on the pixels that all methods fill, from the pictures and masks that are there of it."""
 
 from __future__ import annotations
 
@@ -7,36 +7,74 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
+from typing import Protocol
 
 import numpy as np
 
-from sucre_bench.arrays import Mask
+from sucre_bench.arrays import Mask, Picture
 from sucre_bench.engine.score import Scored, Scorer, variant_rows
-from sucre_bench.engine.tasks import Task
 from sucre_bench.errors import InputError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, CommonRow, Kind
-from sucre_bench.results.layout import log_path
+from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import mask_id
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
 from sucre_bench.results.stored_pictures import masked, stored_mask, stored_picture, stored_restoration
+from sucre_bench.scene import Restoration, View
 
-__all__ = ["CommonView", "PixelMetrics", "Score", "rows_of", "score_of"]
+__all__ = ["CommonView", "Held", "PixelMetrics", "Score", "Stored", "rows_of", "score_of"]
 
 Score = tuple[str, str, str, str]  # method, metric, variant, code
+
+
+class Held(Protocol):
+    """What is there of a restoration. Each raises InputError if it cannot be read."""
+
+    def mask(self) -> Mask:
+        """Return which pixels (H, W) have a colour."""
+        ...
+
+    def picture(self) -> Picture:
+        """Return the restored image (H, W, 3), uint8 RGB, holes black."""
+        ...
+
+    def restoration(self, mask: Mask) -> Restoration:
+        """Return the restoration with holes outside a mask (H, W); without computed image if that is not there."""
+        ...
+
+
+@dataclass(frozen=True)
+class Stored:
+    """A restoration in a results folder. whole: its row."""
+
+    out: Path
+    place: Place
+    whole: Row
+
+    def mask(self) -> Mask:
+        """See `Held`."""
+        return stored_mask(self.out, self.place, self.whole)
+
+    def picture(self) -> Picture:
+        """See `Held`."""
+        return stored_picture(self.out, self.place, self.whole.method)
+
+    def restoration(self, mask: Mask) -> Restoration:
+        """See `Held`."""
+        return stored_restoration(self.out, self.place, self.whole, mask)
 
 
 @dataclass(frozen=True)
 class PixelMetrics:
     """The metrics of pixels that a run asks for.
 
-    out: the results folder; by_code: the metrics by name and code; limit_s: how long a score may take.
+    by_code: the metrics by name and code; log: keeps tracebacks; limit_s: how long a score may take.
     """
 
-    out: Path
     by_code: Mapping[tuple[str, str], Scorer]
+    log: Path | None = None
     limit_s: float | None = None
 
     def of(self, row: Row) -> Scorer | None:
@@ -48,15 +86,22 @@ class PixelMetrics:
 class CommonView:
     """A view that several methods restored, one of them with holes.
 
-    whole: the row of each method's restoration; own_rows: the scores on own pixels; before: what the folder holds
-    of its common pixels; scores: the same of their scores, as far as these are of the restorations in `whole`.
+    base: what its rows say of dataset, scene and view; whole, held: of each method's restoration, the row and what is
+    there of it; own_rows: the scores on own pixels; before: what the folder holds of its common pixels; scores: the
+    same of their scores, as far as these are of the restorations in `whole`.
     """
 
-    task: Task
+    base: Row
+    view: View
     whole: dict[str, Row] = field(default_factory=dict)
+    held: dict[str, Held] = field(default_factory=dict)
     own_rows: list[Row] = field(default_factory=list)
     before: CommonRow | None = None
     scores: dict[Score, CommonRow] = field(default_factory=dict)
+
+    def add(self, whole: Row, held: Held) -> None:
+        """Take a method's restoration. whole: its row; held: what is there of it."""
+        self.whole[whole.method], self.held[whole.method] = whole, held
 
     @property
     def is_done(self) -> bool:
@@ -84,22 +129,21 @@ def rows_of(view: CommonView, metrics: PixelMetrics) -> list[CommonRow]:
         reason = one_line(fault)
     except BaseException as fault:
         raise_if_stop(fault)
-        keep_traceback(log_path(metrics.out), f"{base.dataset} / {base.scene} / {base.view} / common pixels")
+        keep_traceback(metrics.log, f"{base.dataset} / {base.scene} / {base.view} / common pixels")
         reason = one_line(fault)
     unknown: Kind = "unknown"
     return [CommonRow.of(replace(base, variant=unknown, status="failed", reason=reason), "", list(view.whole))]
 
 
 def _row_of_view(view: CommonView) -> Row:
-    base = view.task.base
     return replace(
-        base, method="", options="{}", options_id="", metric=COMMON_PIXELS, unit="share", better="none", code="",
+        view.base, method="", options="{}", options_id="", metric=COMMON_PIXELS, unit="share", better="none", code="",
         value=math.nan, time=now(),
     )  # fmt: skip
 
 
 def _scored(view: CommonView, metrics: PixelMetrics, base: Row) -> list[CommonRow]:
-    common, differing = _common_mask(metrics.out, view)
+    common, differing = _common_mask(view)
     share, methods = float(common.mean()), list(view.whole)
     base = replace(base, value=share, coverage=share, n_pixels=int(common.sum()))
     if differing <= LEAST_DIFFERENCE:
@@ -110,12 +154,12 @@ def _scored(view: CommonView, metrics: PixelMetrics, base: Row) -> list[CommonRo
     pixels = mask_id(common)
     is_same = view.before is not None and view.before.pixels == pixels
     rows = [CommonRow.of(_of_kind(base, "common"), pixels, methods)]
-    for method, whole in view.whole.items():
+    for method in view.whole:
         known = {key: row for key, row in view.scores.items() if is_same and key[0] == method}
         rows += known.values()  # also by metrics that this run does not ask for
         todo = [row for row in view.own_rows if row.method == method and score_of(row) not in known]
         if todo:
-            rows += _scores(metrics, view.task, whole, todo, common, pixels)
+            rows += _scores(metrics, view, method, todo, common, pixels)
     return rows
 
 
@@ -123,17 +167,15 @@ def _of_kind(base: Row, kind: Kind) -> Row:
     return replace(base, variant=kind)
 
 
-def _common_mask(out: Path, view: CommonView) -> tuple[Mask, float]:
+def _common_mask(view: CommonView) -> tuple[Mask, float]:
     """The pixels (H, W) that all methods fill, and the share of the image that only some of them fill."""
     common = some = None
     for method, whole in view.whole.items():
         if whole.coverage == 1:
             continue
-        mask = stored_mask(out, view.task.place, whole)
+        mask = view.held[method].mask()
         if common is not None and common.shape != mask.shape:
-            sizes = [f"{w}x{h}" for h, w in (mask.shape, common.shape)]
-            path = view.task.place.mask(out, method)
-            raise InputError(f"{path}: is {sizes[0]}, others are {sizes[1]}; run {method} again with overwrite=always")
+            raise _other_size(f"the mask of {method}", mask, common)
         common = mask if common is None else common & mask
         some = mask if some is None else some | mask
     if common is None or some is None:
@@ -143,19 +185,22 @@ def _common_mask(out: Path, view: CommonView) -> tuple[Mask, float]:
 
 
 def _scores(
-    metrics: PixelMetrics, task: Task, whole: Row, own_rows: Sequence[Row], common: Mask, pixels: str
+    metrics: PixelMetrics, view: CommonView, method: str, own: Sequence[Row], common: Mask, pixels: str
 ) -> Iterator[CommonRow]:
-    """Score a stored picture on the common pixels, by the metrics and variants that it has on its own pixels."""
-    picture = stored_picture(metrics.out, task.place, whole.method)
+    """Score a restored image on the common pixels, by the metrics and variants that it has on its own pixels."""
+    held = view.held[method]
+    picture = held.picture()
     if picture.shape[:2] != common.shape:
-        sizes = [f"{w}x{h}" for h, w in (picture.shape[:2], common.shape)]
-        path = task.place.restored(metrics.out, whole.method)
-        raise InputError(f"{path}: is {sizes[0]}, expected {sizes[1]}; run {whole.method} again with overwrite=always")
+        raise _other_size(f"the restored image of {method}", picture, common)
     shown = locked(masked(picture / np.float32(255), common))
-    restoration = stored_restoration(metrics.out, task.place, whole, common)
-    scored, started = Scored(restoration, shown, task.view), now()
-    for row in own_rows:
+    scored, started = Scored(held.restoration(common), shown, view.view), now()
+    for row in own:
         scorer, base = metrics.of(row), replace(row, time=started)
-        for made in variant_rows(scorer.metric, scored, base, log_path(metrics.out), metrics.limit_s) if scorer else ():
+        for made in variant_rows(scorer.metric, scored, base, metrics.log, metrics.limit_s) if scorer else ():
             if made.region == "image":
                 yield CommonRow.of(made, pixels)
+
+
+def _other_size(what: str, found: Mask | Picture, expected: Mask) -> InputError:
+    sizes = [f"{w}x{h}" for h, w in (found.shape[:2], expected.shape)]
+    return InputError(f"{what}: is {sizes[0]}, others are {sizes[1]}; run that method again with overwrite=always")

@@ -16,6 +16,7 @@ from sucre_bench.arrays import Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.deciding import deciding
 from sucre_bench.compare.text import as_text, number
+from sucre_bench.engine.common_in_memory import InMemory, score_in_memory
 from sucre_bench.engine.one_view import restore, score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line
@@ -43,8 +44,9 @@ _GAP = 4  # pixels between the pictures of a plot
 class Compared:
     """What `compare_methods` returns; printed, a table of the methods' means with 95 % intervals.
 
-    rows: the long table, a row a score; pictures: the restored images (H, W, 3) uint8 RGB by view and label, holes
-    black; what failed or was skipped is in `rows` alone, with the reason.
+    rows: the long table, a row a score, each on a method's own pixels; common: scores on the pixels that all methods
+    fill, of views where these differ, for `comparison`; pictures: the restored images (H, W, 3) uint8 RGB by view and
+    label, holes black. What failed or was skipped is in `rows` alone, with the reason.
 
     >>> compared = compare_methods(Scene("reef", [], frozenset()), ["gray_world"])
     >>> compared.pictures
@@ -55,6 +57,7 @@ class Compared:
     labels: tuple[str, ...]
     rows: pd.DataFrame
     pictures: Mapping[tuple[str, str], Picture] = field(default_factory=dict)
+    common: pd.DataFrame | None = None
 
     @property
     def table(self) -> pd.DataFrame:
@@ -64,7 +67,10 @@ class Compared:
     @property
     def comparison(self) -> Comparison | None:
         """Means, paired differences, ranks and ties; None if there are no scores."""
-        return next(iter(compare.compare(self.rows, order=self.labels)), None) if len(self.rows) else None
+        if not len(self.rows):
+            return None
+        rows = self.rows if self.common is None else compare.on_pixels(self.rows, self.common)
+        return next(iter(compare.compare(rows, order=self.labels)), None)
 
     def __repr__(self) -> str:
         found = self.comparison
@@ -119,6 +125,7 @@ def compare_methods(
     metrics: Sequence[str] = (),
     views: Iterable[str | int | View] | None = None,
     show_progress: bool | None = None,
+    pixels: compare.Pixels = "common",
 ) -> Compared:
     """Restore views of a scene with several methods, score the restorations, and compare the methods.
 
@@ -126,7 +133,9 @@ def compare_methods(
       options with the name: {"few": {"name": "sucre", "max_observations": 10}};
     - metrics: as in `score`; default those of `sucre-bench run`;
     - views: names, places or views; default all views of the scene;
-    - show_progress: True shows progress on stderr, False does not, None shows it in a terminal only.
+    - show_progress: True shows progress on stderr, False does not, None shows it in a terminal only;
+    - pixels: where methods fill different pixels of a view, "common" compares them on those that all of them fill, "own"
+      each on its own.
 
     If a view cannot be restored, its row has the reason, and the other views continue.
 
@@ -144,15 +153,17 @@ def compare_methods(
     chosen = [view if isinstance(view, View) else scene[view] for view in (scene if views is None else views)]
     metrics = list(metrics) or _default_metrics()
     metric_choices(metrics)  # raises for a mistyped name, before any view is restored
-    tables, pictures = [], {}
+    tables, held = list[Any](), dict[tuple[str, str], InMemory]()
     with _shown(show_progress):
         for label, method in progress.track(list(made.items()), f"methods on {scene.name}"):
             for view in progress.track(chosen, label):
-                rows, picture = _one(scene, view, label, method, metrics)
+                rows, restored = _one(scene, view, label, method, metrics)
                 tables.append(rows)
-                if picture is not None:
-                    pictures[view.name, label] = picture
-    return Compared(scene, tuple(made), _joined(tables), pictures)
+                if restored is not None:
+                    held[view.name, label] = restored
+        rows = _joined(tables)
+        common = score_in_memory(chosen, rows, held, metrics) if pixels == "common" else None
+    return Compared(scene, tuple(made), rows, {of: restored.picture() for of, restored in held.items()}, common)
 
 
 def _made(methods: Methods) -> dict[str, Any]:
@@ -188,8 +199,8 @@ def _shown(wanted: bool | None) -> AbstractContextManager[None]:
 
 def _one(
     scene: Scene, view: View, label: str, method: Any, metrics: Sequence[str]
-) -> tuple[pd.DataFrame, Picture | None]:
-    """Restore and score one view: its rows, and its picture if there is one."""
+) -> tuple[pd.DataFrame, InMemory | None]:
+    """Restore and score one view: its rows, and its picture and mask if there are any."""
     dataset = scene.name
     try:
         result = restore(method, scene, view)
@@ -199,7 +210,7 @@ def _one(
         row = results.Row(dataset=dataset, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
         return results.frame([row_without_value(row, status, one_line(fault))]), None
     rows = score(result, view, metrics, dataset=dataset)
-    return rows.assign(method=label), to_8bit(result.shown)
+    return rows.assign(method=label), InMemory.of(to_8bit(result.shown), result.valid)
 
 
 def _lacks(method: Any, scene: Scene) -> bool:

@@ -23,6 +23,17 @@ class Brighten:
         return sb.Restoration(view.rgb * np.float32(self.factor))
 
 
+@sb.method()
+@dataclass(frozen=True)
+class LeftHalf:
+    """The photograph's left half, twice as bright."""
+
+    def restore(self, scene: sb.Scene, view: sb.View) -> sb.Restoration:
+        image = view.rgb * np.float32(2)
+        image[:, view.rgb.shape[1] // 2 :] = np.nan
+        return sb.Restoration(image)
+
+
 @pytest.fixture
 def scene() -> sb.Scene:
     """Three views at half the brightness of their references, without depth."""
@@ -60,6 +71,19 @@ def test_it_prints_a_table_and_plots_before_and_after(scene: sb.Scene):
     assert means[0] == pytest.approx(means[1], abs=0.01)
     assert means[2] == pytest.approx(means[3], abs=0.01)
     assert means[3] == pytest.approx(2 * means[0], rel=0.05)
+
+
+def test_methods_that_fill_different_pixels_are_compared_on_those_that_all_fill(scene: sb.Scene):
+    methods = {"whole": Brighten(1.9), "half": LeftHalf()}
+    compared = sb.compare_methods(scene, methods, ["psnr"], views=[0])
+    assert compared.comparison is not None
+    (column,) = (column for column in compared.comparison.columns if column.metric == "psnr")
+    left = np.floor(compared.pictures["a.png", "whole"][:, :16]) / 255 - scene[0].reference[:, :16]
+    assert column.pixels == "common"
+    assert compared.comparison.cells["whole", column].mean == pytest.approx(-10 * np.log10(np.mean(left**2)), rel=1e-5)
+    by_itself = sb.compare_methods(scene, methods, ["psnr"], views=[0], pixels="own").comparison
+    assert by_itself is not None
+    assert {column.pixels for column in by_itself.columns} == {"own"}
 
 
 def test_what_a_scene_lacks_is_a_skipped_row(scene: sb.Scene):
