@@ -134,8 +134,8 @@ def compare_methods(
     - metrics: as in `score`; default those of `sucre-bench run`;
     - views: names, places or views; default all views of the scene;
     - show_progress: True shows progress on stderr, False does not, None shows it in a terminal only;
-    - pixels: where methods fill different pixels of a view, "common" compares them on those that all of them fill, "own"
-      each on its own.
+    - pixels: where methods fill different pixels of a view, "common" compares them on those that all of them fill,
+      "own" each on its own.
 
     If a view cannot be restored, its row has the reason, and the other views continue.
 
