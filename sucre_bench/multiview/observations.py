@@ -176,7 +176,8 @@ def arrange(
     parts = seen if free else list(seen)
     for index in range(len(parts)):
         one = parts.pop(0)
-        at = slots.fill(one.pixels, one.distance, _refined(one.colour, finest), distance, colour)
+        colours, with_places = _refined(one.colour, finest), with_view or ray is not None
+        at = slots.fill(one.pixels, one.distance, colours, distance, colour, with_places)
         if view is not None:
             view[at] = index
         if ray is not None:

@@ -44,12 +44,20 @@ class Slots:
         """The number of observations."""
         return int(self.starts[-1])
 
-    def fill(self, pixels: Indices, values: Array, colours: npt.NDArray[Any], out: Array, colour: Array) -> Indices:
-        """Store the observations of the next view, and return their places (M,) int64.
+    def fill(
+        self,
+        pixels: Indices,
+        values: Array,
+        colours: npt.NDArray[Any],
+        out: Array,
+        colour: Array,
+        with_places: bool = True,
+    ) -> Indices:
+        """Store the observations of the next view, and return their places (M,) int64; none without `with_places`.
 
         pixels: (M,) of the view; values: (M,), stored in out (N,); colours: (M, 3), stored in colour (3, N).
         """
-        at = np.empty(len(pixels), dtype=np.int64)
+        at = np.empty(len(pixels) if with_places else 0, dtype=np.int64)
         into = (self.starts, self._place, self._filled, at, np.asarray(out), np.asarray(colour))
         given = (locked(pixels), locked(values), locked(np.ascontiguousarray(colours)))
 
@@ -106,6 +114,7 @@ def _fill(
         pixel = pixels[i]
         k = starts[filled[pixel]] + place[pixel]
         filled[pixel] += 1
-        at[i] = k
+        if len(at):
+            at[i] = k
         out[k] = values[i]
         colour[0, k], colour[1, k], colour[2, k] = colours[i, 0], colours[i, 1], colours[i, 2]
