@@ -113,7 +113,7 @@ class Command:
         when the program fails or leaves no usable image.
         """
         if lack := self._lack(view):
-            raise NotApplicableError(f"{view.name}: {lack}, which the command asks for")
+            raise NotApplicableError(f"{view.name}: {lack}, which the command needs")
         if self.per == "scene":
             batch = _run_batch(scene, self)
             if isinstance(batch, SucreBenchError):

@@ -149,7 +149,7 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
         views = ", ".join(f"{name} {signed(worst)}" for name, worst in verdict.worst)
         say(f"FAILED   {what} {by}, {limit}; worst views: {views}", "red")
     elif verdict.outcome == "no score":
-        say(f"FAILED   {what}: no score on a view that {baseline} has one of", "red")
+        say(f"FAILED   {what}: has no score on a view where {baseline} has one", "red")
     elif verdict.outcome == "unknown":
         lacks = "one view has" if column.n_views == 1 else "these scores have"
         say(f"unknown  {what} {signed(gain)}{unit} against {baseline}, {limit}; {lacks} no interval", "yellow")

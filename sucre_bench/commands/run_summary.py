@@ -87,7 +87,7 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     for line in _not_scored(outcome.rows):
         _say(f"not scored  {line}", "dim")
     if outcome.interrupted:
-        click.echo("stopped; the same command goes on from here")
+        click.echo("stopped; the same command continues from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
     scores = f", {len(outcome.scores_failed)} scores failed" if outcome.scores_failed else ""
     click.echo(f"{outcome.ok} ok{made}, {len(outcome.failed)} failed, {len(outcome.skipped)} skipped{scores}")

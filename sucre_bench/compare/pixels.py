@@ -39,7 +39,7 @@ Pixels = Literal["own", "common"]
 # The column that says which share of the image each method fills, beside scores of which this matters.
 FILLED = "filled"
 
-NOT_SCORED = "not scored on common pixels; give a run's command again with all methods in one folder"
+NOT_SCORED = "not scored on common pixels; run all methods into one folder"
 
 _VIEW = ["dataset", "scene", "view"]
 _SCORE = [*_VIEW, "metric", "variant"]

@@ -70,9 +70,9 @@ def _say_differing(rows: pd.DataFrame) -> None:
     ]
     more = f" and {len(methods) - 3} more" if len(methods) > 3 else ""
     progress.say(
-        f"{_names(list(dict.fromkeys(disagreeing['_folder'])))} have other values of {len(differing)} "
-        f"of the {len(of_score)} scores that both have, of {', '.join(methods[:3])}{more}; "
-        f"the table has the newest, of {_names(list(dict.fromkeys(shown)))}. Run one with another label to see both"
+        f"{_names(list(dict.fromkeys(disagreeing['_folder'])))} share {len(of_score)} scores, and have different "
+        f"values of {len(differing)} of them ({', '.join(methods[:3])}{more}); "
+        f"the table shows the newest, from {_names(list(dict.fromkeys(shown)))}. Run one with another label to see both"
     )
 
 

@@ -155,17 +155,19 @@ class _Degraded:
         """The image without water: the reference if the scene has references, else the image."""
         dry = self.view.pixels.load("reference" if self.has_references else "rgb")
         if dry is None:
-            raise InputError(f"{self.view.name}: no reference, as other views have, to add water to; leave it out")
+            raise InputError(
+                f"{self.view.name}: has no reference to add water to, but other views have one; leave the view out"
+            )
         return dry
 
     def _wet(self) -> Array:
         depth, water, camera = self.view.pixels.load("depth"), self.degradation.water, self.view.camera
         if depth is None or not (depth > 0).any():
-            raise InputError(f"{self.view.name}: no depth to add water by; leave the view out")
+            raise InputError(f"{self.view.name}: has no depth, which added water needs; leave the view out")
         assert water is not None
         if (water.encoding or self.view.encoding) != self.view.encoding:
-            fault = f"the water is of {water.encoding} intensities, the view's are {self.view.encoding}"
-            raise InputError(f"{self.view.name}: {fault}; give one of the view's, degrade.add_water=...")
+            fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
+            raise InputError(f"{self.view.name}: {fault}; give water of the view's encoding")
         return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
 
     def _scaled(self, plane: Array | None) -> Array | None:

@@ -186,7 +186,7 @@ def rescue(planned: Sequence[Planned], started: str) -> None:
     """
     for plan in planned:  # all workers end with one: the notes of the others say nothing
         _remove_note(at_work_path(plan.job.out, plan.job.config))
-    progress.say("a worker process died; what it left undone runs again, each job in a process of its own")
+    progress.say("a worker process died; its unfinished jobs run again, each in a process of its own")
     for plan in planned:
         rows = results.merge(plan.job.out)
         if all(state.status != "missing" for state in states(rows, plan, started)):

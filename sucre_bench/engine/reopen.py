@@ -54,11 +54,11 @@ class Frame:
             return to_8bit(display(rgb, "none", self.view.encoding))
         path = self.place.restored(self.out, method)
         if not path.is_file():
-            raise InputError(f"{path}: is gone; give the run's command again, which makes what is missing")
+            raise InputError(f"{path}: is gone; repeat the run's command, which makes it again")
         restored = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
         if restored.shape != rgb.shape:
             sizes = f"{restored.shape[1]}x{restored.shape[0]}, its view {rgb.shape[1]}x{rgb.shape[0]}"
-            raise InputError(f"{path}: is {sizes}; give the run's command again with overwrite=always")
+            raise InputError(f"{path}: is {sizes}; repeat the run's command with overwrite=always")
         return np.ascontiguousarray(restored)
 
 
@@ -104,8 +104,8 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     chosen = rows["method"].isin(methods) if set(methods) - {INPUT} else slice(None)
     if stale := set(rows.loc[chosen, "data_id"]) - {task.base.data_id for task in opened}:
         raise InputError(
-            f"{out}: '{dataset}' is not as it was restored (data {', '.join(sorted(stale))}); give the run's "
-            "command again"
+            f"{out}: the data of '{dataset}' have changed since the run (data {', '.join(sorted(stale))} then); "
+            "repeat the run's command"
         )
     return Revisited(dataset, scene, tuple(frames), rows["view"].nunique() - len(frames))
 
@@ -153,6 +153,6 @@ def _job(out: Path, dataset: str, scene: str) -> Job:
         labels.append(job.dataset.label)
     told = ", ".join(dict.fromkeys(labels))
     raise InputError(
-        f"{path}: tells of '{told}', as its last run did, not of '{dataset}' as in scene '{scene}'; "
-        "give that one's command again, nothing is computed anew"
+        f"{path}: the last run was of '{told}', not of '{dataset}' with scene '{scene}'; "
+        "repeat the command of that run, which computes nothing again"
     )

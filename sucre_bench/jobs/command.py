@@ -182,7 +182,9 @@ def _refuse_foreign(base: DictConfig) -> None:
         raise InputError("hydra.callbacks: sucre-bench calls none; leave them out")
     if not base.hydra.sweeper["_target_"].endswith(".BasicSweeper"):
         name = base.hydra.runtime.choices["hydra/sweeper"]
-        raise InputError(f"hydra/sweeper={name}: chooses values while jobs run; all jobs are checked before, use basic")
+        raise InputError(
+            f"hydra/sweeper={name}: chooses values during a run, but all jobs are checked before; use basic"
+        )
 
 
 def _refuse_several_values(parsed: Sequence[Override], is_sweep: bool) -> None:
@@ -193,7 +195,7 @@ def _refuse_several_values(parsed: Sequence[Override], is_sweep: bool) -> None:
             value = override.get_value_string()
             if Path(value).exists():
                 raise InputError(
-                    f'{word}: is one path with a comma; write "{key}={quoted(value)}", both kinds of quotes'
+                    f'{word}: is one path with a comma; write "{key}={quoted(value)}" with both kinds of quotes'
                 )
             if key in ("metrics", "views") and not value.startswith("["):
                 raise InputError(f"{word}: several values; write {key}=[{value}]")

@@ -40,7 +40,7 @@ def read_config(path: Path) -> Iterator[Job]:
         for name in ("sweep", "sharing"):
             told.pop(name, None)
     except (OSError, ValueError, AttributeError, yaml.YAMLError) as fault:
-        raise InputError(f"{path}: cannot be read as a run's configuration; give the run's command again") from fault
+        raise InputError(f"{path}: cannot be read as a run's configuration; repeat the run's command") from fault
     for file in told.get("plugins") or ():
         plugins.load_file(file)
     for one in each:

@@ -104,5 +104,5 @@ def _remove_leftovers(folder: Path) -> None:
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
     if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
-        return OutputError(f"{path}: the disk is full; free some space and give the same command again")
+        return OutputError(f"{path}: the disk is full; free some space and repeat the command")
     return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")

@@ -49,7 +49,7 @@ def supervised(work: Callable[[], int], say: Callable[[str], None]) -> int:
         how = how_it_ended(status, note)
         _show_cursor()
         if not note.step or note.remedy or note.step in deaths:
-            at, remedy = f" in {note.step}" if note.step else "", note.remedy or "give the same command again"
+            at, remedy = f" in {note.step}" if note.step else "", note.remedy or "repeat the command"
             say(f"the process died ({how}){at}; {remedy}")
             return 1
         deaths[note.step], start = how, note.start

@@ -98,7 +98,7 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
 
 @functools.cache
 def _say_that_nothing_is_kept(scene: str) -> None:
-    say(f"{scene}: its observations are not kept, the scene has no data_id to know them by")
+    say(f"{scene}: observations are not stored, because the scene has no data_id")
 
 
 def _key(scene: Scene, target: View, options: Options) -> str:

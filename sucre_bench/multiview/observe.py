@@ -107,7 +107,7 @@ def observe(
                 if view.name == target.name:
                     raise
                 unreadable.append(str(fault))
-                say(f"{target.name}: does without {view.name}: {fault}")
+                say(f"{target.name}: leaves out {view.name}: {fault}")
                 continue
             read_s += seconds
             if one is not None and spool is not None:

@@ -47,7 +47,7 @@ def stored_picture(out: Path, place: Place, method: str) -> Picture:
 
     path = place.restored(out, method)
     if not path.is_file():
-        raise InputError(f"{path}: is gone; give its run's command again")
+        raise InputError(f"{path}: is gone; repeat its run's command")
     return np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
 
 

@@ -171,8 +171,8 @@ def test_folders_with_other_values_of_one_score_are_named(bench, tmp_path):
         rows = [replace(ROW, time=time, value=1.0 if view == "a" else value, view=view) for view in "abc"]
         frame(rows).to_parquet(tmp_path / name / "scores.parquet")
     done = bench("compare", "one", "two", "--format", "csv")
-    assert "one and two have other values of 2 of the 3 scores" in done.stderr
-    assert "the newest, of one." in done.stderr
+    assert "one and two share 3 scores, and have different values of 2 of them" in done.stderr
+    assert "the newest, from one." in done.stderr
     assert ",1.0," in done.stdout, "the newest"
     assert bench("compare", "one", "same").stderr == ""
 

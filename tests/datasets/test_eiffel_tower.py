@@ -74,7 +74,7 @@ def test_what_is_missing_is_named(tmp_path: Path) -> None:
         (lambda: None, {}, "holds no folder 2015"),
         (lambda: write_year(tmp_path), {"year": "2016"}, "2016/sfm: no such folder"),
         (lambda: None, {"depths": "maps"}, "2015/maps: no such folder"),
-        (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, f"2015/images/{NAMES[0]}: no such file, nor any"),
+        (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, f"2015/images/{NAMES[0]}: none of the model's"),
     ]:
         change()
         with pytest.raises(InputError) as fault:

@@ -317,7 +317,7 @@ def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkey
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
 
     monkeypatch.setattr(os, "fsync", full)
-    with pytest.raises(OutputError, match=r"the disk is full; free some space and give the same command again"):
+    with pytest.raises(OutputError, match=r"the disk is full; free some space and repeat the command"):
         run(out, "overwrite=always")
     assert (out / "scores.parquet").read_bytes() == before
     assert not [p for p in out.rglob(".*") if p.suffix != ".lock"]  # no half-written file is left
@@ -362,7 +362,7 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, t
     stopped.send(how)
     done = stopped.ended()
     assert done.returncode == 130
-    assert "stopped; the same command goes on from here" in done.stdout
+    assert "stopped; the same command continues from here" in done.stdout
     assert "2 ok, 0 failed" in done.stdout
     assert "Traceback" not in done.stderr
     assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2

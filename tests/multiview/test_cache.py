@@ -233,7 +233,7 @@ def test_a_scene_without_an_id_is_not_kept_and_that_is_said_once(tmp_path: Path)
     with watched_by(listener):
         for _ in range(2):
             assert len(paired(scene, scene["a.png"], tmp_path)) > 0
-    assert listener.texts == ["nameless: its observations are not kept, the scene has no data_id to know them by"]
+    assert listener.texts == ["nameless: observations are not stored, because the scene has no data_id"]
     assert not list(tmp_path.iterdir())
 
 

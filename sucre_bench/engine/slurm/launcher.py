@@ -152,5 +152,5 @@ def _cancel(submitted: Sequence[Submitted]) -> None:
     """Cancel what is still in the queue, and give it a while to write down what it has."""
     arrays = sorted({squeue.array_of(one.id) for one in submitted})
     if arrays:
-        progress.say(f"cancelling SLURM job {', '.join(arrays)}; what is done is kept")
+        progress.say(f"cancelling SLURM job {', '.join(arrays)}; finished results stay")
         squeue.cancel(arrays)

@@ -78,7 +78,7 @@ def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:
         picture = place.restored(folder, row.method) if place else None
         if place is None or picture is None or not picture.is_file():
             where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
-            raise InputError(f"{where}: the restored image is gone; give the run's command again, which makes it")
+            raise InputError(f"{where}: the restored image is gone; repeat the run's command, which makes it again")
         more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
         yield from (picture, *(file for file in more if file.is_file()))
 

@@ -93,7 +93,7 @@ def picture_path(folder: Path, key: Key, shown: Shown) -> Path:
     place = layout.find(key.dataset, shown.scene, shown.view, folder)
     path = place.restored(folder, shown.method) if place else folder / "restored"
     if not path.is_file():
-        raise InputError(f"{path}: the restored image of {shown.view} is gone; give the run's command again")
+        raise InputError(f"{path}: the restored image of {shown.view} is gone; repeat the run's command")
     return path
 
 

@@ -35,7 +35,7 @@ _ENOUGH = 0.9  # share of the photos placed from which no second attempt follows
 _GUIDED_PAIRS = 10  # guided matching finds three times the matches in faint water, at about ten seconds a pair
 _RECORD = "model.json"
 # COLMAP ends the process where it cannot write or allocate.
-_REMEDY = "see that the disk has room and the memory suffices (--max-size), and give the same command again"
+_REMEDY = "see that the disk has room and the memory suffices (--max-size), and repeat the command"
 PAIRS_A_STEP = 64  # of the progress bar; a command that is stopped loses no more than a step
 
 

@@ -161,7 +161,7 @@ def _guarded(out: Path, do: Callable[[], T]) -> T:
     except Exception as fault:
         full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
         if full or shutil.disk_usage(out).free < 1 << 20:
-            raise OutputError(f"{out}: the disk is full; free some space and give the same command again") from fault
+            raise OutputError(f"{out}: the disk is full; free some space and repeat the command") from fault
         raise
 
 

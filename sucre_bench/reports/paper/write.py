@@ -57,7 +57,7 @@ def write(
     results, paths = StudyResults(study, rows, out, tuple(comparisons)), list[Path]()
     try:
         if named and not study.metrics:
-            raise NotApplicableError("nothing that it asks for was scored")
+            raise NotApplicableError("no requested metric has a score")
         for suffix, content in _tables(results):
             path = out / "tables" / f"{study.name}.{suffix}"
             write_atomically(path, content.encode())

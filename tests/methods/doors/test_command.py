@@ -115,7 +115,7 @@ def test_distance_is_from_the_cameras_centre():
 def test_a_view_without_depth_is_skipped_only_by_a_command_that_asks_for_it():
     assert restored("cp {input} {output}").valid.all()
     for per in ("view", "scene"):
-        with pytest.raises(NotApplicableError, match=r"a.png: has no depth map, which the command asks for"):
+        with pytest.raises(NotApplicableError, match=r"a.png: has no depth map, which the command needs"):
             restored("cp {depth} {output}", per=per)
 
 

@@ -238,12 +238,12 @@ def test_data_that_changed_since_the_run_are_refused(results: Path, tmp_path: Pa
     copy = shutil.copytree(results, tmp_path / "copy")
     config = (copy / "config.yaml").read_text()
     (copy / "config.yaml").write_text(config.replace("tag: ''", "tag: other"))
-    with pytest.raises(InputError, match="'toy' is not as it was restored"):
+    with pytest.raises(InputError, match="the data of 'toy' have changed since the run"):
         revisit(copy, ["input"])
     (copy / "config.yaml").write_text(
         config.replace("name: toy", "name: toy\n  label: else").replace("label: null", "")
     )
-    with pytest.raises(InputError, match="tells of 'else', as its last run did, not of 'toy'"):
+    with pytest.raises(InputError, match="the last run was of 'else', not of 'toy'"):
         revisit(copy, ["input"])
     (copy / "config.yaml").unlink()
     with pytest.raises(InputError, match=r"config.yaml: cannot be read"):

@@ -421,7 +421,7 @@ def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_o
     written = write(Study("s", metrics=("psi", "de00:lab"), figures=("draws",)), rows, tmp_path)
     assert written.notes == (
         "s: no scores of psi, de00:lab, left out",
-        "s: no tables, nothing that it asks for was scored",
+        "s: no tables, no requested metric has a score",
     )
     assert {path.name for path in written.paths} == {"s-draws.png", "s-draws.pdf"}
     assert not list((tmp_path / "tables").iterdir())
