@@ -417,3 +417,22 @@ def test_the_order_of_rows_changes_nothing():
     (one,) = compare.compare(frame(rows), order="abc")
     (other,) = compare.compare(frame([rows[n] for n in rng.permutation(len(rows))]), order="abc")
     np.testing.assert_equal(astuple(other), astuple(one))  # NaN equals NaN, whichever object it is
+
+
+def test_a_score_that_nobody_has_is_in_no_note_about_pixels():
+    """Without a reference there is no psnr: on which pixels it would have been interests nobody."""
+    kinds = (
+        {"metric": "seconds", "variant": "wall", "better": "lower"},
+        {"metric": "uciqe", "variant": "yang2015"},
+        {"status": "skipped", "value": np.nan, "reason": "needs reference"},
+    )
+    rows = frame(
+        replace(ROW, method=method, view=view, coverage=share, **kind)
+        for method, share in (("whole", 1.0), ("half", 0.5))
+        for view in ("a", "b")
+        for kind in kinds
+    )
+    on_common = np.where(rows["metric"] == "uciqe", "common", "own")
+    (comparison,) = compare.compare(rows.assign(pixels=on_common, pixels_share=0.5, pixels_reason=""))
+    named = [(note.kind, {column.metric for column in note.columns}) for note in comparison.notes]
+    assert named == [("common pixels", {"uciqe"})]
