@@ -105,7 +105,8 @@ def _best(comparison: Comparison, column: Column) -> str:
 def _equals(comparison: Comparison, column: Column) -> str:
     """The competitors that share the best mean; "" for one alone."""
     first = [name for name in comparison.restorers if (c := comparison.cells.get((name, column))) and c.place == 1]
-    return f"{listed(first)} are equal" if len(first) > 1 else ""
+    names = " and ".join(first) if len(first) == 2 else listed(first)  # labels may have commas
+    return f"{names} are equal" if len(first) > 1 else ""
 
 
 def _lead(verdict: Verdict) -> str:

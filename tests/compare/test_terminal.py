@@ -167,7 +167,7 @@ def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_
 def test_scores_that_differ_by_rounding_are_equal():
     base = [20.0, 25, 30, 27, 22]
     scores = {"psnr": {"a": base, "b": [x + 1.2e-6 for x in base], "c": [x - 3 for x in base]}}
-    assert re.search(r"psnr: (a, b|b, a) are equal", printed(compared(scores)).text)
+    assert re.search(r"psnr: (a and b|b and a) are equal", printed(compared(scores)).text)
     assert "equal: b" in printed(compared(scores, baseline="a")).text
 
 

@@ -92,7 +92,7 @@ function resultParts(result, shown) {
   );
   return [
     h("dl", { class: "scores" }, scores.map(line)),
-    result.coverage < 1 ? h("p", { class: "note" }, `${percent(result.coverage)} of the pixels have a colour.`) : "",
+    result.coverage < 1 ? h("p", { class: "note" }, `${percent(result.coverage)} of the pixels have a colour${shown.guesses ? "; fill=true guessed the others" : ""}.`) : "",
     state.layer === "confidence" && shown.about
       ? h(
           "p",

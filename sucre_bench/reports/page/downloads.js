@@ -2,7 +2,7 @@
 
 import { $, address, columnOf, data, h, state, viewOf, watch } from "./page.js";
 import { number, pictureName, titled } from "./words.js";
-import { shownOf } from "./pictures.js";
+import { overHoles, shownOf } from "./pictures.js";
 
 const CAPTION = 34; // pixels below each picture
 
@@ -32,12 +32,9 @@ export async function pictureOfView() {
   const names = state.mode === "panels" ? state.panels : [state.before, state.method];
   const loaded = await Promise.all(
     names.map(async (which) => {
-      const source = address(shownOf(view, which).picture);
-      if (!source) return [which, null];
-      const img = new Image();
-      img.src = source;
-      await img.decode();
-      return [which, img];
+      const shown = shownOf(view, which);
+      const over = overHoles(shown) === "black" ? shown.holes : null;
+      return [which, await decodedImage(address(shown.picture)), await decodedImage(over)];
     }),
   );
   const known = loaded.filter(([, img]) => img);
@@ -48,11 +45,24 @@ export async function pictureOfView() {
   ink.fillRect(0, 0, canvas.width, canvas.height);
   ink.fillStyle = "#1b2328";
   ink.font = "16px sans-serif";
-  known.forEach(([which, img], at) => {
+  known.forEach(([which, img, over], at) => {
     ink.drawImage(img, at * width, 0, width, height);
+    if (over) {
+      ink.filter = "brightness(0)"; // as the style sheet hides guessed colours
+      ink.drawImage(over, at * width, 0, width, height);
+      ink.filter = "none";
+    }
     ink.fillText(`${pictureName(which)}${scoreOf(view, which)}`, at * width + 8, height + 22, width - 16);
   });
   return canvas;
+}
+
+async function decodedImage(source) {
+  if (!source) return null;
+  const img = new Image();
+  img.src = source;
+  await img.decode();
+  return img;
 }
 
 function scoreOf(view, which) {

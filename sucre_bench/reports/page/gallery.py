@@ -77,7 +77,7 @@ def _blocks(name: str, path: Path, width: int, mask: Path | None) -> list[Block]
     small = webp(narrowed(image, width))
     arrays = read_full_arrays(path.with_suffix(".npz"), "confidence") if path.suffix == ".png" else {}
     holes = None if mask is None else ~_filled(mask, path, image)
-    return [Block(name, "image/webp", small), *maps(name, holes, arrays.get("confidence"))]
+    return [Block(name, "image/webp", small), *maps(name, holes, image, arrays.get("confidence"))]
 
 
 def _filled(mask: Path, path: Path, image: Picture) -> Mask:

@@ -5,7 +5,7 @@ import { dot, number, pictureName, titled } from "./words.js";
 import { isNear } from "./zoom.js";
 import { frameOf, picturesOf, sharpen } from "./pictures.js";
 
-watch(["dataset", "view", "hidden", "layer"], () => {
+watch(["dataset", "view", "hidden", "layer", "guesses"], () => {
   const view = viewOf(state.view);
   if (!view) return;
   const shown = new Set(shownMethods().map((m) => m.label));

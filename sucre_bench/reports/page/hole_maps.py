@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Mask
+from sucre_bench.arrays import Mask, Picture
 from sucre_bench.imaging.image_files import encode_png
 
 __all__ = ["Block", "maps", "narrowed", "webp"]
@@ -32,22 +32,26 @@ class Block:
     about: dict[str, str] = field(default_factory=dict)
 
 
-def maps(name: str, holes: Mask | None, confidence: Any) -> Iterable[Block]:
-    """Yield the map of a restoration's holes (H, W), and that of its confidence (H, W), unless they are None."""
+def maps(name: str, holes: Mask | None, image: Picture, confidence: Any) -> Iterable[Block]:
+    """Yield the map of a restoration's holes (H, W), and that of its confidence (H, W), unless they are None.
+
+    image: the stored picture; where a hole is not black, `fill=true` guessed its colour.
+    """
     if holes is not None:
-        yield _holes(name, holes)
+        yield _holes(name, holes, bool(image[holes].any()))
     if confidence is not None:
         yield from _confidence(name, confidence)
 
 
-def _holes(name: str, holes: npt.NDArray[np.bool_]) -> Block:
-    """Holes as stripes over the picture."""
+def _holes(name: str, holes: Mask, has_guesses: bool) -> Block:
+    """Holes as stripes over the picture, which the style sheet lets shine through."""
     share = narrowed(holes.astype(np.uint8) * 255, _MAP_WIDTH)
     v, u = np.indices(share.shape)
     mark: Image = np.zeros((*share.shape, 4), dtype=np.uint8)
-    mark[share > 127] = (90, 0, 150, 200)
-    mark[(share > 127) & ((u + v) // 5 % 2 == 0)] = (220, 80, 255, 235)
-    return Block(f"{name}-holes", "image/png", _png(mark))
+    mark[share > 127] = (90, 0, 150, 255)
+    mark[(share > 127) & ((u + v) // 5 % 2 == 0)] = (220, 80, 255, 255)
+    about = {"guesses": f"{holes.mean():.6f}"} if has_guesses else {}
+    return Block(f"{name}-holes", "image/png", _png(mark), about)
 
 
 def _confidence(name: str, values: npt.NDArray[np.float32]) -> Iterator[Block]:

@@ -22,7 +22,7 @@ import "./sweep.js";
 // -- the address names dataset/view/method/score, and after "?" what differs from how the page opens ------------------
 
 const PARTS = ["dataset", "view", "method", "metric"];
-const WORDS = { before: /./, sort: /./, rows: /^(mean|view)$/, mode: /^(slider|panels)$/, layer: /^(picture|holes|confidence|error)$/ };
+const WORDS = { before: /./, sort: /./, rows: /^(mean|view)$/, mode: /^(slider|panels)$/, layer: /^(picture|holes|confidence|error)$/, guesses: /^(shown|hidden)$/ };
 let opened = null; // what the address says before anything is chosen
 
 function decoded(text) {
@@ -64,7 +64,7 @@ function addressNow() {
   if (state.mode === "panels") for (const which of state.panels) words.append("panel", which);
   return `#${path}${words.size ? `?${words}` : ""}`;
 }
-const START = { sort: "", rows: "mean", mode: "slider", layer: "picture" };
+const START = { sort: "", rows: "mean", mode: "slider", layer: "picture", guesses: "shown" };
 
 watch([...PARTS, ...Object.keys(WORDS), "panels"], () => {
   const now = addressNow();
@@ -106,7 +106,7 @@ matchMedia("(prefers-color-scheme: dark)").addEventListener("change", () => choo
 
 $("help").addEventListener("click", () => $("keys").showModal());
 addEventListener("keydown", (event) => {
-  const typing = event.target.closest("input, select, textarea, dialog");
+  const typing = event.target.closest("input:not([type=checkbox]), select, textarea, dialog");
   if (event.key === "Escape" && event.target === $("filter")) {
     $("filter").value = "";
     choose({ filter: "" });
@@ -123,6 +123,7 @@ addEventListener("keydown", (event) => {
     "[": () => step(-1),
     "]": () => step(1),
     x: swap,
+    f: () => $("guesses-pick").hidden || $("guesses").click(),
     s: () => choose({ mode: state.mode === "slider" ? "panels" : "slider" }),
     d: switchTheme,
     "+": () => zoomAt(1.5),

@@ -18,6 +18,7 @@ export const state = {
   metric: "",
   chart: "",
   layer: "picture",
+  guesses: "shown", // or "hidden": the colours that fill=true guessed
   mode: "slider", // or "panels": up to four pictures in step
   panels: [], // their names
   rows: "mean",

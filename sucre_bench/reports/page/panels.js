@@ -11,7 +11,7 @@ const NOTHING = "";
 for (const button of document.querySelectorAll("[data-mode]"))
   button.addEventListener("click", () => choose({ mode: button.dataset.mode }));
 
-watch(["dataset", "view", "mode", "panels", "layer"], () => {
+watch(["dataset", "view", "mode", "panels", "layer", "guesses"], () => {
   const view = viewOf(state.view);
   if (!view) return;
   for (const button of document.querySelectorAll("[data-mode]"))

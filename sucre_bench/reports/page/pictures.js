@@ -1,7 +1,7 @@
 // A view before and after, and beside it all methods on that view.
 
 import { $, REFERENCE, VIEW, address, choose, data, embedded, fill, h, state, viewOf, watch } from "./page.js";
-import { pictureName } from "./words.js";
+import { percent, pictureName } from "./words.js";
 import { isNear, onNear, zoomable } from "./zoom.js";
 
 const stage = $("stage");
@@ -15,7 +15,8 @@ function divide(place) {
   $("divider").setAttribute("aria-valuetext", `${Math.round(divided)} % of the width is ${pictureName(state.before)}`);
 }
 
-// What there is of a picture: {picture, holes, confidence, text}, text where there is none.
+// What there is of a picture: {picture, holes, guesses, confidence, text}, text where there is none. guesses: the share of
+// its pixels whose colour fill=true guessed.
 export function shownOf(view, which) {
   if (which === VIEW) return { picture: view.original, text: "no picture was kept" };
   if (which === REFERENCE) return { picture: view.reference, text: "no reference" };
@@ -31,6 +32,7 @@ export function shownOf(view, which) {
   return {
     picture: result.picture,
     holes: embedded(`${id}-holes`),
+    guesses: Number($(`${id}-holes`)?.dataset.guesses || 0),
     confidence: embedded(`${id}-confidence`),
     about: $(`${id}-confidence`)?.dataset,
     result,
@@ -61,6 +63,20 @@ export function showError(img, view, which, shown) {
   img.src = img.dataset.source;
 }
 
+// What lies over the pixels that a method has no colour for: stripes, nothing but black, or "".
+export function overHoles(shown) {
+  if (!shown.holes) return "";
+  if (state.layer === "holes") return "stripes";
+  return state.layer === "picture" && state.guesses === "hidden" && shown.guesses ? "black" : "";
+}
+
+function showHoles(img, shown) {
+  const over = overHoles(shown);
+  img.hidden = !over;
+  img.className = `zoomed over ${over}`;
+  if (over) img.src = shown.holes;
+}
+
 // Every picture of a view, by name: the photograph once.
 export const picturesOf = (view) => {
   const reference = view.reference ? [REFERENCE] : [];
@@ -84,10 +100,27 @@ export function frameOf(view, which) {
     frame.append(error);
     showError(error, view, which, shown);
   }
-  if (state.layer === "holes" && shown.holes) frame.append(h("img", { class: "zoomed over", src: shown.holes, alt: "" }));
+  const holes = h("img", { alt: "" });
+  showHoles(holes, shown);
+  if (!holes.hidden) frame.append(holes);
   if (state.layer === "confidence" && !shown.confidence) frame.classList.add("pale");
   zoomable(frame);
   return frame;
+}
+
+// What is drawn that was not measured, and by whom; what the layer shows.
+function showLegend(guessing) {
+  $("guesses-pick").hidden = !guessing.length || state.layer !== "picture";
+  $("guesses").checked = state.guesses === "shown";
+  const who = guessing.map((s) => `${s.label} ${percent(s.guesses)}`).join(", ");
+  const text = {
+    holes: "Striped: pixels that the method measured no colour for. No score counts them.",
+    error: "Black is equal to the reference. Differences are shown four times as bright.",
+  }[state.layer];
+  const black = state.guesses === "hidden" ? " They are black now." : "";
+  const guessed = `Guessed colours: fill=true draws pixels without depth, and no score counts them.${black} Their share of this view: ${who}.`;
+  $("layer-note").textContent = text || (state.layer === "picture" && guessing.length ? guessed : "");
+  $("layer-note").hidden = !$("layer-note").textContent;
 }
 
 export function sharpen() {
@@ -109,7 +142,7 @@ export function sharpen() {
   }
 }
 
-watch(["dataset", "view", "method", "before", "layer"], () => {
+watch(["dataset", "view", "method", "before", "layer", "guesses"], () => {
   const view = viewOf(state.view);
   $("pictures").hidden = !data.views.some((v) => v.results.some((r) => r.status === "ok"));
   if ($("pictures").hidden) return;
@@ -128,11 +161,11 @@ watch(["dataset", "view", "method", "before", "layer"], () => {
     const shown = shownOf(view, which);
     show($(side), shown, `${view.name}, ${pictureName(which)}`);
     $(`${side}-name`).textContent = shown.picture ? pictureName(which) : `${pictureName(which)}: ${shown.text}`;
-    $(`${side}-holes`).hidden = !(state.layer === "holes" && shown.holes);
-    if (shown.holes) $(`${side}-holes`).src = shown.holes;
+    showHoles($(`${side}-holes`), shown);
     showError($(`${side}-error`), view, which, shown);
   }
-  const known = data.methods.map((m) => shownOf(view, m.label));
+  const known = data.methods.map((m) => ({ label: m.label, ...shownOf(view, m.label) }));
+  showLegend(known.filter((s) => s.guesses));
   $("layer-pick").hidden = !view.reference && !known.some((s) => s.holes || s.confidence) && state.layer === "picture";
   for (const [layer, has] of [
     ["error", Boolean(view.reference)],
@@ -177,6 +210,7 @@ $("view").addEventListener("change", (event) => choose({ view: event.currentTarg
 $("before").addEventListener("change", (event) => choose({ before: event.currentTarget.value }));
 $("after").addEventListener("change", (event) => choose({ method: event.currentTarget.value }));
 $("layer").addEventListener("change", (event) => choose({ layer: event.currentTarget.value }));
+$("guesses").addEventListener("change", (event) => choose({ guesses: event.currentTarget.checked ? "shown" : "hidden" }));
 export const swap = () => choose({ before: state.method, method: state.before });
 $("swap").addEventListener("click", swap);
 

@@ -20,6 +20,7 @@ from support.made_results import DE00, PATCHES, PSNR, made_results
 from sucre_bench.compare import compare
 from sucre_bench.compare.text import number
 from sucre_bench.reports import page as report
+from sucre_bench.results.masks import write_mask
 
 HOSTILE = "</script><img src=x onerror=console.error('run')>"
 
@@ -35,6 +36,9 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savez(
         folder / "restored/reef/clever/v0.npz", image=np.zeros((800, 1200, 3)), confidence=np.ones((800, 1200)) * 0.1
     )
+    mask = np.ones((800, 1200), np.bool_)
+    mask[:, 600:900] = False  # where the picture has colours, as if by fill=true
+    write_mask(folder / "masks/reef/clever/v1.png", mask)
     write_page(folder, rows)
     return folder
 
@@ -246,6 +250,24 @@ def test_holes_and_confidence_are_shown_where_there_are_some(page: Browser):
     page.ask("resultsPage.choose({layer: 'confidence'})")
     assert "0.1 (dark)" in texts(page, "#detail")[0]
     assert page.ask("document.querySelectorAll('#grid .pale').length") == 4  # all but the one that has it
+
+
+def test_guessed_colours_are_hidden_and_shown_again(page: Browser):
+    brightness = """resultsPage.pictureOfView().then((c) => {
+        const [left, top] = [0.5 * c.width + 0.5 * c.width * 0.625, 20]; // in the guessed part of the right picture
+        return Math.max(...c.getContext('2d').getImageData(left, top, 1, 1).data.slice(0, 3)); })"""
+    page.ask("resultsPage.choose({view: 'v0.png', method: 'clever'})")
+    assert page.ask("document.querySelector('#guesses-pick').hidden"), "nothing is guessed in this view"
+    page.ask("resultsPage.choose({view: 'v1.png'})")
+    assert "clever 25 %" in texts(page, "#layer-note")[0]
+    assert page.ask(brightness) > 20
+    page.click("#guesses")
+    assert page.ask(brightness) == 0
+    assert page.ask("getComputedStyle(document.querySelector('#right-holes')).filter") == "brightness(0)"
+    assert len(page.ask("[...document.querySelectorAll('#grid .black')].map(String)")) == 1
+    assert page.ask("location.hash").endswith("guesses=hidden")
+    page.press("f")
+    assert page.ask(brightness) > 20
 
 
 def test_a_link_opens_what_it_names_and_the_address_follows_what_is_chosen(page: Browser, out: Path):
