@@ -16,7 +16,7 @@ from sucre_bench.commands import completion
 from sucre_bench.commands.common import say
 from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
-from sucre_bench.machine.shown import escaped_output
+from sucre_bench.machine.shown import escaped_output, with_fewer_letters
 from sucre_bench.machine.supervisor import supervised
 
 __all__ = ["SECTIONS", "cli", "main"]
@@ -29,6 +29,7 @@ def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    with_fewer_letters()
     sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
 
 

@@ -76,7 +76,9 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         for block in tables.as_blocks(comparisons, terminal.out.width):
             terminal.out.print(block)
             click.echo()
-        click.echo(f"more: {shlex.join(['sucre-bench', 'compare', str(outcome.out), *_EVERYTHING])}")
+        against = ("--baseline", comparisons[0].baseline) if comparisons and comparisons[0].baseline else ()
+        words = ("sucre-bench", "compare", str(outcome.out), *against, *_EVERYTHING)
+        click.echo(f"more: {shlex.join(words)}")
     study, page = _written(outcome, comparisons)
     for colour, kind, faults in (
         ("red", "failed", (*outcome.failed, *outcome.scores_failed)),

@@ -71,7 +71,8 @@ def blind(chosen: Deciding) -> str:
     """Return what says that no score knows the true colours; "" where one does."""
     if chosen.knows_colours or not chosen.scores:
         return ""
-    return f"{', '.join(column.metric for column in chosen.scores)}: scores of the picture alone, without true colours"
+    names = ", ".join(column.metric for column in chosen.scores)
+    return f"{names}: scores of the picture alone; `sucre-bench study` asks people"
 
 
 def _leaders(comparison: Comparison, chosen: Deciding) -> Iterator[str]:

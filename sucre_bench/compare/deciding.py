@@ -60,7 +60,7 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     filled = next((column for column in comparison.columns if says_filled(column.metric, column.variant)), None)
     seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
     scores = tuple(column for column in chosen if column != filled)
-    return Deciding(scores, filled, seconds, any(roles[column] != "no-reference" for column in scores))
+    return Deciding(scores, filled, seconds, any(_may_know_colours(column) for column in scores))
 
 
 def decisive(comparison: Comparison) -> Comparison:
@@ -78,6 +78,12 @@ def _of_roles(
 def _role(column: Column) -> Role:
     plugin = plugins.discover("metric").get(column.metric)
     return plugin.role if isinstance(plugin, Plugin) else ""
+
+
+def _may_know_colours(column: Column) -> bool:
+    """Whether a score is of more than the picture alone, or is of a metric that is not known here."""
+    plugin = plugins.discover("metric").get(column.metric)
+    return not isinstance(plugin, Plugin) or (plugin.role != "no-reference" and bool(plugin.needs))
 
 
 def _one_a_metric(columns: Sequence[Column]) -> list[Column]:

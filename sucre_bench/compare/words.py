@@ -85,16 +85,24 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
     return f"[{word(low)}, {word(high)}]" if math.isfinite(low) else ""
 
 
-def blocks(widths: Sequence[int], room: int) -> Iterator[slice]:
-    """Yield which columns stand beside each other, groups that each fit into `room` characters, two between columns."""
-    start, left = 0, room
+def blocks(widths: Sequence[int], room: int) -> list[slice]:
+    """Return which columns stand beside each other: as few groups as fit into `room` characters, of similar width.
+
+    There are two characters between columns. A column wider than `room` stands alone.
+    """
+    fewest = _greedy(widths, room)
+    narrower = (_greedy(widths, less) for less in range(max(widths, default=0), room))
+    return next((even for even in narrower if len(even) == len(fewest)), fewest)
+
+
+def _greedy(widths: Sequence[int], room: int) -> list[slice]:
+    made, start, left = [], 0, room
     for n, width in enumerate(widths):
         if n > start and width + 2 > left:
-            yield slice(start, n)
+            made.append(slice(start, n))
             start, left = n, room
         left -= width + 2
-    if widths:
-        yield slice(start, len(widths))
+    return [*made, slice(start, len(widths))] if widths else made
 
 
 # -- below a table -----------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -17,10 +17,11 @@ from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.jobs.explain import check_names, unknown_word
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
 from sucre_bench.jobs.metric_words import words_for_hydra
-from sucre_bench.jobs.presets import default_choice, option_names
+from sucre_bench.jobs.presets import default_choice, option_names, plugin_of
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.recognise import is_path, recognised
 from sucre_bench.jobs.words import parse
+from sucre_bench.plugins.options import options_of
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -143,8 +144,17 @@ def _entries(kind: Kind, typed: Sequence[Override], line_up: LineUp) -> tuple[En
             entries.append(recognised(Path(name)))
         else:
             check_names(kind, name)
-            entries.append(Entry(str(name)))
+            folder = Path(str(name))
+            is_folder = kind == "dataset" and _lacks_root(str(name), typed) and folder.is_dir()
+            entries.append(recognised(folder) if is_folder else Entry(str(name)))
     return tuple(entries)
+
+
+def _lacks_root(dataset: str, typed: Sequence[Override]) -> bool:
+    """Whether a dataset needs a folder that the words do not name: the folder of the same name may be meant."""
+    plugin = plugin_of("dataset", dataset)
+    needs_root = plugin is not None and any(o.name == "root" and o.default is MISSING for o in options_of(plugin.cls))
+    return needs_root and not any(word.key_or_group.endswith(".root") for word in typed)
 
 
 def _telling_apart(kind: Kind, entry: Entry, all_: Sequence[Entry]) -> Iterator[str]:

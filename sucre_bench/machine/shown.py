@@ -1,20 +1,44 @@
 r"""Text from files, names and rows as a terminal may show it: control characters are written out, as in \x1b.
 
-A name may hold an escape sequence that clears the screen, or forges what a command says.
+A name may hold an escape sequence that clears the screen, or forges what a command says. A terminal or pipe that has
+not all letters gets others of the same width.
 """
 
 from __future__ import annotations
 
+import codecs
 import re
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
-__all__ = ["counted", "escaped_output", "shown"]
+__all__ = ["counted", "escaped_output", "shown", "with_fewer_letters"]
 
 # C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+# What stands for a letter where the output's encoding lacks it. Each is as wide, so that columns stay aligned.
+_PLAIN = str.maketrans("↑↓≈○±−–·×✓✗…’“”│─▾█━╸╺", "^v~o+--.x+x.'\"\"|-v#---")
+_FEWER_LETTERS = "sucre_bench_fewer_letters"
+
+
+def with_fewer_letters() -> None:
+    """Let stdout and stderr write what their encoding lacks with other letters: ^ for an arrow, ? for the rest."""
+    codecs.register_error(_FEWER_LETTERS, _replaced)
+    for stream in (sys.stdout, sys.stderr):
+        try:
+            "↑≈".encode(stream.encoding or "utf-8")
+        except UnicodeEncodeError:
+            stream.reconfigure(errors=_FEWER_LETTERS)  # type: ignore[union-attr]
+        except (LookupError, AttributeError):
+            continue
+
+
+def _replaced(fault: UnicodeError) -> tuple[str, int]:
+    assert isinstance(fault, UnicodeEncodeError)
+    text = fault.object[fault.start : fault.end].translate(_PLAIN)
+    return "".join(letter if letter.isascii() else "?" for letter in text), fault.end
 
 
 def shown(text: str) -> str:

@@ -96,7 +96,9 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
     check_values(plugin.name, known, values, f"see `sucre-bench list {plugin.kind}s`")
     missing = [option.name for option in known if option.default is MISSING and option.name not in values]
     if missing:
-        raise InputError(f"{plugin.name}.{missing[0]}: must be given; add {plugin.kind}.{missing[0]}=...")
+        name = missing[0]
+        value = "FOLDER" if name == "root" else "VALUE"
+        raise InputError(f"{plugin.name}.{name}: must be given; add {plugin.kind}.{name}={value}")
 
 
 def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any], remedy: str) -> None:

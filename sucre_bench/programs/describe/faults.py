@@ -14,6 +14,7 @@ from sucre_bench.programs.describe.overlaps import Overlap, suspect
 
 __all__ = ["Fault", "find_faults"]
 
+_PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels
 _DISAGREES, _DOUBTFUL = 0.03, 0.01  # median relative disagreement of depth; photogrammetry that fits is at .0005 to .01
@@ -57,9 +58,14 @@ def _files(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
         what, remedy = fault.rsplit("; ", 1) if "; " in fault else (fault, "mend the file")
         place, _, said = what.partition(": ")
         yield Fault(f"{said} (first in {place})" if said and len(names) > 1 else what, remedy, names)
-    yield from _where([v for v in facts if v.position is None], "no pose", "register them, or methods see each alone")
+    lost = [view for view in facts if view.position is None]
     bare = [view for view in facts if not view.has_depth and not view.depth_fault]
-    yield from _where(bare, "no depth map", "add some, or use methods without needs={depth}")
+    if len(lost) == len(bare) == len(facts):
+        remedy = f"{_PREPARE} both of photographs that overlap; methods of one image need neither"
+        yield Fault("the views have no camera positions and no depth", remedy)
+        return
+    yield from _where(lost, "no pose", f"{_PREPARE} poses of photographs that overlap; other views do not help these")
+    yield from _where(bare, "no depth map", f"{_PREPARE} depth maps; methods that need depth skip these views")
 
 
 def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fault]:
