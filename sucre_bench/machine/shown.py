@@ -19,7 +19,7 @@ __all__ = ["counted", "escaped_output", "shown", "with_fewer_letters"]
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 
 # What stands for a letter where the output's encoding lacks it. Each is as wide, so that columns stay aligned.
-_PLAIN = str.maketrans("↑↓≈○±−–·×✓✗…’“”│─▾█━╸╺", "^v~o+--.x+x.'\"\"|-v#---")
+_PLAIN = str.maketrans("↑↓≈○±−–·×✓✗…’“”│─▾█━╸╺", '^v~o+--.x+x.\'""|-v#---')
 _FEWER_LETTERS = "sucre_bench_fewer_letters"
 
 

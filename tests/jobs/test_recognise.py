@@ -86,6 +86,16 @@ def test_what_a_folder_is_is_said_in_a_line(bench, tmp_path: Path):
     assert "dataset=colmap dataset.root=dive" in done.stdout + done.stderr
 
 
+def test_a_folder_with_the_name_of_a_dataset_is_read(bench, tmp_path: Path):
+    """`photos` is both. Where nothing else names the data, the folder is meant."""
+    write_image(tmp_path / "photos" / "a.png", picture(1))
+    for words in (["describe", "photos", "--no-sheet"], ["run", "dataset=photos", "method=gray_world", "--cfg"]):
+        assert bench(*words).returncode == 0
+    refused = bench("run", "photos", "method=gray_world").stderr
+    assert "write sucre-bench run dataset=photos method=gray_world" in refused
+    assert "dataset.root=FOLDER" in bench("describe", "uieb").stderr
+
+
 def test_every_dataset_of_files_can_be_recognised():
     known = [plugin for plugin in plugins.discover("dataset").values() if isinstance(plugin, Plugin)]
     assert {plugin.name for plugin in known if not plugin.signs} == {"demo"}

@@ -100,8 +100,9 @@ def show(one: Described) -> None:
 
     sizes = Counter(f"{v.width}x{v.height}" for v in one.facts)
     focals = sorted({v.focal for v in one.facts if v.focal})
+    has = ", ".join(one.has) or "images alone"
     said = {
-        "scene": f"{one.name} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {', '.join(one.has) or 'images alone'}",
+        "scene": f"{one.name} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
         "images": ", ".join(f"{n} of {size}" for size, n in sizes.most_common(3))
         + f", {' and '.join(sorted({v.encoding for v in one.facts}))}",
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
