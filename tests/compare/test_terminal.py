@@ -27,6 +27,7 @@ KINDS = {
     "psi": replace(PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"),
     "de00": replace(PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"),
     "uciqe": UCIQE,
+    "saturated_red": replace(PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"),
     "water": replace(PSNR, metric="water", variant="attenuation", unit="relative", better="lower"),
     "coverage": COVERAGE,
     "mine": replace(PSNR, metric="mine", variant="own", unit=""),
@@ -90,7 +91,9 @@ def test_the_columns_that_decide_are_those_that_know_the_true_colours():
 def test_without_a_reference_or_charts_the_picture_alone_decides():
     block = printed(compared({name: MANY[name] for name in ("uciqe", "water", "coverage")}))
     assert block.heads == ["uciqe ↑", "filled", "s/view"]
-    assert "true colours" in block.text
+    assert "uciqe: scores of the picture alone" in block.text
+    red = {name: MANY["uciqe"] if name == "saturated_red" else MANY[name] for name in ("uciqe", "saturated_red")}
+    assert "uciqe, saturated_red: scores of the picture alone" in printed(compared(red)).text
 
 
 def test_a_metric_of_ones_own_is_shown_and_all_that_are_asked_for():
