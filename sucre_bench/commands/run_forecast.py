@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict
 
 import click
@@ -18,25 +19,63 @@ __all__ = ["as_json", "show"]
 
 
 def show(found: Forecast) -> None:
-    """Print a line a job, their sum, and what the numbers rest on."""
+    """Print a line for each dataset and method, their sum, and what the numbers rest on."""
+    groups = _by_names(found.jobs)
+    has_parts = len(groups) < len(found.jobs)
+    columns = (*(("jobs",) if has_parts else ()), "views", "stored", "to do", "time", "memory", "disk")
     table = Table(box=None, pad_edge=False)
-    for name, side in (("dataset", "left"), ("method", "left"), *((name, "right") for name in _NUMBERS)):
-        table.add_column(name, justify=side)  # type: ignore[arg-type]
-    for job in found.jobs:
-        table.add_row(job.dataset, job.method, *_numbers(job))
-    if len(found.jobs) > 1:
-        table.add_row("all", "", *_numbers(_sum(found.jobs)), style="bold")
-    terminal.out.print("What the run would do, one job after the other on this machine")
+    for name in ("dataset", "method", *columns):
+        table.add_column(name, justify="left" if name in ("dataset", "method") else "right")
+    for (dataset, method), jobs in groups.items():
+        table.add_row(dataset, method, *([str(len(jobs))] if has_parts else []), *_numbers(_sum(jobs)))
+    if len(groups) > 1:
+        count = [str(len(found.jobs))] if has_parts else []
+        table.add_row("all", "", *count, *_numbers(_sum(found.jobs)), style="bold")
+    terminal.out.print(f"What the run would do, {_where(found)}")
     terminal.out.print(table)
-    for job in found.jobs:
-        if job.reason:
-            click.echo(f"not estimated  {job.dataset} / {job.method}: {job.reason}")
+    for (dataset, method), jobs in groups.items():
+        if reason := next((job.reason for job in jobs if job.reason), ""):
+            click.echo(f"not estimated  {dataset} / {method}: {reason}")
+    for line in _side_by_side(found):
+        click.echo(line)
     if found.cache_mb and any(job.views > job.stored for job in found.jobs):
         click.echo(f"while it runs  up to {_size(found.cache_mb)} of disk for decoded images (cache_gb)")
     click.echo(f"estimated from one small view by each method; rates are kept in {rates_path()}")
 
 
-_NUMBERS = ("views", "stored", "to do", "time", "memory", "disk")
+def _by_names(jobs: Sequence[Expected]) -> dict[tuple[str, str], list[Expected]]:
+    """The jobs of each dataset and method: several if the views are parted, or repeated."""
+    groups: dict[tuple[str, str], list[Expected]] = {}
+    for job in jobs:
+        groups.setdefault((job.dataset, job.method), []).append(job)
+    return groups
+
+
+def _where(found: Forecast) -> str:
+    if not found.launcher:
+        return "one job after the other on this machine"
+    at_once = f", at most {found.at_once} jobs at once" if found.at_once else ""
+    return f"by {'SLURM' if found.launcher == 'slurm' else found.launcher}{at_once}; time is the sum of all jobs"
+
+
+def _side_by_side(found: Forecast) -> Iterator[str]:
+    """How long jobs take side by side, and whether SLURM's limits for each job are enough."""
+    longest = max(job.seconds for job in found.jobs)
+    total = _sum(found.jobs)
+    if not found.launcher or not found.at_once or not total.seconds > 0:
+        return
+    elapsed = max(longest, total.seconds / found.at_once)
+    yield f"side by side   about {duration(elapsed)}, once all jobs run; the longest job {duration(longest)}"
+    if found.launcher != "slurm":
+        return
+    minutes, memory = math.ceil(2 * longest / 60 + 2), math.ceil(1.5 * total.memory_mb / 1e3)
+    if found.timeout_min is not None and found.timeout_min < minutes:
+        limit = f"the limit of a job is {found.timeout_min} min"
+        yield f"too short      {limit}; give hydra.launcher.timeout_min={minutes}, or more blocks: shard.count="
+    if found.mem_gb is None:
+        yield f"memory         the cluster decides; hydra.launcher.mem_gb={memory} is enough"
+    elif found.mem_gb < memory:
+        yield f"too little     a job gets {found.mem_gb:g} GB; give hydra.launcher.mem_gb={memory}"
 
 
 def as_json(found: Forecast) -> str:
@@ -44,7 +83,7 @@ def as_json(found: Forecast) -> str:
     return json_text(asdict(found))
 
 
-def _sum(jobs: tuple[Expected, ...]) -> Expected:
+def _sum(jobs: Sequence[Expected]) -> Expected:
     """All jobs together; their memory is that of the largest."""
     views, stored = sum(job.views for job in jobs), sum(job.stored for job in jobs)
     seconds, disk = sum(job.seconds for job in jobs), sum(job.disk_mb for job in jobs)

@@ -25,8 +25,10 @@ from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.jobs import command as config
+from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import terminal
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.measured_rates import MeasuredRates, Rates, rates_path
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.results.rows import fingerprint
@@ -61,11 +63,20 @@ class Expected:
 
 @dataclass(frozen=True)
 class Forecast:
-    """All jobs of a command. measured_s: seconds that measuring took now; cache_mb: disk while the run lasts."""
+    """All jobs of a command.
+
+    measured_s: seconds that measuring took now; cache_mb: disk while the run lasts; launcher: "slurm", "joblib" or
+    another of Hydra's, "" for jobs one after the other; at_once: how many jobs it runs side by side, 0 if that is not
+    known; timeout_min, mem_gb: what each job gets on SLURM, None where the cluster decides.
+    """
 
     jobs: tuple[Expected, ...]
     measured_s: float
     cache_mb: float
+    launcher: str = ""
+    at_once: int = 1
+    timeout_min: int | None = None
+    mem_gb: float | None = None
 
 
 def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
@@ -74,11 +85,29 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
     Raises what the command raises before any work.
     """
     with terminal.live():
-        planned = check(config.jobs(list(overrides), multirun))
+        command = config.jobs(list(overrides), multirun)
+        planned = check(command)
     started = time.perf_counter()
     jobs = tuple(_expected(plan) for plan in planned)
     first = planned[0].job
-    return Forecast(jobs, time.perf_counter() - started, min(first.cache_gb * 1e3, _decoded_mb(planned)))
+    cache_mb = min(first.cache_gb * 1e3, _decoded_mb(planned))
+    return replace(_launched(command), jobs=jobs, measured_s=time.perf_counter() - started, cache_mb=cache_mb)
+
+
+def _launched(command: Command) -> Forecast:
+    """A forecast of no jobs, with what the command's launcher gives them."""
+    empty = Forecast((), 0.0, 0.0)
+    settings = command.settings.hydra.launcher
+    target = str(settings.get("_target_", ""))
+    if not command.is_sweep or target.endswith(".OneByOne"):
+        return empty
+    if "slurm" in target:
+        limits = {name: settings.get(name) for name in ("timeout_min", "mem_gb")}
+        return replace(empty, launcher="slurm", at_once=int(settings.array_parallelism), **limits)
+    if "joblib" in target:
+        n_jobs = int(settings.n_jobs or 1)
+        return replace(empty, launcher="joblib", at_once=n_jobs if n_jobs > 0 else usable_cores())
+    return replace(empty, launcher=str(command.settings.hydra.runtime.choices.get("hydra/launcher")), at_once=0)
 
 
 def _expected(plan: Planned) -> Expected:

@@ -74,3 +74,14 @@ def test_the_command_prints_jobs_and_an_object_for_programs(
         ("underwater", 3, 0),
     ]
     assert not (tmp_path / "out").exists()
+
+
+def test_jobs_of_a_cluster_are_counted_together_and_their_limits_checked(
+    program: Callable[..., Done], toys: str, cache: Path
+):
+    words = ["--dry-run", "--plugin", toys, *WORDS, "-m", "method=gain", "shard.count=3", "shard.index=range(3)"]
+    done = program("run", *words, "hydra/launcher=slurm", "hydra.launcher.timeout_min=1", "hydra.launcher.mem_gb=0.1")
+    (line,) = (line.split() for line in done.stdout.splitlines() if line.startswith("toy"))
+    assert line[:4] == ["toy", "gain", "3", "3"]  # jobs, views
+    assert "hydra.launcher.timeout_min=3" in done.stdout
+    assert "hydra.launcher.mem_gb=1" in done.stdout

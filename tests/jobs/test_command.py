@@ -46,7 +46,7 @@ def jobs(*overrides: str, multirun: bool = False) -> command.Command:
         ("hydra/launcher=jobli", "no hydra/launcher is called 'jobli'; did you mean 'joblib'"),
         ("dataset.label=ünï", "special characters need quotes; write \"dataset.label='ünï'\""),
         ("hydra.job.chdir=true", "leave it false"),
-        ("dataset=colmap", "colmap.root: must be given; add dataset.root=..."),
+        ("dataset=colmap", "colmap.root: must be given; add dataset.root=FOLDER"),
         ("method.gain", "an override reads key=value"),
     ],
 )
