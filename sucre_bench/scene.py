@@ -33,7 +33,7 @@ Plane = Literal["rgb", "depth", "reference"]
 # A cache of decoded planes. A method may use `view.rgb` five times and the file is decoded once; a dive of 5,000 images
 # still does not fill the memory. Small planes decode fast, so few of them are kept.
 _KEPT_BYTES = 768 << 20
-_LEAST_KEPT_BYTES = _KEPT_BYTES // 512
+_LEAST_KEPT_BYTES = _KEPT_BYTES // 256
 
 
 @dataclass(frozen=True, eq=False)

@@ -136,13 +136,14 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
 
 def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
     """A line a reason for the scores that views could not give."""
+    rows = rows[["dataset", "scene", "view", "method", "metric", "variant", "status", "reason"]]
     skipped = results.score_rows(rows[rows["status"] == "skipped"])
     # That a method estimates no water, say, needs no line.
     briefs = {text: brief(text) for text in skipped["reason"].unique()}
     skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
+    everywhere = rows[["dataset", "scene", "view"]].drop_duplicates().query("view != ''")
     for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
         views = of_reason[["dataset", "scene", "view"]].drop_duplicates()
-        everywhere = rows[rows["view"] != ""][["dataset", "scene", "view"]].drop_duplicates()
         where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
         metrics = [_with_variants(name, scores, rows) for name, scores in of_reason.groupby("metric", sort=False)]
         methods = list(dict.fromkeys(of_reason["method"]))

@@ -175,7 +175,7 @@ def filled_rows(rows: pd.DataFrame) -> pd.DataFrame:
 
     rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
     """
-    asked = rows[rows["_fresh"] & rows["_asked"]]
+    asked = rows.loc[rows["_fresh"] & rows["_asked"], ["metric", "variant", "region"]]
     scored = asked[_of_pixels(asked)]
     if any(says_filled(*pair) for pair in _metrics(asked)):
         scored = scored.iloc[:0]
@@ -214,15 +214,15 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     scores = rows[rows["_fresh"] & rows["_asked"] & _of_pixels(rows)]
     whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok")])
     differing = _differing(whole)
-    is_own = pd.Series([place in differing for place in _views(scores)], scores.index) & (scores["pixels"] == "own")
+    differs = [place in differing for place in _views(scores)] if differing else False
+    is_own = pd.Series(differs, scores.index) & (scores["pixels"] == "own")
     none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
     common = scores[(scores["pixels"] == "common") & ~none]
-    total = len(set(_views(scores)))
 
     def note(kind: NoteKind, concerned: pd.DataFrame, **more: Any) -> Note:
         pairs = _metrics(concerned)
         named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
-        return Note(kind, (), named, len(set(_views(concerned))), total, **more)
+        return Note(kind, (), named, len(set(_views(concerned))), len(set(_views(scores))), **more)
 
     made = []
     if len(common):

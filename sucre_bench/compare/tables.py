@@ -57,7 +57,8 @@ def compare(
     rows = rows.assign(_fresh=is_fresh(rows), _asked=asked)
     numbers = {name: results.unreplicated(name)[1] for name in rows["scene"].unique()}
     rows = without_replicates(rows.assign(_replicate=rows["scene"].map(numbers)))
-    rows = rows[~rows["region"].str.contains("/", regex=False)]  # patches are inside their charts' scores
+    of_patch = rows["region"].str.contains("/", regex=False)
+    rows = rows[~of_patch] if of_patch.any() else rows  # patches are inside their charts' scores
     groups = ["dataset"]
     if by != "method":
         rows = rows[rows["view"] != ""]
@@ -165,7 +166,7 @@ def _table(
     repetitions = {column: repeats for column, _, repeats in of_columns}
     columns = sorted(scores, key=_order)
     found = pixel_notes(rows, columns)
-    found += notes(rows[rows["method"].isin(methods)], scores, repetitions, methods)
+    found += notes(rows[rows["method"].isin(methods)] if stale else rows, scores, repetitions, methods)
     if stale:
         found.append(Note("older data", stale))
     if baseline and baseline not in methods:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 from sucre_bench import plugins, results
 from sucre_bench.engine.done import Done
-from sucre_bench.engine.tasks import Task, open_scenes, tasks
+from sucre_bench.engine.tasks import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import (
     DamagedTableError,
     InputError,
@@ -45,6 +45,7 @@ class Planned:
     data_id: str
 
 
+@opening_once()
 def check(command: Command) -> list[Planned]:
     """Return what each job will do. Raises ProblemsError with everything that is wrong, a line each."""
     problems: list[str] = []
@@ -54,16 +55,13 @@ def check(command: Command) -> list[Planned]:
         if line := plugins.missing_packages(plugin):
             problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
     problems += _unknown_baseline(command.jobs)
-    opened: dict[str, list[Scene]] = {}
     planned: list[Planned] = []
     for job in command.jobs:
-        key = results.fingerprint({**job.dataset.record, "replicate": job.dataset.seed})[1]
         try:
             for choice in (job.method, *(m.choice for m in job.metrics)):
                 _made(choice, command)
-            if key not in opened:
-                opened[key] = open_scenes(job.dataset)
-            planned.append(Planned(job, tuple(tasks(job, opened[key])), _data_id(job, opened[key])))
+            scenes = open_scenes(job.dataset)
+            planned.append(Planned(job, tuple(tasks(job, scenes)), _data_id(job, scenes)))
         except SucreBenchError as fault:
             problems.append(str(fault))
     if not problems:

@@ -14,6 +14,7 @@ from sucre_bench.engine.decoded import remove_decoded, share_decoded
 from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
+from sucre_bench.engine.tasks import opening_once
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.config_file import config_path, config_text
@@ -38,7 +39,7 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
     """
-    with terminal.live():
+    with terminal.live(), opening_once():
         command = config.jobs(overrides, multirun)
         out = command.jobs[0].out
         planned = check(command)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 
 from sucre_bench import results
@@ -23,7 +25,7 @@ from sucre_bench.results.layout import Place, places
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Scene, View
 
-__all__ = ["Selection", "Task", "base_row", "open_scenes", "select", "tasks"]
+__all__ = ["Selection", "Task", "base_row", "open_scenes", "opening_once", "select", "tasks"]
 
 
 @dataclass(frozen=True)
@@ -63,8 +65,30 @@ class Task:
     base: Row
 
 
+_opened: ContextVar[dict[str, list[Scene]] | None] = ContextVar("opened", default=None)
+
+
+@contextmanager
+def opening_once() -> Iterator[None]:
+    """In this block, open each dataset once, for all jobs of this process."""
+    token = _opened.set({} if (opened := _opened.get()) is None else opened)
+    try:
+        yield
+    finally:
+        _opened.reset(token)
+
+
 def open_scenes(dataset: Choice) -> list[Scene]:
     """Open every scene of a dataset; pixels stay unread. InputError or PluginError when it cannot be opened."""
+    if (opened := _opened.get()) is None:
+        return _open(dataset)
+    key = results.fingerprint({**dataset.record, "replicate": dataset.seed})[1]
+    if key not in opened:
+        opened[key] = _open(dataset)
+    return opened[key]
+
+
+def _open(dataset: Choice) -> list[Scene]:
     try:
         with step(f"the opening of dataset '{dataset.label}'"):
             scenes = list(dataset.make().scenes())

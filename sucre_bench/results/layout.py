@@ -12,12 +12,13 @@ name includes its suffix if another view differs only in that.
 
 from __future__ import annotations
 
+import functools
 import hashlib
 import re
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass
-from pathlib import Path, PurePath, PurePosixPath
+from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError
 from sucre_bench.results.rows import unreplicated
@@ -79,11 +80,11 @@ class Place:
 
     def restored(self, out: Path, method: str) -> Path:
         """The restored image by a method."""
-        return _inside(out / "restored" / self.dataset / file_name(method), f"{self.stem}.png")
+        return _inside(_folder(out, "restored", self.dataset, method), f"{self.stem}.png")
 
     def mask(self, out: Path, method: str) -> Path:
         """The mask of a restoration with holes."""
-        return _inside(out / "masks" / self.dataset / file_name(method), f"{self.stem}.png")
+        return _inside(_folder(out, "masks", self.dataset, method), f"{self.stem}.png")
 
     def original(self, out: Path) -> Path:
         """The view, to look at."""
@@ -94,8 +95,14 @@ class Place:
         return _inside(out / "references" / self.dataset, f"{self.stem}.jpg")
 
 
+@functools.lru_cache(maxsize=1024)
+def _folder(out: Path, kind: str, dataset: str, method: str) -> Path:
+    """The folder of a method's files, which the thousands of views of a dive share."""
+    return out / kind / dataset / file_name(method)
+
+
 def _inside(folder: Path, name: str) -> Path:
-    if ".." in PurePath(name).parts or PurePath(name).is_absolute():
+    if ".." in name.split("/") or name.startswith("/"):
         raise InputError(f"{name}: a view's name leads out of the output folder; rename the image")
     return folder / name
 
@@ -106,11 +113,11 @@ def places(dataset: str, scenes: Sequence[Scene], replicate: int = 0) -> dict[tu
     for scene in scenes:
         within = PurePosixPath(file_name(scene.name)) if len(scenes) > 1 else PurePosixPath()
         within = PurePosixPath(f"replicate={replicate}") / within if replicate else within
-        stems = Counter(PurePosixPath(view.name).with_suffix("") for view in scene.views)
-        for view in scene.views:
-            name = PurePosixPath(view.name)
-            name_alone = name.with_suffix("") if stems[name.with_suffix("")] == 1 else name
-            found[scene.name, view.name] = Place(file_name(dataset), within / name_alone)
+        stems = [PurePosixPath(view.name).with_suffix("") for view in scene.views]
+        times, folder = Counter(stems), file_name(dataset)
+        for view, stem in zip(scene.views, stems, strict=True):
+            name_alone = stem if times[stem] == 1 else PurePosixPath(view.name)
+            found[scene.name, view.name] = Place(folder, within / name_alone)
     return found
 
 
