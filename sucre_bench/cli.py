@@ -11,11 +11,9 @@ from typing import NamedTuple
 
 import click
 
-import sucre_bench
-from sucre_bench.commands import completion
-from sucre_bench.commands.common import say
 from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.notices import say
 from sucre_bench.machine.shown import escaped_output, with_fewer_letters
 from sucre_bench.machine.supervisor import supervised
 
@@ -35,7 +33,8 @@ def main() -> None:
 
 def _ended() -> int:
     """Run the command line, write out what it printed, and return its exit code."""
-    completion.install()
+    if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
+        import_module(_COMMANDS["completion"].module).install()
     try:
         status = _status()
         sys.stdout.flush()
@@ -169,7 +168,7 @@ class _LazyGroup(click.Group):
 @click.group(
     cls=_LazyGroup, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "color": True}
 )
-@click.version_option(sucre_bench.__version__, prog_name="sucre-bench")
+@click.version_option(package_name="sucre-bench", prog_name="sucre-bench")
 def cli() -> None:
     """Compare methods that restore the colours of underwater images.
 

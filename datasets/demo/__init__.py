@@ -13,6 +13,7 @@ from typing import Any
 from sucre_bench.datasets.demo.water import WATERS, Preset
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.machine.files import user_cache
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
@@ -69,12 +70,10 @@ class Demo:
 
     def folder(self) -> Path:
         """Return the folder of the scene's files, which are made if they are not there."""
-        from platformdirs import user_cache_path
-
         from sucre_bench.datasets.demo.files import make_once
         from sucre_bench.datasets.demo.made import make
 
-        root = user_cache_path("sucre_bench", appauthor=False) / "demo" if self.root is None else Path(self.root)
+        root = user_cache() / "demo" if self.root is None else Path(self.root)
         return make_once(root / f"{self.water}-{self.data_id}", lambda: make(**self._options()))
 
     def _options(self) -> dict[str, Any]:

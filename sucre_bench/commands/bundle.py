@@ -7,7 +7,7 @@ from typing import Any
 
 import click
 
-from sucre_bench.commands.common import say
+from sucre_bench.machine.notices import say
 
 __all__ = ["bundle"]
 

@@ -14,7 +14,6 @@ __all__ = [
     "plugin_files_option",
     "plugin_option",
     "refuse_options",
-    "say",
 ]
 
 _F = TypeVar("_F", bound=Callable[..., Any])
@@ -84,13 +83,3 @@ def labels_of(text: str) -> list[str]:
         elif word and word not in labels:
             labels.append(word)
     return labels
-
-
-def say(text: str, colour: str) -> None:
-    """Print a line on stderr, in colour if stderr is a terminal that wants colours."""
-    from rich.text import Text
-
-    from sucre_bench.machine import terminal
-    from sucre_bench.machine.secrets import masked
-
-    terminal.err.print(Text(masked(text), style=colour), soft_wrap=True)

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands import complete
-from sucre_bench.commands.common import say
 from sucre_bench.errors import InputError
+from sucre_bench.machine.notices import say
 
 if TYPE_CHECKING:
     from sucre_bench.compare import Comparison, Gated

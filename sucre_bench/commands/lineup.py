@@ -6,7 +6,8 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands.common import plugin_option, say
+from sucre_bench.commands.common import plugin_option
+from sucre_bench.machine.notices import say
 
 __all__ = ["lineup"]
 

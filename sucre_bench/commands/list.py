@@ -129,14 +129,10 @@ def _styled(text: str, colour: bool, **style: Any) -> str:
 def _option_lines(option: Option) -> list[str]:
     words = [*option.choices, *([] if option.is_closed else ["..."])]
     choices = f" ({'|'.join(words)})" if option.choices else ""
-    default = "" if option.default is MISSING else f"={_plain_default(option.default)}"
+    default = "" if option.default is MISSING else f"={'none' if option.default is None else option.default}"
     return _wrapped(f"{option.name}{default}{choices}  ", option.help)
 
 
 def _wrapped(head: str, text: str) -> list[str]:
     width = max(60, shutil.get_terminal_size().columns)
     return textwrap.wrap(head + text, width, initial_indent="    ", subsequent_indent="        ")
-
-
-def _plain_default(value: Any) -> str:
-    return "none" if value is None else str(value)

@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import complete
-from sucre_bench.commands.common import plugin_option, say
+from sucre_bench.commands.common import plugin_option
+from sucre_bench.machine.notices import say
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import plugin_option, say
+from sucre_bench.commands.common import plugin_option
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine.notices import say
 from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:

@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import json_option, labels_of, say
+from sucre_bench.commands.common import json_option, labels_of
 from sucre_bench.machine.json_text import json_text
+from sucre_bench.machine.notices import say
 
 if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated
@@ -167,16 +168,14 @@ def _metrics(found: Evaluated) -> Any:
     from sucre_bench.compare.text import number
 
     table = _table("metric", "tau", "95 % interval", "predicted", "votes")
-    ranked = sorted(found.metrics.items(), key=lambda item: -_known(item[1].predicted))
+    ranked = sorted(
+        found.metrics.items(), key=lambda item: -item[1].predicted if math.isfinite(item[1].predicted) else 1.0
+    )
     for (metric, variant), agreement in ranked:
         interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
         predicted = f"{100 * agreement.predicted:.0f} %" if math.isfinite(agreement.predicted) else "-"
         table.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
     return table
-
-
-def _known(value: float) -> float:
-    return value if math.isfinite(value) else -1.0
 
 
 def _table(first: str, *names: str) -> Any:

@@ -11,8 +11,9 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import json_option, plugin_option, say
+from sucre_bench.commands.common import json_option, plugin_option
 from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sucre_bench.compare.model import FEWEST_VIEWS, Cell, Column, Comparison, Note, Verdict, may_be_chance
+from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Note, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number, signed
 from sucre_bench.machine.shown import counted
 
@@ -55,7 +55,7 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
     if cell is None:
         return Shown("", "-", "", "", "")
     holes = f"○{cell.holes}" if cell.holes else ""
-    if _is_change(cell):
+    if not math.isnan(cell.change[0]):
         change, low, high = cell.change
         surely = math.isfinite(low) and not may_be_chance(cell.change)
         is_better = (change > 0) == (column.better == "higher")
@@ -75,10 +75,6 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
 def _differ(comparison: Comparison, column: Column) -> bool:
     """Whether there is a best: among several that are not all equal."""
     return any((cell := comparison.cells.get((name, column))) and cell.place > 1 for name in comparison.methods)
-
-
-def _is_change(cell: Cell) -> bool:
-    return not math.isnan(cell.change[0])
 
 
 def _interval(low: float, high: float, word: Callable[[float], str] = number) -> str:

@@ -205,16 +205,12 @@ def _one(
     try:
         result = restore(method, scene, view)
     except SucreBenchError as fault:
-        is_skipped = isinstance(fault, NotApplicableError) or _lacks(method, scene)
+        is_skipped = isinstance(fault, NotApplicableError) or bool(plugins.missing_needs(method.__plugin__, scene.has))
         status: results.Status = "skipped" if is_skipped else "failed"
         row = results.Row(dataset=dataset, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
         return results.frame([row_without_value(row, status, one_line(fault))]), None
     rows = score(result, view, metrics, dataset=dataset)
     return rows.assign(method=label), InMemory.of(to_8bit(result.shown), result.valid)
-
-
-def _lacks(method: Any, scene: Scene) -> bool:
-    return bool(plugins.missing_needs(method.__plugin__, scene.has))
 
 
 def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:

@@ -64,7 +64,7 @@ def line_up_of(out: Path, folder: Path) -> Found:
     Raises InputError when the folder has no results.
     """
     rows = results.read(out)
-    jobs = _last_jobs(out)
+    jobs = list(read_config(config_path(out))) if config_path(out).is_file() else []
     last = {one.key: one for one in _of_jobs(jobs)}
     older = {one.key: one for one in _of_rows(rows) if one.key not in last}
     made = [*older.values(), *last.values()]
@@ -79,10 +79,6 @@ def line_up_of(out: Path, folder: Path) -> Found:
         settings=_settings(jobs, folder),
     )
     return Found(line_up, tuple(_notes(made, rows)))
-
-
-def _last_jobs(out: Path) -> list[Job]:
-    return list(read_config(config_path(out))) if config_path(out).is_file() else []
 
 
 def _of_jobs(jobs: Iterable[Job]) -> Iterator[_Made]:

@@ -9,6 +9,7 @@ import hashlib
 from collections.abc import Iterable, Iterator
 from pathlib import Path
 
+from sucre_bench.machine.files import user_cache
 from sucre_bench.machine.kept_digests import KeptDigests
 from sucre_bench.machine.provenance import distribution_of, version_of
 
@@ -61,10 +62,8 @@ def _statements(place: Path) -> frozenset[bytes]:
 @functools.cache
 def _kept() -> KeptDigests:
     """The digests of earlier processes, as long as this file made them."""
-    from platformdirs import user_cache_path
-
     rule = _digest(Path(__file__).read_bytes()).hex()
-    kept = KeptDigests(user_cache_path("sucre_bench", appauthor=False) / "code_digests.json", rule)
+    kept = KeptDigests(user_cache() / "code_digests.json", rule)
     atexit.register(kept.write)
     return kept
 

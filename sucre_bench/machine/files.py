@@ -15,7 +15,7 @@ from typing import IO
 
 from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["fault_of", "is_file", "not_writable", "open_atomically", "regular", "write_atomically"]
+__all__ = ["fault_of", "is_file", "not_writable", "open_atomically", "regular", "user_cache", "write_atomically"]
 
 _UNFINISHED = ".writing-"
 _DAY_S = 86_400
@@ -99,6 +99,13 @@ def _remove_leftovers(folder: Path) -> None:
         with contextlib.suppress(OSError):
             if time.time() - path.stat().st_mtime > _DAY_S:
                 path.unlink()
+
+
+def user_cache() -> Path:
+    """Return the folder of this user's cache: what it holds can be made again."""
+    from platformdirs import user_cache_path
+
+    return user_cache_path("sucre_bench", appauthor=False)
 
 
 def not_writable(path: Path, fault: OSError) -> OutputError:

@@ -10,6 +10,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
+from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 
 __all__ = ["waited_lock"]
@@ -19,9 +20,10 @@ _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 
 
 @contextmanager
-def waited_lock(path: Path) -> Iterator[None]:
+def waited_lock(path: Path, patience_s: float = -1) -> Iterator[None]:
     """Hold a lock file in this block. After 3 s of waiting, say which process holds it and how to go on.
 
+    patience_s: how long to wait from then on before InputError is raised; -1: for ever.
     On a file system without locks, say so once and go on without: what the block does must lose nothing then.
     Raises OSError if the file cannot be made.
     """
@@ -33,7 +35,10 @@ def waited_lock(path: Path) -> Iterator[None]:
             lock.acquire(timeout=_SILENT_S)
     except Timeout:
         progress.say(f"waiting  {path}: {_held_by(path)}")
-        lock.acquire()
+        try:
+            lock.acquire(timeout=patience_s)
+        except Timeout:
+            raise InputError(f"{path}: {_held_by(path)}") from None
     except (OSError, NotImplementedError) as fault:
         if isinstance(fault, OSError) and fault.errno not in _NO_LOCKS:
             raise

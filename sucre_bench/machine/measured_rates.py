@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.errors import OutputError
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import user_cache, write_atomically
 
 __all__ = ["MeasuredRates", "Rates", "rates_path"]
 
@@ -57,6 +57,4 @@ class MeasuredRates:
 
 def rates_path() -> Path:
     """The file of this machine's rates in the user's cache."""
-    from platformdirs import user_cache_path
-
-    return user_cache_path("sucre_bench", appauthor=False) / "rates.json"
+    return user_cache() / "rates.json"

@@ -9,7 +9,6 @@ import re
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
-from importlib import import_module
 from pathlib import Path
 from typing import Any
 
@@ -20,8 +19,7 @@ from sucre_bench.programs.contract.text import shown_path
 
 __all__ = ["Written", "checkout_of", "write_new"]
 
-# Names that have another meaning in a plugin's file or test.
-_TAKEN = frozenset({*import_module("sucre_bench").__all__, *dir(builtins), "Path", "Iterator"})
+_TEMPLATES = Path(__file__).with_name("templates")
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,7 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
         _check_module(name, "file" if package is None else "module")
     place = "package" if package else "house" if checkout else "folder"
     cls = "".join(part.capitalize() for part in name.split("_"))
-    if cls in _TAKEN:
+    if cls in _taken_names():
         cls += kind.capitalize()
     about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "place": place, "module": name}
     about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
@@ -78,6 +76,13 @@ def _next(kind: Kind, name: str, file: str | None, test: Path) -> tuple[tuple[st
         ("test", f"python -m pytest {shlex.quote(shown_path(test))}"),
         ("run", f"sucre-bench run {job}"),
     )
+
+
+def _taken_names() -> set[str]:
+    """Names that have another meaning in a plugin's file or test: built-in ones, and all that a template imports."""
+    texts = "\n".join(file.read_text(encoding="utf-8") for file in _TEMPLATES.glob("*.py.j2"))
+    imports = re.findall(r"^(?:from|import) .*", texts, re.MULTILINE)
+    return {*dir(builtins), *re.findall(r"\w+", " ".join(imports))}
 
 
 def _package(folder: Path, about: Mapping[str, Any]) -> Written:
@@ -124,11 +129,14 @@ def _check_module(name: str, what: str) -> None:
 
 
 def _filled(template: str, about: Mapping[str, Any]) -> str:
-    from jinja2 import Environment, PackageLoader, StrictUndefined
+    from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
-    loader = PackageLoader("sucre_bench.programs.contract", "templates")
     engine = Environment(
-        loader=loader, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True, keep_trailing_newline=True
+        loader=FileSystemLoader(_TEMPLATES),
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
+        keep_trailing_newline=True,
     )
     return engine.get_template(template).render(about)
 

@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import os
 import tempfile
-from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine import progress
+from sucre_bench.machine.locks import waited_lock
 from sucre_bench.reports.mlflow import store
 from sucre_bench.results.rows import fingerprint
 
@@ -19,7 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["connect", "default_uri", "resolved", "sqlite_path"]
 
-_SILENT_S, _PATIENCE_S = 4, 60  # for other processes that open the same store
+_PATIENCE_S = 60  # for other processes that open the same store
 
 _SQLITE = "sqlite:///"
 # An experiment's tags: its kind, by which mlflow's page opens on runs and models, not on chats; and its description.
@@ -53,34 +51,13 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         lock, artifacts = path.with_name(f".{path.name}.lock"), (path.parent / "mlartifacts").as_uri()
-    with _alone(lock):
+    with waited_lock(lock, _PATIENCE_S):
         if path is not None:
             store.make(path)
             store.check(path)
         client = _client(uri)
         there = client.get_experiment_by_name(experiment)
         return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
-
-
-@contextmanager
-def _alone(lock: Path) -> Iterator[None]:
-    """Hold a lock in this block; say it if another process has it for long. Raises InputError if that does not end."""
-    from filelock import FileLock, Timeout
-
-    held = FileLock(lock)
-    try:
-        held.acquire(timeout=_SILENT_S)
-    except Timeout:
-        progress.say(f"mlflow   waiting for another process, which holds {lock}")
-        try:
-            held.acquire(timeout=_PATIENCE_S)
-        except Timeout:
-            wait = f"another process holds this lock for more than {_PATIENCE_S} s"
-            raise InputError(f"{lock}: {wait}; end it, or give another URI") from None
-    try:
-        yield
-    finally:
-        held.release()
 
 
 def sqlite_path(uri: str) -> Path | None:

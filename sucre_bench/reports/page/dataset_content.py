@@ -225,7 +225,9 @@ class Section:
             else None,
             "truth": record.get("true_water"),
             "record": {
-                k: v for k, v in record.items() if k not in (*_WATER, "encoding", "true_water") and _is_short(v)
+                k: v
+                for k, v in record.items()
+                if k not in (*_WATER, "encoding", "true_water") and len(json.dumps(v)) <= _LONGEST_VALUE
             },
         }
 
@@ -260,7 +262,3 @@ def _record(row: Any, out: Path) -> Mapping[str, Any]:
 def _has_water(record: Mapping[str, Any]) -> bool:
     values = [value for name in _WATER if isinstance(value := record.get(name), list)]
     return any(isinstance(x, (int, float)) for value in values for x in value)
-
-
-def _is_short(value: Any) -> bool:
-    return len(json.dumps(value)) <= _LONGEST_VALUE

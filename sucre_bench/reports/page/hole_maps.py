@@ -51,7 +51,7 @@ def _holes(name: str, holes: Mask, has_guesses: bool) -> Block:
     mark[share > 127] = (90, 0, 150, 255)
     mark[(share > 127) & ((u + v) // 5 % 2 == 0)] = (220, 80, 255, 255)
     about = {"guesses": f"{holes.mean():.6f}"} if has_guesses else {}
-    return Block(f"{name}-holes", "image/png", _png(mark), about)
+    return Block(f"{name}-holes", "image/png", base64.b64encode(encode_png(mark)).decode(), about)
 
 
 def _confidence(name: str, values: npt.NDArray[np.float32]) -> Iterator[Block]:
@@ -86,7 +86,3 @@ def webp(image: Any) -> str:
     buffer = io.BytesIO()
     Pillow.fromarray(image[..., ::-1]).save(buffer, "WEBP", quality=_QUALITY, method=2)
     return base64.b64encode(buffer.getvalue()).decode()
-
-
-def _png(image: Any) -> str:
-    return base64.b64encode(encode_png(image)).decode()

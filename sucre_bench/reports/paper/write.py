@@ -129,7 +129,7 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
         csv = csv_text(pd.DataFrame([record for one in results.followed for record in records(one)]))
     else:
         tables = results.comparisons
-        sentences = "".join(f"- {line}\n" for table in tables for line in _sentences(table))
+        sentences = "".join(f"- {text.verdict_text(table, each)}\n" for table in tables for each in verdicts(table))
         csv = text.as_text([*results.with_baseline, *results.parts], "csv", study.spread)
         if study.baseline:
             titled = [replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline]
@@ -138,10 +138,6 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     yield "md", text.as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
     yield "tex", text.as_text(tables, "latex", study.spread)
     yield "csv", csv
-
-
-def _sentences(table: Comparison) -> list[str]:
-    return [text.verdict_text(table, verdict) for verdict in verdicts(table)]
 
 
 def _figures(name: str, results: StudyResults, notes: list[str]) -> list[Path]:

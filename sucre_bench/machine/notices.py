@@ -1,0 +1,15 @@
+"""Lines on stderr, in colour: what went wrong, and notes."""
+
+from __future__ import annotations
+
+__all__ = ["say"]
+
+
+def say(text: str, colour: str) -> None:
+    """Print a line on stderr, in colour if stderr is a terminal that wants colours."""
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+    from sucre_bench.machine.secrets import masked
+
+    terminal.err.print(Text(masked(text), style=colour), soft_wrap=True)
