@@ -16,7 +16,7 @@ from rich.text import Text
 from sucre_bench import compare, results
 from sucre_bench.compare import text as tables
 from sucre_bench.engine.outcome import Outcome
-from sucre_bench.errors import one_line
+from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, terminal
 from sucre_bench.machine.secrets import masked
 from sucre_bench.reports import mlflow, paper
@@ -177,6 +177,6 @@ def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
         try:
             mlflow.log(outcome.out, outcome.stored, comparisons, uri, experiment)
-        except Exception as fault:
-            reason = masked(one_line(fault))[:200]
+        except SucreBenchError as fault:
+            reason = str(fault).partition("; ")[0]
             progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

@@ -4,11 +4,9 @@ from __future__ import annotations
 
 import sys
 from pathlib import Path
-from textwrap import shorten
 
 import click
 
-from sucre_bench.errors import OutputError, SucreBenchError, one_line
 from sucre_bench.machine.shown import counted
 
 __all__ = ["track"]
@@ -41,15 +39,9 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
         mlflow.check_port(port)
     rows = results.read(folder)
     comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
-    try:
-        with terminal.live():
-            new = mlflow.log(folder, rows, comparisons, uri, experiment)
-        page = mlflow.runs_page(uri, experiment, port) if ui else ""
-    except SucreBenchError:
-        raise
-    except Exception as fault:
-        reason = shorten(masked(one_line(fault)), 200)
-        raise OutputError(f"{masked(uri)}: cannot log in mlflow, {reason}; check the URI") from fault
+    with terminal.live():
+        new = mlflow.log(folder, rows, comparisons, uri, experiment)
+    page = mlflow.runs_page(uri, experiment, port) if ui else ""
     click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {counted(new, 'new run')}")
     if ui and is_server:
         click.echo(f"page     {masked(page)}")

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from sucre_bench import results
-from sucre_bench.compare.fresh import is_fresh
+from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress

@@ -4,18 +4,22 @@ from __future__ import annotations
 
 import os
 import tempfile
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from textwrap import shorten
 from typing import TYPE_CHECKING
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.locks import waited_lock
+from sucre_bench.machine.secrets import masked
 from sucre_bench.reports.mlflow import store
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-__all__ = ["connect", "default_uri", "resolved", "sqlite_path"]
+__all__ = ["connect", "default_uri", "resolved", "said_of", "sqlite_path"]
 
 _PATIENCE_S = 60  # for other processes that open the same store
 
@@ -58,6 +62,18 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
         client = _client(uri)
         there = client.get_experiment_by_name(experiment)
         return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+
+
+@contextmanager
+def said_of(uri: str) -> Iterator[None]:
+    """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
+    try:
+        yield
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        reason = shorten(masked(one_line(fault)), 200)
+        raise OutputError(f"{masked(uri)}: cannot log in mlflow, {reason}; check the URI") from fault
 
 
 def sqlite_path(uri: str) -> Path | None:

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare.deciding import deciding
 from sucre_bench.errors import InputError, OutputError
-from sucre_bench.reports.mlflow.connection import connect, resolved
+from sucre_bench.reports.mlflow.connection import connect, resolved, said_of
 
 if TYPE_CHECKING:
     from sucre_bench.compare import Column, Comparison
@@ -55,7 +55,8 @@ def _key(column: Column) -> str:
 def runs_page(uri: str, experiment: str, port: int) -> str:
     """Return the address of an experiment's runs: on the page that `open_ui` serves, or on the server of the URI."""
     place = uri.rstrip("/") if uri.startswith(("http://", "https://")) else f"http://{_HOST}:{port}"
-    runs = f"{place}/#/experiments/{connect(uri, experiment)[1]}/runs"
+    with said_of(uri):
+        runs = f"{place}/#/experiments/{connect(uri, experiment)[1]}/runs"
     return f"{runs}?viewStateShareKey={_KEY}&workflowType=machine_learning"
 
 

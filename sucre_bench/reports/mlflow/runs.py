@@ -4,12 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-import os
-import socket
-import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +14,8 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.shown import counted
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.reports.mlflow.connection import connect
+from sucre_bench.reports.mlflow.connection import connect, said_of
+from sucre_bench.reports.mlflow.experiment import Experiment, hash_of, stamp
 from sucre_bench.reports.mlflow.logged import remember
 from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.paper.figures import style
@@ -45,10 +41,15 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
     """Log a results folder in mlflow: its rows, their comparisons, and its files. Return how many child runs are new.
 
     Child runs whose rows are logged already stay as they are. Raises InputError for a path that mlflow cannot take,
-    and what mlflow raises.
+    OutputError where mlflow fails.
     """
+    with said_of(uri):
+        return _log(out, rows, comparisons, uri, experiment)
+
+
+def _log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
     client, experiment_id = connect(uri, experiment)
-    store = _Store(client, experiment_id, out)
+    store = Experiment(client, experiment_id, out)
     store.end_abandoned()
     named = rows[rows["method"] != ""]
     jobs = [(str(d), str(m), of_job) for (d, m), of_job in named.groupby(["dataset", "method"], sort=False)]
@@ -74,81 +75,9 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
     return len(new)
 
 
-@dataclass(frozen=True)
-class _Store:
-    """An experiment of mlflow, and the results folder that is logged in it."""
-
-    client: MlflowClient
-    experiment: str
-    out: Path
-
-    def has(self, rows: pd.DataFrame) -> bool:
-        """Whether a run of these very rows has been ended."""
-        ended = "attributes.status != 'RUNNING' and attributes.status != 'KILLED'"
-        query = f"tags.rows = '{_hash(rows)}' and {ended}"
-        return bool(self.client.search_runs([self.experiment], query, max_results=1))
-
-    def end_abandoned(self) -> None:
-        """Mark runs of this folder as killed whose process, on this machine, was killed."""
-        for run in self.client.search_runs([self.experiment], "attributes.status = 'RUNNING'"):
-            machine, _, process = run.data.tags.get("process", "").rpartition(" ")
-            is_of_here = run.data.tags.get("out") == str(self.out.resolve()) and machine == socket.gethostname()
-            if is_of_here and not _is_alive(int(process)):
-                self.client.set_terminated(run.info.run_id, "KILLED")
-
-    def latest(self) -> dict[tuple[str, str], list[str]]:
-        """The newest runs of this folder by dataset and method, both empty for its parent run."""
-        found: dict[tuple[str, str], list[str]] = {}
-        token: str | None = None
-        while token != "":
-            page = self.client.search_runs([self.experiment], "tags.latest = 'yes'", page_token=token)
-            for run in page:
-                if run.data.tags.get("out") == str(self.out.resolve()):
-                    key = (run.data.tags.get("dataset", ""), run.data.tags.get("method", ""))
-                    found.setdefault(key, []).append(run.info.run_id)
-            token = page.token or ""
-        return found
-
-    def succeed(self, run: str, older: Iterable[str]) -> None:
-        """Mark a run as the newest of its dataset and method, and older runs as not."""
-        self.client.set_tag(run, "latest", "yes")
-        for other in older:
-            self.client.set_tag(other, "latest", "no")
-
-    @contextmanager
-    def run(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
-        """A run from the time its rows begin to that of their end; one that is broken off does not go on for ever."""
-        about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
-        process = f"{socket.gethostname()} {os.getpid()}"
-        all_tags = {**about, "out": str(self.out.resolve()), "process": process, **tags}
-        run = str(self.client.create_run(self.experiment, _stamp(rows["time"].min()), all_tags, name).info.run_id)
-        try:
-            yield run
-        except BaseException:
-            with suppress(Exception):  # of what broke it off; mlflow may be gone
-                self.client.set_terminated(run, "KILLED")
-            raise
-        failed = (rows["status"] == "failed").any()
-        self.client.set_terminated(run, "FAILED" if failed else "FINISHED", _stamp(rows["time"].max()))
-
-    def log_table(self, run: str, rows: pd.DataFrame) -> None:
-        with tempfile.TemporaryDirectory() as folder:
-            path = Path(folder) / results.TABLE
-            rows.to_parquet(path, index=False)
-            self.client.log_artifact(run, str(path))
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass  # it is another user's
-    return True
-
-
-def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.DataFrame, older: Iterable[str]) -> None:
+def _log_job(
+    store: Experiment, parent: str, dataset: str, method: str, rows: pd.DataFrame, older: Iterable[str]
+) -> None:
     """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
     from mlflow.entities import LoggedModelOutput
 
@@ -179,7 +108,7 @@ def _log_job(store: _Store, parent: str, dataset: str, method: str, rows: pd.Dat
             client.log_artifacts(run, str(pictures), "restored")
         _log_pictures(store, run, rows)
         store.succeed(run, older)
-        client.set_tag(run, "rows", _hash(rows))  # last: a run that was cut off before is not taken for whole
+        client.set_tag(run, "rows", hash_of(rows))  # last: a run that was cut off before is not taken for whole
 
 
 def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInput:
@@ -194,7 +123,7 @@ def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInp
     return DatasetInput(dataset, [InputTag("mlflow.data.context", "evaluation")])
 
 
-def _model(store: _Store, run: str, method: str, params: Mapping[str, Any], tags: Mapping[str, str]) -> LoggedModel:
+def _model(store: Experiment, run: str, method: str, params: Mapping[str, Any], tags: Mapping[str, str]) -> LoggedModel:
     """The method as mlflow's models page shows it, with its options."""
     options = {
         name.removeprefix("method."): _text(value) for name, value in params.items() if name.startswith("method.")
@@ -246,7 +175,7 @@ def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Met
     ok = ok[ok["value"].notna() & ~ok["value"].isin([float("inf"), float("-inf")])]
     steps = _steps(rows)
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
-        name, when = f"{metric}.{variant}", _stamp(scores["time"].max())
+        name, when = f"{metric}.{variant}", stamp(scores["time"].max())
         by_view = scores.groupby(["scene", "view"])["value"].mean()
         yield Metric(name, float(by_view.mean()), when, 0, model, data.dataset.name, data.dataset.digest)
         for view, value in by_view.items():
@@ -254,7 +183,7 @@ def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Met
 
     views = restoration_rows(rows).drop_duplicates(["scene", "view"])
     for status in ("ok", "failed", "skipped"):
-        yield Metric(f"views_{status}", float((views["status"] == status).sum()), _stamp(rows["time"].max()), 0)
+        yield Metric(f"views_{status}", float((views["status"] == status).sum()), stamp(rows["time"].max()), 0)
 
 
 def _steps(rows: pd.DataFrame) -> dict[tuple[str, str], int]:
@@ -263,7 +192,7 @@ def _steps(rows: pd.DataFrame) -> dict[tuple[str, str], int]:
     return {view: step for step, view in enumerate(sorted(set(zip(views["scene"], views["view"], strict=True))))}
 
 
-def _log_pictures(store: _Store, run: str, rows: pd.DataFrame) -> None:
+def _log_pictures(store: Experiment, run: str, rows: pd.DataFrame) -> None:
     """Small pictures by step, which mlflow's chart view shows side by side for the runs that are selected."""
     from PIL import Image
 
@@ -280,21 +209,12 @@ def _log_pictures(store: _Store, run: str, rows: pd.DataFrame) -> None:
         except OSError:  # gone, or cut short: the others are shown
             continue
         small.thumbnail(_PICTURE_SIZE)
-        store.client.log_image(run, small, key="restored", step=step, timestamp=_stamp(str(row.time)), synchronous=True)
+        store.client.log_image(run, small, key="restored", step=step, timestamp=stamp(str(row.time)), synchronous=True)
 
 
 def _status(rows: pd.DataFrame) -> str:
     statuses = set(restoration_rows(rows)["status"])
     return "failed" if "failed" in statuses else "skipped" if statuses == {"skipped"} else "ok"
-
-
-def _user() -> str:
-    import getpass
-
-    try:
-        return getpass.getuser()
-    except (OSError, KeyError):  # in a container, an id without a name
-        return "unknown"
 
 
 def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataFrame) -> str:
@@ -328,18 +248,3 @@ def _note(rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> str:
 
 def _text(value: Any) -> str:
     return value if isinstance(value, str) else json.dumps(value, default=str)
-
-
-def _stamp(time: str) -> int:
-    import pandas as pd
-
-    return int(pd.Timestamp(str(time)).timestamp() * 1000)
-
-
-def _hash(rows: pd.DataFrame) -> str:
-    import pandas as pd
-
-    ordered = rows.sort_values([*rows.columns[:4], "metric", "variant", "region"], kind="stable")
-    return hashlib.blake2b(
-        pd.util.hash_pandas_object(ordered, index=False).to_numpy().tobytes(), digest_size=8
-    ).hexdigest()

@@ -16,7 +16,7 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
-from sucre_bench.compare.fresh import is_fresh
+from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.tables import without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
