@@ -22,6 +22,7 @@ __all__ = [
     "SolveError",
     "StopRequest",
     "SucreBenchError",
+    "UnknownPluginError",
     "check_number",
     "did_you_mean",
     "in_one_line",
@@ -50,6 +51,14 @@ class InputError(SucreBenchError):
     ...     print("did you mean 'demo'" in str(fault))
     True
     """
+
+
+class UnknownPluginError(InputError):
+    """No plugin has a name. kind: what it should be, "method" say."""
+
+    def __init__(self, text: str, kind: str = "") -> None:
+        super().__init__(text)
+        self.kind = kind
 
 
 class DamagedTableError(InputError):

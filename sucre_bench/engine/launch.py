@@ -65,7 +65,7 @@ def launch(command: Command, restorations: int) -> Ended:
     except Exception as fault:  # of a launcher: jobs turn their own faults into rows
         keep_traceback(log_path(command.jobs[0].out), "launcher")
         reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
-        progress.say(f"failed  the launcher: {reason}")
+        progress.say(f"failed  the launcher: {reason}", is_fault=True)
         return Ended.CRASHED
     return Ended.WELL
 
@@ -176,7 +176,7 @@ def _run(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float
     try:
         run_job(job, after_view, flush_s)
     except SucreBenchError as fault:
-        progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}")
+        progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}", is_fault=True)
 
 
 def rescue(planned: Sequence[Planned], started: str) -> None:

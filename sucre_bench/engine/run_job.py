@@ -172,5 +172,5 @@ def _failed(job: Job, base: Row, fault: BaseException) -> Row:
     """Say so at once, keep the traceback in the log, and return the row that says why."""
     where = " / ".join(name for name in (base.dataset, base.scene, base.view, base.method) if name)
     keep_traceback(log_path(job.out), where)
-    progress.say(f"failed  {where}: {one_line(fault)}")
+    progress.say(f"failed  {where}: {one_line(fault)}", is_fault=True)
     return row_without_value(base, "failed", one_line(fault))

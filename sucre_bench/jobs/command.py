@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError
+from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError
 from sucre_bench.jobs.expand import combinations
 from sucre_bench.jobs.explain import in_our_words
 from sucre_bench.jobs.job import Job
@@ -216,9 +216,8 @@ def _at_its_place(
         key, fault = typed_keys[key], InputError(f"{typed_keys[key]}{colon}{rest}")
     keys = {text for word in typed for text in (word.key_or_group, word.input_line)}
     # The names in a line-up were checked when it was read.
-    is_typed = (
-        key in keys or key.startswith(("no method", "no dataset")) or (key[:9] == "no metric" and "metrics" in keys)
-    )
+    is_typed_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in keys)
+    is_typed = key in keys or is_typed_name
     return InputError(str(fault) if is_typed or not line_up.place else f"{line_up.place}: {fault}")
 
 

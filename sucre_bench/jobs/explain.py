@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, unknown_name
+from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, did_you_mean, unknown_name
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp
 from sucre_bench.jobs.presets import option_names, plugin_of
 from sucre_bench.jobs.quoting import quoted
@@ -105,7 +105,9 @@ def check_names(group: str, value: Any) -> None:
             plugins.find(kind, name)  # raises with the reason
         if kind == "dataset" and name not in known and Path(name).exists():
             remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
-            raise InputError(f"no dataset is called '{name}', but there is a path of this name; write {remedy}")
+            raise UnknownPluginError(
+                f"no dataset is called '{name}', but there is a path of this name; write {remedy}", kind
+            )
         if name not in known:
             raise plugins.unknown(kind, name, {*known, *presets})
 

@@ -10,6 +10,7 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
+from sucre_bench.plugins.options import check_values, options_of
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
@@ -53,22 +54,11 @@ class Study:
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> Study:
         """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
-        for name in values:
-            _known(f"study.{name}", str(name), [f.name for f in fields(cls)], "option")
         given = {name: value for name, value in values.items() if value is not None}
-        by = given.get("by", "method")
-        _known("study.by", str(by), get_args(By), "grouping")
-        study = cls(
-            name=_word(given, "name"),
-            metrics=_words(given, "metrics"),
-            along=_word(given, "along"),
-            axis=_word(given, "axis"),
-            baseline=_word(given, "baseline"),
-            figures=_words(given, "figures"),
-            spread=_flag(given, "spread"),
-            svg=_flag(given, "svg"),
-            by=by,
-        )
+        check_values("study", options_of(cls), given, "correct the value")
+        lists = {name: _words(name, given[name]) for name in ("metrics", "figures") if name in given}
+        options: dict[str, Any] = {"name": "", **given, **lists}
+        study = cls(**options)
         if not study.name or file_name(study.name) != study.name:
             raise InputError(f"study.name: '{study.name}' is no name for files; give study.name=WORD")
         for metric in study.metrics:
@@ -80,25 +70,10 @@ class Study:
         return study
 
 
-def _word(values: Mapping[str, Any], key: str) -> str:
-    value = values.get(key, "")
-    if not isinstance(value, str):
-        raise InputError(f"study.{key}: {value!r} is not a word; give one")
-    return value
-
-
-def _flag(values: Mapping[str, Any], key: str) -> bool:
-    value = values.get(key, False)
-    if not isinstance(value, bool):
-        raise InputError(f"study.{key}: '{value}' is neither true nor false; give one")
-    return value
-
-
-def _words(values: Mapping[str, Any], key: str) -> tuple[str, ...]:
-    value = values.get(key, [])
-    words = [value] if isinstance(value, str) else value
+def _words(key: str, given: Any) -> tuple[str, ...]:
+    words = [given] if isinstance(given, str) else given
     if not isinstance(words, (list, tuple)) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"study.{key}: {value!r} is not a list of words; write study.{key}=[a,b]")
+        raise InputError(f"study.{key}: {given!r} is not a list of words; write study.{key}=[a,b]")
     return tuple(dict.fromkeys(words))
 
 

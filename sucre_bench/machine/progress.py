@@ -24,7 +24,7 @@ class Watcher(Protocol):
     def started(self, what: str, total: int | None) -> int: ...
     def advanced(self, line: int) -> None: ...
     def finished(self, line: int) -> None: ...
-    def said(self, text: str) -> None: ...
+    def said(self, text: str, is_fault: bool) -> None: ...
 
 
 _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
@@ -56,9 +56,9 @@ class _Through:
     def finished(self, line: int) -> None:
         self.inner.finished(line)
 
-    def said(self, text: str) -> None:
+    def said(self, text: str, is_fault: bool) -> None:
         if (changed := self.change(text)) is not None:
-            self.inner.said(changed)
+            self.inner.said(changed, is_fault)
 
 
 @contextmanager
@@ -77,11 +77,11 @@ def is_watched() -> bool:
     return _watcher.get() is not None
 
 
-def say(text: str) -> None:
-    """Print a line at once, if progress is shown."""
+def say(text: str, is_fault: bool = False) -> None:
+    """Print a line at once, if progress is shown. is_fault: it says that something failed; it is red."""
     watcher = _watcher.get()
     if watcher is not None:
-        watcher.said(text)
+        watcher.said(text, is_fault)
 
 
 @contextmanager

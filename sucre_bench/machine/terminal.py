@@ -83,8 +83,8 @@ class _Bars:
         del self._paces[line]
         self._bars.remove_task(TaskID(line))
 
-    def said(self, text: str) -> None:
-        self._bars.console.print(_painted(text))
+    def said(self, text: str, is_fault: bool) -> None:
+        self._bars.console.print(_painted(text, is_fault))
 
 
 def _left(pace: Pace) -> str:
@@ -124,14 +124,14 @@ class _Lines:
         if not self._lines and seconds > _WORTH_A_LINE:
             err.print(f"{shown_line.what}: {shown_line.pace.done} done in {seconds:.1f} s")
 
-    def said(self, text: str) -> None:
-        err.print(_painted(text))
+    def said(self, text: str, is_fault: bool) -> None:
+        err.print(_painted(text, is_fault))
 
 
-def _painted(text: str) -> str:
+def _painted(text: str, is_fault: bool) -> str:
     from rich.markup import escape
 
-    return f"[red]{escape(text)}[/red]" if text.startswith("failed") else escape(text)
+    return f"[red]{escape(text)}[/red]" if is_fault else escape(text)
 
 
 def has_styles() -> bool:

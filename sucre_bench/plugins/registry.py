@@ -17,7 +17,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import Any
 
-from sucre_bench.errors import InputError, PluginError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.errors import PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.machine.steps import step
 from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
@@ -186,14 +186,14 @@ def _plugins_in(module: ModuleType) -> list[Plugin]:
     ]
 
 
-def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> InputError:
+def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> UnknownPluginError:
     """Return what to say of a name that no plugin has: the nearest, or its file, where that lies here.
 
     give: what stands before a file in the command.
     """
     if Path(f"{name}.py").is_file():
-        return InputError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py")
-    return InputError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}")
+        return UnknownPluginError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py", kind)
+    return UnknownPluginError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}", kind)
 
 
 def _where(plugin: Plugin | Broken) -> str:

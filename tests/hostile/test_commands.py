@@ -109,7 +109,7 @@ class Lines:
 
     def finished(self, line: int) -> None: ...
 
-    def said(self, text: str) -> None:
+    def said(self, text: str, is_fault: bool) -> None:
         self.lines.append(text)
 
 

@@ -225,7 +225,7 @@ def test_a_scene_without_an_id_is_not_kept_and_that_is_said_once(tmp_path: Path)
         def advanced(self, line: int) -> None: ...
         def finished(self, line: int) -> None: ...
 
-        def said(self, text: str) -> None:
+        def said(self, text: str, is_fault: bool) -> None:
             self.texts.append(text)
 
     scene = replace(counted_scene(data_id=""), name="nameless")  # said once a scene: no other test has this name

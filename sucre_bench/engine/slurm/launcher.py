@@ -102,7 +102,7 @@ class Launcher:
                     name = f"{job.dataset.label} / {job.method.label}"
                     shard = f" (shard {job.shard.index} of {job.shard.count})" if job.shard.count > 1 else ""
                     reason = f"SLURM job {ended.id}{shard} {fault}"
-                    progress.say(f"failed  {name}: {reason}")
+                    progress.say(f"failed  {name}: {reason}", is_fault=True)
                     lost.setdefault(name, []).append((job, reason))
                 else:
                     _tidy(self._folder, ended)

@@ -66,7 +66,7 @@ class Session:
         try:
             found = detect(_picture(view), self.kind)
         except InputError as fault:
-            progress.say(f"failed  {fault}")
+            progress.say(f"failed  {fault}", is_fault=True)
             return []
         expected, taken = list(propose(known, [view])), {chart.name for _, chart in known}
         named = []

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     import pandas as pd
     from mlflow import MlflowClient
 
-__all__ = ["Experiment", "hash_of", "stamp"]
+__all__ = ["Experiment", "rows_hash", "stamp"]
 
 
 @dataclass(frozen=True)
@@ -32,7 +32,7 @@ class Experiment:
     def has(self, rows: pd.DataFrame) -> bool:
         """Whether a run of these very rows has been ended."""
         ended = "attributes.status != 'RUNNING' and attributes.status != 'KILLED'"
-        query = f"tags.rows = '{hash_of(rows)}' and {ended}"
+        query = f"tags.rows = '{rows_hash(rows)}' and {ended}"
         return bool(self.client.search_runs([self.experiment], query, max_results=1))
 
     def end_abandoned(self) -> None:
@@ -111,7 +111,7 @@ def stamp(time: str) -> int:
     return int(pd.Timestamp(str(time)).timestamp() * 1000)
 
 
-def hash_of(rows: pd.DataFrame) -> str:
+def rows_hash(rows: pd.DataFrame) -> str:
     """Return what identifies rows in any order: 16 hex digits."""
     import pandas as pd
 

@@ -15,7 +15,7 @@ from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.shown import counted
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.reports.mlflow.connection import connect, said_of
-from sucre_bench.reports.mlflow.experiment import Experiment, hash_of, stamp
+from sucre_bench.reports.mlflow.experiment import Experiment, rows_hash, stamp
 from sucre_bench.reports.mlflow.logged import remember
 from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.paper.figures import style
@@ -108,7 +108,7 @@ def _log_job(
             client.log_artifacts(run, str(pictures), "restored")
         _log_pictures(store, run, rows)
         store.succeed(run, older)
-        client.set_tag(run, "rows", hash_of(rows))  # last: a run that was cut off before is not taken for whole
+        client.set_tag(run, "rows", rows_hash(rows))  # last: a run that was cut off before is not taken for whole
 
 
 def _dataset(options: Mapping[str, Any], label: str, data_id: str) -> DatasetInput:

@@ -344,7 +344,7 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
 
         def finished(self, line: int) -> None: ...
 
-        def said(self, text: str) -> None:
+        def said(self, text: str, is_fault: bool) -> None:
             self.told.append(text)
 
     def without_red(rgb: np.ndarray) -> np.ndarray:

@@ -195,7 +195,7 @@ def test_a_table_for_each_chart_stands_beside_their_mean(tmp_path: Path):
     charts = [row("a", "v0", v, metric="psi", unit="deg", better="lower", region=c) for c, v in values.items()]
     write(Study("s", by="region"), frame(charts), tmp_path)
     assert csv(tmp_path).set_index("table")["mean"].to_dict() == {"sea": 20.0, "sea · near": 10.0, "sea · far": 30.0}
-    with pytest.raises(InputError, match=r"study.by: no grouping .*'regoin'.*'region'"):
+    with pytest.raises(InputError, match=r"study.by: 'regoin' .*'region'"):
         Study.of({"name": "s", "by": "regoin"})
 
 
