@@ -13,6 +13,7 @@ from sucre_bench import compare, results
 from sucre_bench.commands.run_summary import compared, track
 from sucre_bench.engine import sweep
 from sucre_bench.engine.outcome import Outcome
+from sucre_bench.errors import OutputError
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper.figures import style
 
@@ -203,7 +204,7 @@ def test_what_is_broken_off_is_told_again_and_leaves_nothing_running(tmp_path: P
 
     with monkeypatch.context() as patch:
         patch.setattr(MlflowClient, "set_tag", breaks)
-        with pytest.raises(ConnectionError):
+        with pytest.raises(OutputError, match="gone"):
             mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench")
     assert sorted(r.info.status for r in runs(uri)) == ["FINISHED", "KILLED", "KILLED"]
     assert mlflow.log(out, rows, compare.compare(rows), uri, "sucre_bench") == 1
