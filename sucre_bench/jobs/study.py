@@ -56,7 +56,7 @@ class Study:
         """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
         given = {name: value for name, value in values.items() if value is not None}
         check_values("study", options_of(cls), given, "correct the value")
-        lists = {name: _words(name, given[name]) for name in ("metrics", "figures") if name in given}
+        lists: dict[str, Any] = {name: _words(name, given[name]) for name in ("metrics", "figures") if name in given}
         options: dict[str, Any] = {"name": "", **given, **lists}
         study = cls(**options)
         if not study.name or file_name(study.name) != study.name:

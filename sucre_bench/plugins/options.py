@@ -101,6 +101,9 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
         raise InputError(f"{plugin.name}.{name}: must be given; add {plugin.kind}.{name}={value}")
 
 
+_NOUNS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
+
+
 def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any], remedy: str) -> None:
     """Raise InputError for an unknown option, a value of another type, or a word that a Literal does not admit.
 
@@ -112,7 +115,7 @@ def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any
         if name not in known:
             raise unknown_name(where, name, known)
         if not _fits(known[name].type, value):
-            of = getattr(known[name].type, "__name__", known[name].type)
+            of = _NOUNS.get(known[name].type, known[name].type)
             raise InputError(f"{where}: {value!r} is not {of}; {remedy}")
         if not _finite(value):
             raise InputError(f"{where}: {value} is not a finite number; give one")

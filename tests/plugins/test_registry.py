@@ -229,7 +229,7 @@ def test_create_refuses_what_the_fields_do_not_say():
         create(plugin, {"rat": 1})
     with pytest.raises(InputError, match=r"'sof' is not a choice; did you mean 'soft'"):
         create(plugin, {"kind": "sof"})
-    with pytest.raises(InputError, match=r"rate: 'fast' is not float"):
+    with pytest.raises(InputError, match=r"rate: 'fast' is not a number"):
         create(plugin, {"rate": "fast"})
     assert create(plugin, {"rate": 2}) == Documented(rate=2)
 

@@ -83,7 +83,7 @@ def csv(out: Path, name: str = "s") -> pd.DataFrame:
         ({"along": "degrade.withn"}, "did you mean 'within'"),
         ({"along": "within"}, "degrade.NAME"),
         ({"baseline": ["a"]}, "is not a word"),
-        ({"spread": "yes"}, "neither true nor false"),
+        ({"spread": "yes"}, "is not true or false"),
         ({"name": "../up"}, "no name for files"),
         ({"name": ""}, "no name for files"),
     ],
