@@ -168,7 +168,7 @@ _NOT_IN_OT1 = "«»ÐÞðþĄąĐđĘęĦħĮįĸĿŀŉŊŋŦŧŲųſ"
 
 
 def _tex(text: str) -> str:
-    """Text that LaTeX sets as it is; of a letter that its fonts lack the plain one, else a question mark."""
+    """Escape text for LaTeX. A letter that its fonts lack loses its accent, or becomes a question mark."""
     return "".join(_TEX.get(sign) or _in_ot1(sign) for sign in _one_line(text))
 
 

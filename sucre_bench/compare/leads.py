@@ -4,8 +4,9 @@ They are fewer than those of all pairs, so they are judged in steps (step-down m
 Methods that differ by more than chance leave, and the others are judged anew by shorter intervals.
 
 Which method is the best is seen only in the scores, so the family of its leads is all pairs of the methods that are
-left. But a best method that beats every other one by the pair's own Student's interval leads them all, however many
-they are (Hung and Fithian 2019): if its lead over the best of the others is chance, few of those can be far behind.
+left. But if the best method beats every other one by the pair's own Student's interval, it leads them all, however many
+they are (Hung and Fithian 2019). If its lead over the best of the others is chance, few of the others can be far
+behind.
 """
 
 from __future__ import annotations

@@ -151,9 +151,9 @@ NoteKind = Literal[
 class Note:
     """Something that a comparison does not count.
 
-    methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: how many
-    units are lost, of how many; left: how many remain for all methods; lost: replicates; unit: of n; reasons: how often
-    for what reason, as text; option: the followed option; share: of the image, 0 to 1.
+    methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: number of
+    lost units, and of all units; left: number of units that remain for all methods; lost: the lost replicates; unit:
+    unit of n; reasons: how often each reason occurs, as text; option: the followed option; share: of the image, 0 to 1.
     """
 
     kind: NoteKind
@@ -193,10 +193,11 @@ class Verdict:
 class Comparison:
     """One table: methods x columns; no cell where a method has nothing.
 
-    title: the dataset, and the view or region if the table is of one; stale: methods left out because their rows come
-    from older data; baseline: the method that others are compared with, or ""; notes: what is not counted, and why;
-    measured: the numbers behind the cells, from which `against` makes differences to a baseline; photographs: methods
-    that return the photograph itself, which take no part in places, ranks and ties unless there are no others.
+    title: the dataset, and the view or region if the table is for one; stale: methods that are left out, because their
+    rows come from older data; baseline: the method that others are compared with, or ""; notes: the rows that are left
+    out, and why; measured: the numbers behind the cells, from which `against` makes differences to a baseline;
+    photographs: methods that return the photograph itself, which take no part in places, ranks and ties unless there
+    are no others.
     """
 
     title: str

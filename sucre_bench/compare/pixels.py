@@ -125,7 +125,8 @@ def _states(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _S
 
 
 def _known(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
-    """What the table of common scores knows of views, as far as it is of all methods and of their newest results."""
+    """The state of each view in the table of common scores. It counts only if it covers all methods and their newest
+    results."""
     of_views = common[common["metric"] == COMMON_PIXELS]
     if of_views.empty:
         return {}

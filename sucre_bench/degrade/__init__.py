@@ -1,10 +1,10 @@
 """Makes any dataset worse in a known way: fewer views, worse depth, poses and images, added water.
 
-A degradation wraps a scene: planes are degraded when they are loaded, files do not change. An image is degraded in the
-order of the light: added water, blur of the lens, size of the sensor, noise, bits, JPEG. A depth map is brought to the
-image's size, then gets noise, then holes; water is added with the original depth. The reference only changes its size.
-Random numbers depend on the seed and the names of scene and view: a view gets the same noise whichever others are
-selected.
+A degradation wraps a scene: planes are degraded when they are loaded, and files do not change. An image is degraded in
+the order of the light: added water, blur of the lens, size of the sensor, noise, bits, JPEG. A depth map is resized to
+the image, then gets noise, then holes. Water is added with the original depth. The reference only changes its size.
+Random numbers depend on the seed and the names of scene and view. So a view gets the same noise with any selection of
+other views.
 """
 
 from __future__ import annotations
@@ -32,10 +32,13 @@ __all__ = ["Degradation", "around", "degraded", "degraded_whole"]
 def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
     """Return a scene with a degradation applied; pixels are degraded when they are loaded.
 
-    options: those of a `Degradation`, in place of one; target: the name of the view to restore, which `within` and
-    `keep` need to choose the views around it. Another seed gives other random draws.
-    Raises InputError for an unknown option, a value out of range, a missing target, or a scene that lacks what is to
-    be degraded.
+    - scene: the scene to degrade;
+    - degradation: a `Degradation`, or None if its options are given;
+    - target: name of the view to restore. `within` and `keep` choose the views around it, and need it;
+    - options: the options of a `Degradation`, for example noise=0.02. Another seed gives other random draws.
+
+    Raises InputError for an unknown option, a value out of range, a missing target, or a scene that lacks the depth or
+    poses that an option changes.
 
     >>> import numpy as np
     >>> from sucre_bench.scene import Arrays, View

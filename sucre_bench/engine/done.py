@@ -40,9 +40,10 @@ _KEPT = tuple(field.name for field in fields(_Kept))
 class Done:
     """What an output folder holds of a job, by the names of scene and view.
 
-    Of what failed it holds only views and scores at which the process died: they would end the next process too.
-    metric_codes: what the job's scores rest on, see `engine.score.metric_code`; since: when the command started, if it
-    goes on here after a process died, else "": what the command has done by now is done, failed or not.
+    It holds failed views and scores only if the process died at them, because they would end the next process, too.
+    metric_codes: the code that the job's scores depend on, see `engine.score.metric_code`; since: the start of the
+    command, if this process continues after another one died, else "". Views that the command has tried since then are
+    done, failed or not.
     """
 
     job: Job

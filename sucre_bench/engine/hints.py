@@ -17,7 +17,8 @@ _OPTION = re.compile(r"\bmethod\.(?=\w+=)")
 
 @contextmanager
 def hints_of(job: Job, views: Iterable[str]) -> Iterator[None]:
-    """Inside, "a.png: red: 19% ..." is said as "sucre on demo: a.png: red: 19% ..."; lines of no view stay as they are.
+    """Inside, the line "a.png: red: 19% ..." becomes "sucre on demo: a.png: red: 19% ...". Lines about no view stay
+    unchanged.
 
     A hint that differs from an earlier one by its numbers alone is only counted, and the count is said at the end.
     "method.physical=true" becomes the word for this method in the command, "sucre.physical=true" in a sweep.

@@ -72,7 +72,7 @@ def check(command: Command) -> list[Planned]:
 
 
 def _unknown_baseline(jobs: Sequence[Job]) -> list[str]:
-    """A baseline that is neither among the sweep's methods nor any method at all; one that does not run is left out."""
+    """Refuse a baseline that is no method at all. A baseline that is a method, but not of this sweep, is left out."""
     known = {*(job.method.label for job in jobs), *plugins.discover("method")}
     asked, key = jobs[0].baseline, "baseline"
     if not asked and jobs[0].study:

@@ -1,8 +1,8 @@
 """Opens a run's dataset again, with the stored restorations of its views.
 
-The dataset, its options and what was done to it stand in the folder's config.yaml, that of the last command that wrote
-there; rows say which views a method restored, and of which data. A picture has 8 bits; black in it stands for no colour
-(see `sucre_bench.imaging.encoding.to_8bit`).
+The folder's config.yaml has the dataset, its options and its degradation, as the last command used them. Rows say which
+views a method restored, and the id of their data. A picture has 8 bits; black in it stands for no colour (see
+`sucre_bench.imaging.encoding.to_8bit`).
 """
 
 from __future__ import annotations

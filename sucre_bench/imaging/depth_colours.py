@@ -12,7 +12,7 @@ __all__ = ["depth_colours"]
 def depth_colours(depth: Array, near: float, far: float, unknown: int) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 RGB of a map (h, w), 0 = unknown.
 
-    near, far: what the ends of the colours stand for; unknown: the gray, 0 to 255, of what is not known.
+    near, far: the values at the ends of the colour map; unknown: the gray, 0 to 255, for unknown values.
     """
     import cv2
 

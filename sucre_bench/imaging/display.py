@@ -1,16 +1,21 @@
 """Display normalisations: they make the restored image from the result of a method.
 
-A display normalisation has a name that is kept with each score: "none" clips to [0, 1]; "stretch-1-99" clips
-every channel at its percentiles 1 and 99 and maps those to 0 and 1 (SUCRe, sec. 4.2; any two percentiles may be
-named); "linear-stretch-1-99" does so in linear light; "gray-world" scales every channel to the mean of all
-(Buchsbaum 1980); "white-99" scales every channel so that its percentile 99 becomes 1 (the white patch of Land 1977),
-and leaves black where it is; "black-1-white-99" first subtracts one black from all channels, percentile 1 of all their
-values: a black of each channel would change hues. "linear-white-veil" scales linear light by 1 / (B gamma) of the
-water: backscatter near the camera is lit by the light that falls on the scene, so its colour is that of the light. One
-more gain for all channels takes percentile 99 of all their values to 1.
+A display normalisation has a name, and each score records it:
 
-"@scene" behind a name, as in "stretch-1-99@scene", takes percentiles and means over all views of a scene, so that
-mosaics and videos have one tone.
+- "none" clips to [0, 1];
+- "stretch-1-99" maps percentiles 1 and 99 of each channel to 0 and 1, and clips (SUCRe, sec. 4.2). Any two percentiles
+  are allowed;
+- "linear-stretch-1-99" does the same in linear light;
+- "gray-world" scales each channel to the mean of all channels (Buchsbaum 1980);
+- "white-99" scales each channel so that its percentile 99 becomes 1 (the white patch of Land 1977), and leaves black
+  unchanged;
+- "black-1-white-99" first subtracts one black from all channels: percentile 1 of all their values. A black for each
+  channel would change hues;
+- "linear-white-veil" scales linear light by 1 / (B gamma) of the water. Backscatter near the camera has the colour of
+  the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1.
+
+With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means are those of all views of a scene, so
+that mosaics and videos have one tone.
 """
 
 from __future__ import annotations
@@ -34,12 +39,15 @@ __all__ = ["check_display", "display", "displayed", "gray_world_gain", "is_of_sc
 def display(
     image: Array, how: str, encoding: Encoding = "gamma", *, water: Water | None = None, over: Array | None = None
 ) -> Array:
-    """Return the picture to show and to score: (H, W, 3) float32 in [0, 1], gamma-encoded, NaN where no colour.
+    """Return the restored image: (H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour.
 
-    image: (H, W, 3), any range, NaN = no colour, encoded as `encoding` says; how: a normalisation's name; water: the
-    estimated one, for "linear-white-veil"; over: (H, W, 3) or (N, 1, 3) colours to take percentiles and means of,
-    default the image's own. Raises InputError for an unknown name, for "linear-white-veil" without a water,
-    and for "@scene" without `over`.
+    - image: (H, W, 3), any range, NaN = no colour;
+    - how: the name of a normalisation;
+    - encoding: encoding of the image, "gamma" or "linear";
+    - water: the estimated water, for "linear-white-veil";
+    - over: (H, W, 3) or (N, 1, 3), the colours whose percentiles and means are used; default the image's own.
+
+    Raises InputError for an unknown name, for "linear-white-veil" without a water, and for "@scene" without `over`.
     """
     check_display(how)
     name, _, scope = how.partition("@")
@@ -141,7 +149,7 @@ def check_display(how: str) -> None:
 
 
 def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None = None) -> Array:
-    """Map each channel's percentiles low and high to 0 and 1, clipped; a constant channel is only clipped.
+    """Map the percentiles low and high of each channel to 0 and 1, and clip. A constant channel is only clipped.
 
     image: (..., 3); over: (P, 3) pixels to take the percentiles of, default the image's own.
     """

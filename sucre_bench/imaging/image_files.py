@@ -109,8 +109,8 @@ def same_shape(one: tuple[int, int], other: tuple[int, int]) -> bool:
 def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     """Return an image (H, W, 3) float32 RGB in [0, 1], shrunk to `size` (width, height) by area if one is given.
 
-    Gray is repeated over the channels, transparency dropped. Raises InputError when the file cannot be read, is neither
-    8- nor 16-bit, or its size is not one that shrinks to `size`.
+    Gray is repeated over the channels, transparency dropped. Raises InputError if the file cannot be read, does not
+    have 8 or 16 bits, or has a size that does not shrink to `size`.
     """
     import cv2
 

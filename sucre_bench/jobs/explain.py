@@ -35,7 +35,7 @@ def not_an_override(text: str, fault: Exception) -> InputError:
 
 
 def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> InputError | None:
-    """Return what is wrong with a word that is no option of a chosen dataset or method; None for one of the run.
+    """Return the fault of a word that is no option of a chosen dataset or method; None for a key of the run.
 
     line_up: of which other words may have replaced the datasets or methods.
     """

@@ -14,9 +14,10 @@ class Settings:
 
     timeout_min: time limit of a job; cpus_per_task: processors of a job, and so its threads; mem_gb: memory of a job,
     default the cluster's; array_parallelism: most jobs at work at once; setup: shell lines before the job;
-    additional_parameters: any other of sbatch's, by its long name; signal_delay_s: how long before its time limit a
-    job is told to stop (a quarter of the limit at most); latency_s: how long a result may take to be seen through a
-    shared file system: a job that has ended, says SLURM, and left none by then is lost. The others are sbatch's.
+    additional_parameters: any other parameter of sbatch, by its long name; signal_delay_s: how many seconds before its
+    time limit a job gets the signal to stop (at most a quarter of the limit); latency_s: most seconds until a result is
+    visible through a shared file system. A job that has ended and has no visible result after that time is lost. The
+    others are sbatch's.
     """
 
     _target_: str = "sucre_bench.engine.slurm.launcher.Launcher"

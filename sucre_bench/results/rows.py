@@ -47,12 +47,19 @@ RESTORATION = "seconds"
 class Row:
     """One score, or the reason why there is none.
 
-    method: the configuration's label; options: all its options as JSON, options_id their hash; region: "image", a
-    chart, or "<chart>/<patch>"; coverage: share of the region scored; status: "ok", "failed" or "skipped" (value NaN,
-    `reason` says why); seconds, peak_mb: of the restoration (wall time; memory above what was held before, with the
-    GPU's); code: hashes of source, the restoration's and the metric's; data_id: hash of the data; time: UTC, ISO 8601.
-    The row of metric "seconds" stands for the restoration as a whole: it is the one that says failed or skipped, and
-    what a row is before anything is known.
+    - method: label of the configuration;
+    - options, options_id: all its options as JSON, and their hash;
+    - region: "image", a chart, or "<chart>/<patch>";
+    - coverage: share of the region's pixels that were scored;
+    - status: "ok", "failed" or "skipped". Unless it is "ok", value is NaN and `reason` says why;
+    - seconds, peak_mb: wall time of the restoration, and its memory above that held before, with that of the GPU, in
+      MB;
+    - code: hashes of the source code of the method and of the metric;
+    - data_id: hash of the data;
+    - time: UTC, ISO 8601.
+
+    The row of the metric "seconds" stands for the restoration as a whole: its status says whether the restoration
+    failed or was skipped. A new Row has this metric by default.
     """
 
     dataset: str = ""

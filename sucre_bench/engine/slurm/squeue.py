@@ -13,7 +13,7 @@ from sucre_bench.errors import InputError
 
 __all__ = ["ENDED", "array_of", "at_work", "cancel", "check_is_there", "largest_array", "states"]
 
-# The states of squeue(1) that a job does not leave by itself; what is not among them may yet give a result.
+# The final states of squeue(1). A job in any other state may still give a result.
 ENDED = {
     "BOOT_FAIL",
     "CANCELLED",

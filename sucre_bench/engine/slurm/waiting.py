@@ -95,10 +95,10 @@ def wait(
     """Yield each job as it ends, with what went wrong: nothing where it left a result that says so.
 
     states: the queue's word on every job it knows, None while it gives no answer, which says nothing about any job;
-    latency_s: how long a result may take to be seen once the queue says that its job has ended; tell: called with each
-    answer; look_s: seconds between two looks for results; ask_s: longest time between two questions to the queue, as
-    controllers of large sites do not like to be asked more often. A job that the queue starts anew (after its node
-    failed, say) is waited for again.
+    latency_s: most seconds until a result is visible after its job has ended; tell: function that gets each answer;
+    look_s: seconds between two looks for results; ask_s: most seconds between two questions to the queue. Controllers
+    of large sites should not be asked more often. A job that the queue starts anew (after its node failed, say) is
+    waited for again.
     """
     left = {job.id: job for job in jobs}
     ended_at: dict[str, float] = {}

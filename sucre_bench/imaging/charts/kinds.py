@@ -13,8 +13,8 @@ degree observer), brought to D50 by Bradford's adaptation. Columns R, G, B, 0 to
 it is the Lab's, clipped. Patches are numbered as they are listed; those of a chroma of 5 or more count as colours.
 
 The ColorChecker Digital SG is given in the maker's values of charts made after November 2014, as colour-science has
-them. Its corners are the outer corners of the four corner patches, A1, N1, N10, A10; patches are taken
-as 7/8 of their pitch, like the Classic's, of which only the inner half is read.
+them. Its corners are the outer corners of the four corner patches, A1, N1, N10, A10; a patch is taken as 7/8 of its
+pitch, as for the Classic; only its inner half is read.
 """
 
 from __future__ import annotations

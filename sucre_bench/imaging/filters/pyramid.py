@@ -52,7 +52,8 @@ def _bands(image: Array, levels: int) -> Iterator[Array]:
 
 
 def _enlarged(coarse: Array, shape: tuple[int, ...]) -> Array:
-    """A level at the size of the next finer one, which is told and not doubled: half of an odd size is rounded up."""
+    """Enlarge a level to the size of the next finer one. The caller gives this size, because half of an odd size was
+    rounded up."""
     import cv2
 
     return np.asarray(cv2.pyrUp(coarse, dstsize=(shape[1], shape[0])))

@@ -1,8 +1,8 @@
 """Seams of a picture: steps along a line that neither the photograph nor its distances explain.
 
-A restoration that is any smooth function of a pixel's colour and distance has no seam: where the photograph is smooth,
-so is what is made of it. One that is put together from other photographs may step where its sources change. To tell
-such steps from the photograph's own edges, which a restoration may well make stronger, and from noise:
+A restoration that is a smooth function of a pixel's colour and distance has no seam: if the photograph is smooth at a
+place, the restoration is smooth there, too. One that is put together from other photographs may step where its sources
+change. To tell such steps from the photograph's own edges, which a restoration may well make stronger, and from noise:
 
 1. Both pictures, each channel brought to [0, 1] at its percentiles 1 and 99, are reduced to 512 pixels, a hole where
    most is hole.
@@ -14,7 +14,7 @@ such steps from the photograph's own edges, which a restoration may well make st
    fifths full.
 4. What a smooth function of colour I and log distance s can do to a step is linear in d I, d s and I d s. In each
    eighth of the distances the coefficients are found by least squares over all places and directions; seams are too few
-   to be in the way. The excess u is what is left of the picture's step d S.
+   to disturb the fit. The excess u is what is left of the picture's step d S.
 5. It is a seam where |u| and |d S| exceed 0.05, too, and |u| exceeds 5 times what is typical of that distance (1.4826
    medians of |u|, a standard deviation if it were noise), in any channel.
 

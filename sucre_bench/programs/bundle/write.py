@@ -34,9 +34,9 @@ _TEXTS = ("config.yaml", "environment.json")
 class Bundled:
     """A bundle that was written.
 
-    id: see `Bundle`; n_scores: rows with a value, but for seconds and memory; n_inside, n_outside: pictures in it, and
-    pictures of which it has the hash alone; local_paths: folders of this machine that options of methods or datasets
-    name.
+    id: see `Bundle`; n_scores: number of rows with a value, without seconds and memory; n_inside, n_outside: number of
+    pictures in the bundle, and of pictures of which it has only the hash; local_paths: folders of this machine that
+    options of methods or datasets name.
     """
 
     path: Path

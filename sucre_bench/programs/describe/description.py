@@ -30,9 +30,9 @@ _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagree
 class Described:
     """The description of a scene: facts and overlaps of its views, and faults.
 
-    n_views: number of views of the scene, of which some are described; scale: the note of prepare, None if there is
-    none, and lengths count as metres; edges (B + 1,), counts (B,): histogram of distances over all views' pixels with
-    depth, as shares.
+    n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, or None if
+    there is none (lengths then count as metres); edges (B + 1,), counts (B,): histogram of distances over all views'
+    pixels with depth, as shares.
     """
 
     dataset: str

@@ -66,8 +66,9 @@ _ATTEMPTS = (_Attempt("usual", 1600, 0.02 / 3, 100, 30, False), _Attempt("faint"
 @dataclass(frozen=True, slots=True)
 class Mapped:
     """model: folder of the COLMAP model, its cameras those of the photos as used; registered: output names; attempt:
-    the one that gave it; best_matches: of every photo's name, the most matches with any placed photo (with any, where
-    none is), and with which; damaged: photos that turned out so, and why; groups: sizes of all separate models."""
+    the attempt that gave the model; best_matches: for each photo, the most matches with a placed photo (with any photo
+    if none is placed), and the name of that photo; damaged: photos that turned out to be damaged, and why; groups:
+    sizes of all separate models."""
 
     model: Path
     registered: tuple[str, ...]

@@ -24,7 +24,7 @@ class Photo:
     """A photo.
 
     name: path relative to the folder of photos, which orders them; key: a name that any program accepts; size: (width,
-    height) in pixels, as it is used; output: the name of its undistorted image; mask: the file whose black parts are
+    height) in pixels, after shrinking; output: the name of its undistorted image; mask: the file whose black parts are
     not used; stamp: identifies the file's version.
     """
 

@@ -51,9 +51,10 @@ class Differing:
 class Verified:
     """What became of a bundle's check.
 
-    id, by: see `Bundle`; n_files: how many hashes were checked; faults: what does not hold, a line each: files, data,
-    pictures, units; differing: scores that differ; n_agree: how many were computed again and agree; unchecked: scores
-    that were not computed again, by reason; other_versions: metrics whose code here is not what made the scores.
+    id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
+    each; differing: scores that differ; n_agree: number of scores that were computed again and agree; unchecked: scores
+    that were not computed again, by reason; other_versions: metrics whose code here is not the code that made the
+    scores.
     """
 
     id: str

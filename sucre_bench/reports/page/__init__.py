@@ -1,7 +1,7 @@
 """The results page: one static file made from the table and the pictures, which opens from disk without a network.
 
-Values are embedded as JSON, a block a dataset, read when that dataset is chosen; scripts and styles are the files
-beside this one, put into the page as they are. The page allows itself no connection at all (its
+The page embeds values as JSON, one block for each dataset, and reads a block when the reader chooses its dataset.
+Scripts and styles are copies of the files beside this one. The page allows itself no connection at all (its
 Content-Security-Policy).
 """
 

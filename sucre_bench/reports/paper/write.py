@@ -28,7 +28,7 @@ __all__ = ["Written", "write"]
 
 @dataclass(frozen=True)
 class Written:
-    """What a study came to: its files, and what there is to say of it, such as why a figure could not be drawn."""
+    """The result of a study: its files, and notes, for example why a figure could not be drawn."""
 
     paths: tuple[Path, ...]
     notes: tuple[str, ...]
