@@ -51,8 +51,8 @@ class Colmap(ImageScaleOption):
     charts: str = "charts.json"
     """File of the charts' corners, in root; need not exist."""
     undistort: bool = False
-    """Undistort images, references and chart corners on the way where the model's cameras are distorted; depth maps are
-    of undistorted images."""
+    """Undistort images, references and chart corners while loading, if the model's cameras are distorted. Depth maps
+    must be of undistorted images."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
 

@@ -46,7 +46,7 @@ class EiffelTower(ImageScaleOption):
     root: Path
     """The folder that holds 2015/ to 2020/ and global/, or one of these."""
     year: Literal["all", "2015", "2016", "2018", "2020", "global"] = "all"
-    """Which visit; "all": each that is there, one after the other; "global": all in one scene and one frame."""
+    """Which visit. "all": every visit that exists, one scene each; "global": all visits in one scene and one frame."""
     depths: str = "depths"
     """Folder of depth maps of the undistorted images, beside sfm/; need not exist."""
 

@@ -54,11 +54,12 @@ class Flsea(ImageScaleOption):
     root: Path
     """The download, or a folder in it from canyons or red_sea down to one dive."""
     images: Literal["imgs", "seaErra"] = "imgs"
-    """What to restore: "imgs", the photographs, or "seaErra", what another program made of them."""
+    """Which images to restore: "imgs", the photographs, or "seaErra", the images that another program enhanced."""
     undistort: bool = True
-    """Undistort images and depth maps where the calibration is there; else views are as stored and have no camera."""
+    """Undistort images and depth maps if there is a calibration; false: views are as stored and have no camera."""
     calibration: Path | None = None
-    """Calibration by Kalibr, in place of the one in a folder calibration/ of the dive or above it, up to root."""
+    """File of a calibration by Kalibr, instead of the one in a folder calibration/ of the dive or above it, up to
+    root."""
 
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each dive. Reads calibrations, headers and samples of files, decodes nothing.

@@ -47,7 +47,7 @@ class Openmvs(ImageScaleOption):
     dmaps: str = "*.dmap"
     """Which depth maps, as a pattern of paths in root; one an image."""
     metres_per_unit: float = 1.0
-    """Length in metres of one unit of the reconstruction; leave 1 where it is metric already, or is not known."""
+    """Length in metres of one unit of the reconstruction; leave 1 if it is metric already, or unknown."""
     encoding: Encoding = "gamma"
     """How images are encoded: "gamma" (sRGB-like) or "linear"."""
 

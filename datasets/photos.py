@@ -43,7 +43,7 @@ class Photos(ImageScaleOption):
     charts: str = "charts.json"
     """File of the charts' corners: in root, or a path of its own; need not exist."""
     subfolders: bool = False
-    """Take the images in sub-folders too."""
+    """Also read the images in sub-folders."""
     encoding: Encoding = "gamma"
     """How images and references are encoded: "gamma" (sRGB-like) or "linear"."""
 

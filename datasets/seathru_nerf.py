@@ -46,13 +46,13 @@ class SeathruNerf(ImageScaleOption):
     root: Path
     """The download, or one scene of it."""
     images: tuple[str, ...] = ("images_wb", "images")
-    """Names of a scene's image folder, the first that is there is taken; capitals do not matter."""
+    """Names of a scene's image folder; the first that exists counts. Capitals do not matter."""
     split: Literal["all", "train", "test"] = "all"
     """ "test": every eighth image by name, from the first; "train": the others."""
     depths: str = "depths"
     """Folder of depth maps of the undistorted images, in a scene's folder; need not exist."""
     metres_per_unit: float = 1.0
-    """Length in metres of one unit of the model, which structure from motion leaves open."""
+    """Length in metres of one unit of the model; structure from motion does not know it."""
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
 

@@ -62,7 +62,7 @@ class Squid(ImageScaleOption):
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
     farthest_m: float = 100.0
-    """Distances beyond this are unknown: where stereo fails it may give any length."""
+    """Distances beyond this are unknown, because stereo may give any length where it fails."""
     charts: str = "charts.json"
     """File of charts' corners in an image set's folder; need not exist."""
 

@@ -71,7 +71,7 @@ class DiveGrayWorld(FillOption):
     """Width of a bin of distance, metres."""
 
     fewest: int = 1000
-    """Pixels that a bin needs to count; bins with fewer take their values from their neighbours."""
+    """Least number of pixels in a bin. A bin with fewer takes its values from its neighbours."""
 
     brightness: float = 0.5
     """Mean of each channel after the correction, in gamma-encoded intensity."""
@@ -80,7 +80,7 @@ class DiveGrayWorld(FillOption):
     """Standard deviation of each channel after the correction, in gamma-encoded intensity."""
 
     most_views: int | None = None
-    """Count at most so many views, spread evenly over the scene; null = all of them."""
+    """Most views to count, spread evenly over the scene; null = all."""
 
     def __post_init__(self) -> None:
         check_ranges(self, bin_m="[1e-3, 1000]", fewest="[1, inf)", brightness="(0, 1)", contrast="(0, 1]")

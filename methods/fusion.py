@@ -93,16 +93,16 @@ class Fusion2012:
 )
 @dataclass(frozen=True)
 class Fusion2018:
-    """Lift red from green, balance by gray world, and blend a gamma-corrected with a sharpened version.
+    """Raise red from green, balance by gray world, and blend a gamma-corrected with a sharpened version.
 
     The weights are Laplacian contrast, saliency and saturation.
     """
 
     red: float = 1.0
-    """Share of red's lack against green that is given back: alpha of eq. 4; 0 switches this off."""
+    """Share of the difference from green that red gets back: alpha of eq. 4; 0 switches this off."""
 
     blue: float = 0.0
-    """The same for blue, which greenish, turbid water absorbs too; 1 there, 0 switches it off."""
+    """The same for blue, which greenish, turbid water absorbs, too: use 1 there; 0 switches this off."""
 
     gamma: float = 1.2
     """Exponent of the first input; above 1 darkens, since white-balanced underwater images tend to be too bright."""

@@ -64,7 +64,7 @@ def negative_log_likelihood(water: Parameters, intensity: Array, z: Array) -> fl
 )
 @dataclass(frozen=True)
 class GaussianSeathru(FillOption):
-    """Fit the water under which colours are normally distributed, alike at all distances.
+    """Fit the water with which colours have the same normal distribution at all distances.
 
     One view and its distances are enough; the method looks for no dark pixels and no illuminant. Pixels without depth
     have no colour. Results are shown stretched, as SUCRe's are, because the likelihood leaves the overall brightness
@@ -82,8 +82,8 @@ class GaussianSeathru(FillOption):
     """Seed of the random pixels; equal seeds give equal results."""
 
     most_evaluations: int = 10_000
-    """Most evaluations of the likelihood in a search, of which each channel has three. On made scenes a search took up
-    to 5,500. Channels whose best search was cut short are named in info["undetermined"]."""
+    """Most evaluations of the likelihood in a search; each channel has three searches. On made scenes a search took up
+    to 5,500. info["undetermined"] names channels whose best search reached this limit."""
 
     def __post_init__(self) -> None:
         if self.sample < 2:

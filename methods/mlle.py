@@ -32,7 +32,7 @@ _ZERO = 128.0  # gray's a and b in 8 bits, in which the publication's means are 
 )
 @dataclass(frozen=True)
 class Mlle:
-    """Even out the channels where they are weak, then raise the contrast of lightness block by block.
+    """Balance weak channels, then raise the contrast of lightness block by block.
 
     The corrected channels replace the photograph most where one of its channels is dark. Each pixel's lightness moves
     away from the mean of its block, more in smooth blocks than in rough ones.

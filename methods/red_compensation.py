@@ -20,10 +20,11 @@ from sucre_bench.plugins.ranges import check_ranges
 @method(cites="Ancuti, Ancuti, De Vleeschouwer & Bekaert 2018", encoding="gamma")
 @dataclass(frozen=True)
 class RedCompensation:
-    """Lift red where green is strong, balance by gray world, and stretch the contrast of each channel."""
+    """Raise red where green is strong, balance by gray world, and stretch the contrast of each channel."""
 
     strength: float = 1.0
-    """Share of red's lack against green that is given back: alpha of Ancuti et al. 2018, eq. 4; 0 switches it off."""
+    """Share of the difference from green that red gets back: alpha of Ancuti et al. 2018, eq. 4; 0 switches this
+    off."""
 
     percent: float = 0.05
     """Percent of each channel's pixels that become 0, and as many 1; 0 stretches from minimum to maximum."""

@@ -41,7 +41,7 @@ class Udcp:
     least: float = 0.2
     """Least transmission: noise is amplified by at most 1 / least; 1e-6 switches the bound off."""
     greatest: float = 0.9
-    """Greatest transmission: near parts keep some veil too; 1 switches the bound off."""
+    """Greatest transmission: near parts also keep some veil; 1 switches the bound off."""
 
     def __post_init__(self) -> None:
         check_ranges(self, window="[1, 1001]", radius="[1, 1000]", eps="[1e-6, 1]")

@@ -34,7 +34,7 @@ class Ulap:
     """
 
     remaining: tuple[float, ...] = (0.83, 0.95, 0.97)
-    """Shares of red, green and blue light that are left after a metre."""
+    """Shares of red, green and blue light that remain after one metre."""
     deepest: float = 8.0
     """Distance of relative depth 1, metres."""
     share: float = 0.001

@@ -58,7 +58,7 @@ class ChartDistance:
 )
 @dataclass(frozen=True)
 class DistanceVariance:
-    """Variance of a view's distances, square metres: where it is small, the water can hardly be told."""
+    """Variance of a view's distances, square metres: if it is small, the view hardly determines the water."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no pixel has depth. NotApplicableError without a camera."""

@@ -27,7 +27,7 @@ _CHANNELS = {"red": 0, "green": 1, "blue": 2}
 )
 @dataclass(frozen=True)
 class Coverage:
-    """Share of pixels that the method gives a colour."""
+    """Share of pixels that have a colour."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where there is no pixel to cover; its n_pixels and coverage are those looked at."""
@@ -54,7 +54,8 @@ class Coverage:
 )
 @dataclass(frozen=True)
 class Negative:
-    """Share of coloured pixels whose computed intensity is negative, which no scene's is; a stretch hides it."""
+    """Share of coloured pixels with a negative computed intensity. No real scene has one, but a stretched picture hides
+    it."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no pixel has a colour."""

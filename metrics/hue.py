@@ -44,7 +44,7 @@ _LOST_DEG = 90.0  # the mean error of a hue at random
 )
 @dataclass(frozen=True)
 class Hue:
-    """Hue of each chromatic chart patch, degrees: no score of a chart, since a mean over its colours says nothing."""
+    """Hue of each chromatic chart patch, degrees. A chart has no score, because a mean over its hues means nothing."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield a score per patch."""

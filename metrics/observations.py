@@ -28,7 +28,7 @@ _KEYS = {"all": "n_observations", "repeated": "n_repeated", "views": "n_views"}
 )
 @dataclass(frozen=True)
 class Observations:
-    """Number of observations that a multi-view method used, as it tells (n_observations and the like in its info)."""
+    """Number of observations that a multi-view method used, from its info (n_observations and others)."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score; nothing where the method does not tell."""

@@ -28,7 +28,7 @@ _HUE_DEG, _SATURATION, _VALUE = 25.0, 0.5, 0.1
 )
 @dataclass(frozen=True)
 class SaturatedRed:
-    """Share of coloured pixels outside the colour charts that the picture shows in a saturated red.
+    """Share of coloured pixels outside the colour charts that are saturated red.
 
     Water takes red first. A method that divides by too small a transmission of red, or leaves too little veil, paints
     far or shaded places red. A scene with red things has such pixels too: compare methods, not scenes.

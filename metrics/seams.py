@@ -37,7 +37,7 @@ __all__ = ["Seams"]
 )
 @dataclass(frozen=True)
 class Seams:
-    """Share of the places where the picture steps and the photograph does not."""
+    """Share of places where the picture has a step that the photograph does not have."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where the photograph is nowhere smooth; coverage: the share of places looked at."""

@@ -53,7 +53,7 @@ class Demo:
     noise: float = 0.004
     """Standard deviation of the sensor's noise, as a share of full scale."""
     root: Path | None = None
-    """Folder that made scenes are kept in; None for the user's cache folder."""
+    """Folder that stores made scenes; null = the user's cache folder."""
 
     def __post_init__(self) -> None:
         for name, least in (("views", 2), ("width", 64), ("height", 48), ("seed", 0), ("noise", 0)):

@@ -53,7 +53,8 @@ class Metashape(ImageScaleOption):
     images: str = "images"
     """Folder of the images, in root."""
     undistorted: bool = False
-    """The images are what Undistort Photos wrote (principal point, aspect and skew fixed), not the photographs."""
+    """true: Undistort Photos wrote the images (principal point, aspect and skew fixed); false: they are the
+    photographs."""
     depths: str = "depths"
     """Folder of the depth maps, named after the cameras' labels, in root; need not exist."""
     depth_units: Literal["metres", "chunk"] = "metres"

@@ -60,17 +60,17 @@ class Seathru(ImageScaleOption):
     root: Path
     """The download, or one set of it."""
     images: tuple[str, ...] = ("linearPNG", "Raw")
-    """Names of a set's image folder, the first that is there is taken; capitals do not matter."""
+    """Names of a set's image folder; the first that exists counts. Capitals do not matter."""
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
     charts: str = "charts.json"
-    """File of charts' corners in a set's folder, taken in place of the published ones of D5; need not exist."""
+    """File of charts' corners in a set's folder, which replaces the published corners of D5; need not exist."""
     sparse: str = "sparse"
     """Folder of a COLMAP model of the images, in a set's folder; PINHOLE cameras; need not exist."""
     metres_per_unit: float = 1.0
-    """Length in metres of one unit of that model, which structure from motion leaves open."""
+    """Length in metres of one unit of that model; structure from motion does not know it."""
     focal_px: float | None = None
-    """Focal length in pixels of the images as stored, for a camera where there is no model."""
+    """Focal length in pixels of the stored images, if there is no model."""
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -70,20 +70,21 @@ class Command:
     """Suffix of {output} with per=view; another suffix that the program writes is found too."""
 
     pattern: str = "{stem}"
-    """Name of the output if it is not {output}, or with per=scene not the input's name: '{stem}_out'."""
+    """Name of the output, if the program does not write {output} (per=scene: the input's name). Example:
+    '{stem}_out'."""
 
     encoding: FileEncoding = "view"
-    """Encoding of its input and output: gamma (sRGB), linear, or view: as the view's own image."""
+    """Encoding of the program's input and output: gamma (sRGB), linear, or view (that of the view's image)."""
 
     holes: Holes = "alpha"
-    """Which pixels have no colour. alpha: wholly transparent ones; black: exactly black ones too; none: no pixel. NaN
-    and infinity are holes in any case."""
+    """Which pixels have no colour. alpha: fully transparent pixels; black: also exactly black pixels; none: no pixel.
+    NaN and infinity are always holes."""
 
     resize: bool = False
-    """Resize an output of another size to the view's, by area or linearly; without it that is an error."""
+    """Resize an output of another size to the view, by area or linearly; false: another size is an error."""
 
     rests_on: Path | None = None
-    """File or folder of the program or its weights: when it changes, views are restored again."""
+    """File or folder of the program or its weights. If it changes, views are restored again."""
 
     def __post_init__(self) -> None:
         words = self._words

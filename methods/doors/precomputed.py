@@ -31,14 +31,14 @@ class Precomputed:
     Examples: 'restored_{stem}', '{stem}.npz', '{parent}/out/{stem}'."""
 
     encoding: FileEncoding = "view"
-    """Encoding of the files: gamma (sRGB), linear, or view: as the view's own image."""
+    """Encoding of the files: gamma (sRGB), linear, or view (that of the view's image)."""
 
     holes: Holes = "alpha"
-    """Which pixels have no colour. alpha: wholly transparent ones; black: exactly black ones too; none: no pixel. NaN
-    and infinity are holes in any case."""
+    """Which pixels have no colour. alpha: fully transparent pixels; black: also exactly black pixels; none: no pixel.
+    NaN and infinity are always holes."""
 
     resize: bool = False
-    """Resize images of another size to the view's, by area or linearly; without it they are an error."""
+    """Resize images of another size to the view, by area or linearly; false: another size is an error."""
 
     def __post_init__(self) -> None:
         check_pattern(self.pattern, "precomputed.pattern")

@@ -40,7 +40,8 @@ class HazeLines:
     """
 
     linear: bool = True
-    """Decode intensities (sRGB) first: the authors' model is of linear light. False uses them as they are."""
+    """Decode intensities (sRGB) first, because the authors' model is for linear light; false: use encoded
+    intensities."""
     lines: int = 500
     """Number of directions on the sphere into which pixels are clustered."""
     radius: int = 30
@@ -48,11 +49,11 @@ class HazeLines:
     eps: float = 1e-3
     """Variance of intensity below which the guided filter smooths."""
     least: float = 0.1
-    """Least transmission, of blue in the estimate and of each channel in the recovery; it bounds the noise."""
+    """Least transmission: of blue in the estimate, and of each channel in the recovery. It limits the noise."""
     contrast: float = 0.1
     """Least difference between the mean transmissions of objects and water for a type to count; 0 lets all count."""
     textureless: float = 0.2
-    """Share of the pixels that counts as free of texture."""
+    """Share of the pixels that count as free of texture."""
     work_px: int = 1024
     """Longer side, pixels, of the reduced image on which the veiling light and the type of water are chosen."""
 

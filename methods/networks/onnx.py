@@ -57,7 +57,7 @@ class Onnx:
     """Range of the output: one of these, or the same as the input's."""
 
     output: str = ""
-    """Name of the output to take; needed where a model has several."""
+    """Name of the output to take; needed if the model has several."""
 
     size: int | None = None
     """Side of the square that views are resized to, pixels; null = the model's declared size, else each view's."""
@@ -70,7 +70,7 @@ class Onnx:
     global pooling look at the whole image and need null."""
 
     overlap: int = 128
-    """Overlap of tiles, pixels. Four times the distance that a pixel sees leaves no trace of tiles."""
+    """Overlap of tiles, pixels. With four times the network's reach, the result shows no trace of tiles."""
 
     device: Device = "auto"
     """Where to compute: auto takes a GPU when onnxruntime can."""

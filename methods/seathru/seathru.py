@@ -57,10 +57,10 @@ class Seathru(FillOption):
     """Attenuation over distance: "two_term", a exp(-b z) + c exp(-d z), or "constant", as in SUCRe's model."""
 
     white_balance: Literal["gray-world", "none"] = "gray-world"
-    """The last step, over pixels with depth: "gray-world" makes the channels' means equal; "none" switches it off."""
+    """Last step, over pixels with depth: "gray-world" makes the means of the channels equal; "none" switches it off."""
 
     f: float = 2.0
-    """Illuminant divided by the local average colour: 2 for a scene whose mean is a half; 5 suits linear light."""
+    """Illuminant divided by the local average colour: 2 for a scene with mean 0.5; 5 is better in linear light."""
 
     p: float = 0.01
     """Share of a pixel's own colour in its local average; the average reaches over some 1 / sqrt(p) pixels."""
@@ -78,7 +78,7 @@ class Seathru(FillOption):
     """Greatest number of dark pixels of a bin."""
 
     amplification: float = 25.0
-    """Greatest factor by which attenuation is undone: at 25, one of 255 levels becomes a tenth of full scale."""
+    """Largest factor that corrects attenuation: at 25, one of 255 levels becomes a tenth of full scale."""
 
     size: int = 1024
     """Longest side, pixels, of the grid on which water and illuminant are estimated: every n-th pixel counts."""

@@ -49,18 +49,18 @@ class FitOptions:
     with the best colours at each."""
 
     footprint: bool = True
-    """Fit the water to observations that average the same ground, as seen from the farthest view; colours stay sharp.
-    Without it attenuation comes out too high (water=own or shared, with solver=exact); false: fit single pixels."""
+    """Fit the water to observations that average the same ground as the farthest view; colours stay sharp. false: fit
+    single pixels, which makes attenuation too high. Needs solver=exact, and water=own or shared."""
 
     physical: bool = False
-    """Hold colours above zero, up to noise: a veil brighter than the darkest pixels costs (solver=exact)."""
+    """Keep colours above zero, up to noise; a veil brighter than the darkest pixels raises the cost (solver=exact)."""
 
     robust: bool = False
     """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
 
     exposure: Literal["constant", "per_view"] = "constant"
-    """per_view: fit one gain a view with the water, for cameras that expose automatically (solver=exact); constant: all
-    views have the same exposure."""
+    """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
+    constant: one exposure for all views."""
 
     lamp: bool = False
     """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
@@ -80,8 +80,8 @@ class PairingOptions:
     """Which pixels of other views show a pixel of the target, and in what encoding."""
 
     pairing: Literal["mutual", "depth"] = "mutual"
-    """mutual: the paper's, pixels that project onto one another; depth: points whose depths agree, colours
-    interpolated, more observations where views differ in scale."""
+    """mutual: the paper's rule, pixels that project onto each other; depth: points whose depths agree, with
+    interpolated colours, and more observations if views differ in scale."""
 
     tolerance: float = 0.03
     """Largest difference of depths with pairing=depth, as a share of the depth."""
@@ -90,7 +90,7 @@ class PairingOptions:
     """Fit intensities as stored, as the paper does, or decoded to linear light (sRGB)."""
 
     pairs: Path | None = None
-    """Folder that keeps observations on disk, for less memory and for the next run; None: keep none."""
+    """Folder that stores observations on disk, for less memory and for the next run; null: store none."""
 
 
 @dataclass(frozen=True)
@@ -98,14 +98,14 @@ class WaterOptions:
     """Where the water comes from."""
 
     water: Literal["own", "shared", "truth"] | str = "own"
-    """own: fitted to each image; shared: to many images of the scene at once; truth; a .json or .npz file with B,
-    beta and gamma; or a folder of them, one a view, as restored/ of an earlier run."""
+    """own: fit each image; shared: fit many images of the scene together; truth: the dataset's true water; a .json or
+    .npz file with B, beta and gamma; or a folder with one such file for each view, like restored/ of an earlier run."""
 
     water_from: str = ""
-    """A method that estimates the water of each image, instead of the fit: its name; it has its default options."""
+    """Name of a method that estimates the water of each image, instead of the fit. It runs with its default options."""
 
     shared_views: int = 40
-    """How many images water=shared is fitted to at most, spread evenly over the scene."""
+    """Most images that water=shared is fitted to, spread evenly over the scene."""
 
 
 @dataclass(frozen=True)
@@ -113,15 +113,15 @@ class ColourOptions:
     """How colours follow from the water."""
 
     colours: Literal["multi_view", "single_view"] = "multi_view"
-    """multi_view: each colour from all its observations; single_view: from the image's own intensity alone, in the same
-    water, which separates the effect of either."""
+    """multi_view: compute each colour from all its observations; single_view: from the image's own intensity alone,
+    with the same water."""
 
     prior: bool = False
-    """Shrink colours that are mostly noise towards the image's mean colour at their own brightness, in proportion to
-    their noise; the three channels help one another."""
+    """Draw noisy colours towards the image's mean colour at their own brightness, in proportion to their noise. The
+    three channels are treated together."""
 
     even: bool = False
-    """Take out the dots, lines and steps that appear where one view misses pixels between those that it shows
+    """Remove dots, lines and steps that appear where a view misses some pixels between those that it shows
     (colours=multi_view)."""
 
 

@@ -51,7 +51,7 @@ _MATCHED, _FEWEST_MATCHED = 20_000, 200
 )
 @dataclass(frozen=True)
 class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOptions, FitOptions):
-    """SUCRe at its exact minimum: one water for all observations, one colour a pixel, no step count.
+    """SUCRe at its exact minimum: one water for all observations, and one colour for each pixel.
 
     The paper's model and least squares. Colours are eliminated, and Levenberg-Marquardt finds the water from several
     starts. Attenuation and backscatter stay positive, the veiling light between 0 and 1.

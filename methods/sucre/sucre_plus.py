@@ -20,7 +20,7 @@ __all__ = ["SucrePlus"]
 )
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
-    """SUCRe with colours held above zero, less noise, no dots, and one black for all channels.
+    """SUCRe with colours above zero, less noise, no dots, and one black for all channels.
 
     The veil can absorb an offset of all colours without changing any residual, so an offset is the least known quantity
     of the model. A black of each channel would make up for it by turning hues; one black for all channels cannot. White

@@ -44,7 +44,7 @@ _FEWEST = 5
 )
 @dataclass(frozen=True)
 class Consistency:
-    """Mean CIEDE2000 between the colours that a point has in two restored views, over all pairs of views."""
+    """Mean CIEDE2000 difference between the colours of a point in two restored views."""
 
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
         """Yield the mean over the patches, then one for each range of difference in distance."""
@@ -76,7 +76,7 @@ class Consistency:
 )
 @dataclass(frozen=True)
 class PointContrast:
-    """Mean CIEDE2000 between different points of a restored view, those that other views show too."""
+    """Mean CIEDE2000 difference between different points of a restored view that other views also show."""
 
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
         """Yield the mean over both views."""

@@ -54,7 +54,7 @@ _NEAR = 0.01  # of the diagonal
 )
 @dataclass(frozen=True)
 class Matches:
-    """Verified matches between neighbouring views, restored over before.
+    """Verified matches between neighbouring restored views, compared with those between the photographs.
 
     A view's neighbours are the two that overlap most with it. Ratios differ between views by orders of magnitude, where
     hazy photographs hardly match: compare methods by their doublings.

@@ -79,7 +79,7 @@ class RangeSlope:
 )
 @dataclass(frozen=True)
 class RangeSlopeError:
-    """How far the slope of a point's restored light on its distance is from 0: root mean square of the channels."""
+    """Distance of `range_slope` from 0: root mean square over the channels."""
 
     def score_pair(self, pair: RestoredPair, variant: str) -> Iterator[Score]:
         """Yield the root mean square over the channels."""

@@ -181,7 +181,7 @@ class Uiqm:
 )
 @dataclass(frozen=True)
 class Uicm:
-    """The colourfulness that `uiqm` is made of."""
+    """The colourfulness in `uiqm`."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where nothing has a colour."""
@@ -200,7 +200,7 @@ class Uicm:
 )
 @dataclass(frozen=True)
 class Uism:
-    """The sharpness that `uiqm` is made of."""
+    """The sharpness in `uiqm`."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole."""
@@ -219,7 +219,7 @@ class Uism:
 )
 @dataclass(frozen=True)
 class Uiconm:
-    """The contrast that `uiqm` is made of."""
+    """The contrast in `uiqm`."""
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
         """Yield one score, NaN where no block is whole. NotApplicableError as `uiqm`."""

@@ -47,7 +47,8 @@ class FillOption:
     """The option of methods that need depth."""
 
     fill: bool = False
-    """Colour pixels without depth too, at distances completed from their surroundings; they are drawn, not scored."""
+    """Also colour pixels without depth, with distances from their surroundings. Pictures show them; metrics do not
+    score them."""
 
 
 def completed_distance(z: Array, guide: Array) -> Array:
