@@ -27,7 +27,7 @@ test-short: setup
 fuzz: setup
 	@mkdir -p outputs/fuzz && echo "$(strip $(SEED))" >> outputs/fuzz/seeds.txt && echo "seed $(strip $(SEED))"
 	@FUZZ_EXAMPLES=3000 FUZZ_KILLS=20 FUZZ_SEED=$(strip $(SEED)) $(bin)/python -m pytest \
-		tests/hostile/test_readers.py tests/hostile/test_killed.py --hypothesis-seed=$(strip $(SEED))
+		tests/hostile/test_readers.py tests/hostile/test_words.py tests/hostile/test_killed.py --hypothesis-seed=$(strip $(SEED))
 
 docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict

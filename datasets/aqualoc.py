@@ -30,6 +30,7 @@ from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
@@ -119,7 +120,7 @@ def _poses(path: Path) -> dict[int, Array]:
     from scipy.spatial.transform import Rotation
 
     try:
-        lines = path.read_text(encoding="utf-8").splitlines()
+        lines = regular(path).read_text(encoding="utf-8").splitlines()
     except (OSError, UnicodeDecodeError) as fault:
         raise InputError(f"{path}: cannot be read ({fault}); copy the file again") from fault
     poses = {}

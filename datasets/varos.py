@@ -33,6 +33,7 @@ from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
@@ -144,7 +145,7 @@ def _camera(path: Path) -> Camera:
     import yaml
 
     try:
-        text = path.read_text(encoding="utf-8")
+        text = regular(path).read_text(encoding="utf-8")
         stored = yaml.safe_load(re.sub(r"^%YAML.*\n", "", text))  # as OpenCV heads its files, which YAML refuses
         resolution = stored.get("resolution", stored)
         width, height = resolution if isinstance(resolution, list) else (resolution["width"], resolution["height"])
@@ -213,7 +214,7 @@ def _nearest(poses: tuple[Array, Array], time: int | None) -> Array | None:
 
 def _rows(path: Path) -> list[list[Any]]:
     try:
-        with path.open(encoding="utf-8-sig", newline="") as file:
+        with regular(path).open(encoding="utf-8-sig", newline="") as file:
             return [row for row in csv.reader(file) if row]
     except (OSError, UnicodeDecodeError, csv.Error) as fault:
         raise InputError(f"{path}: cannot be read ({fault}); copy the file again") from fault

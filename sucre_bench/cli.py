@@ -15,16 +15,20 @@ from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.shown import escaped_output, with_fewer_letters
+from sucre_bench.machine.standard_streams import open_closed_streams
 from sucre_bench.machine.supervisor import supervised
 
 __all__ = ["SECTIONS", "cli", "main"]
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+_QUOTE = "'"
+_LOOP = "Symlink loop from "
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 
 def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
+    open_closed_streams()
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     with_fewer_letters()
@@ -76,6 +80,12 @@ def _status() -> int:
             raise
         reason = fault.strerror or type(fault).__name__
         return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
+    except MemoryError:
+        return _fault("there is not enough memory; end other programs, or give smaller images (dataset.image_scale)", 1)
+    except RuntimeError as fault:
+        if not str(fault).startswith(_LOOP):  # of Path.resolve, before Python 3.13
+            raise
+        return _fault(f"{str(fault).removeprefix(_LOOP).strip(_QUOTE)}: is a link to itself; give another path", 2)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130

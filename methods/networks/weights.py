@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import regular
 
 if TYPE_CHECKING:
     import torch
@@ -90,7 +91,7 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
 
 def _foreign(path: Path) -> str:
     """What a file is when it is none of PyTorch's, and what to do; empty when it may be one."""
-    with path.open("rb") as file:
+    with regular(path).open("rb") as file:
         head = file.read(64).lstrip()
     if not head:
         return "is empty; fetch it again"

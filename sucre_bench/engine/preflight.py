@@ -142,7 +142,8 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
         same_folder = set(there["method"].unique()) - {job.method.label}
         for other in sorted(o for o in same_folder if file_name(o) == file_name(job.method.label)):
             said.append(f"{job.out}: '{job.method.label}' would share a folder with '{other}'; give another {option}")
-        of_method = there[(there["method"] == job.method.label) & (there["scene"] != "")]
+        is_result = (there["scene"] != "") & (there["status"] != "failed")  # what failed may be tried another way
+        of_method = there[(there["method"] == job.method.label) & is_result]
         if len(of_method) and set(of_method["options_id"].unique()) != {results.fingerprint(job.method.record)[1]}:
             said.append(
                 f"{job.out}: its '{job.method.label}' has other options; give another {option}, or overwrite=always"

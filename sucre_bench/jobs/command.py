@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, get_args
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError
+from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, in_one_line
 from sucre_bench.jobs.expand import combinations
 from sucre_bench.jobs.explain import in_our_words
 from sucre_bench.jobs.job import Job
@@ -67,6 +67,7 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
     a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
+    _refuse_line_breaks(words)
     words = [expand_home(text) for text in words]
     file = line_up_file(words)
     overrides = [word for word in words if "=" in word or Path(word) != file]
@@ -84,6 +85,12 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
         settings=composed.settings,
         shared_pairs=shared_pairs,
     )
+
+
+def _refuse_line_breaks(words: Sequence[str]) -> None:
+    for word in words:
+        if word.splitlines() not in ([], [word]):
+            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
 
 
 @dataclass(frozen=True)
@@ -229,7 +236,7 @@ def _compose(overrides: Sequence[str]) -> DictConfig:
 
     try:
         config = hydra.compose("config", overrides=list(overrides), return_hydra_config=True)
-    except (HydraException, OmegaConfBaseException, ValueError) as fault:
+    except (HydraException, OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
         raise in_our_words(fault, overrides) from fault
     assert isinstance(config, DictConfig)
     return config

@@ -9,6 +9,7 @@ from typing import Any
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
+from sucre_bench.machine.files import regular
 
 __all__ = ["config_path", "config_text", "read_config"]
 
@@ -35,11 +36,11 @@ def read_config(path: Path) -> Iterator[Job]:
     import yaml
 
     try:
-        told: dict[str, Any] = yaml.safe_load(path.read_text(encoding="utf-8"))
+        told: dict[str, Any] = yaml.safe_load(regular(path).read_text(encoding="utf-8"))
         each, swept = told.pop("jobs", [{}]), told.pop("swept", ())
         for name in ("sweep", "sharing"):
             told.pop(name, None)
-    except (OSError, ValueError, AttributeError, yaml.YAMLError) as fault:
+    except (OSError, ValueError, AttributeError, RecursionError, yaml.YAMLError) as fault:
         raise InputError(f"{path}: cannot be read as a run's configuration; repeat the run's command") from fault
     for file in told.get("plugins") or ():
         plugins.load_file(file)

@@ -23,6 +23,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 from sucre_bench.loading.photograph import is_rigid
+from sucre_bench.machine.files import regular
 
 __all__ = ["Header", "read_dmap_depth", "read_header"]
 
@@ -51,7 +52,7 @@ class Header:
 def read_header(path: Path) -> Header:
     """Return the header of a depth map. Raises InputError if the file is no depth map, truncated, or has no camera."""
     try:
-        with path.open("rb") as file:
+        with regular(path).open("rb") as file:
             return _header(file)
     except OSError as fault:
         raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault

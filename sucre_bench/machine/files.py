@@ -50,14 +50,22 @@ def regular(path: Path) -> Path:
     Raises FileNotFoundError if nothing is there, InputError for anything but a file. Nothing is opened.
     """
     try:
-        mode = path.stat().st_mode
+        state = path.stat()
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
         raise InputError(f"{path}: cannot be read, {getattr(fault, 'strerror', fault)}; give another file") from fault
-    if not stat.S_ISREG(mode):
-        raise InputError(f"{path}: is {_KINDS.get(stat.S_IFMT(mode), 'no file')}; give a file")
+    if not stat.S_ISREG(state.st_mode):
+        raise InputError(f"{path}: is {_KINDS.get(stat.S_IFMT(state.st_mode), 'no file')}; give a file")
+    if state.st_dev in _kernel_devices():
+        raise InputError(f"{path}: is a file of the kernel; give a file on a disk")
     return path
+
+
+@functools.cache
+def _kernel_devices() -> frozenset[int]:
+    """The devices of /proc and /sys: their files look regular, and reading some never ends."""
+    return frozenset(folder.stat().st_dev for folder in (Path("/proc"), Path("/sys")) if folder.is_mount())
 
 
 def write_atomically(path: Path, content: bytes) -> None:
@@ -112,4 +120,6 @@ def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
     if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return OutputError(f"{path}: the disk is full; free some space and repeat the command")
+    if blocking := next((folder for folder in path.parents if folder.is_file()), None):
+        return OutputError(f"{blocking}: is a file; name a folder to write into")
     return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")

@@ -20,6 +20,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.image_files import image_size
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:
@@ -134,11 +135,13 @@ def read_table(table: Path, root: Path, images: Mapping[str, Path], has_referenc
 
 def _rows(table: Path) -> list[dict[str, str]]:
     try:
-        lines = [line for line in table.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+        lines = [line for line in regular(table).read_text(encoding="utf-8-sig").splitlines() if line.strip()]
         delimiter = max(",;\t", key=lines[0].count) if lines else ","
         reader = csv.DictReader(lines, delimiter=delimiter, restkey="", restval="")
         rows = [{key.strip(): row[key].strip() for key in row if key.strip()} for row in reader]
-    except (OSError, UnicodeDecodeError, csv.Error) as fault:
+    except OSError as fault:
+        raise InputError(f"{table}: cannot be read, {fault.strerror}; give a CSV file of published numbers") from fault
+    except (UnicodeDecodeError, csv.Error) as fault:
         raise InputError(
             f"{table}: cannot be read as CSV, {one_line(fault)}; save the table as CSV in UTF-8"
         ) from fault

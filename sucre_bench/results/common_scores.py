@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
 from sucre_bench.errors import DamagedTableError, one_line
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COLUMNS, Row
 
@@ -97,7 +97,7 @@ def _read(path: Path) -> pd.DataFrame:
     import pyarrow
 
     try:
-        rows = pd.read_parquet(io.BytesIO(path.read_bytes()))
+        rows = pd.read_parquet(io.BytesIO(regular(path).read_bytes()))
         return rows[list(_COLUMNS)]
     except (pyarrow.ArrowInvalid, OSError, KeyError) as fault:
         reason = f"not a table of scores on common pixels ({one_line(fault)})"

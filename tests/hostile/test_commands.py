@@ -10,6 +10,7 @@ import re
 import shlex
 import signal
 import socket
+import subprocess
 import threading
 from collections.abc import Iterator
 from pathlib import Path
@@ -18,7 +19,7 @@ from urllib.parse import urlsplit
 import pytest
 from filelock import FileLock
 from support.colmap_folder import write_dive
-from support.command_line import run_here
+from support.command_line import PROGRAM, run_bounded, run_here
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.locks import waited_lock
@@ -35,6 +36,23 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a blank results folder's name": (f"{RUN} 'out=\" \"'", 2, r"out: is empty; name a folder"),
     "no time for a view": (f"{RUN} view_timeout_s=0", 2, r"view_timeout_s"),
     "a word for overwrite that is none": (f"{RUN} overwrite=perhaps", 2, r"overwrite.*(missing|always)"),
+    "a link to itself as results folder": (f"{RUN} out=loop", 2, r"loop: is a link to itself|loop: .*; "),
+    "a link to itself as dataset": ("run dataset=colmap dataset.root=loop method=gray_world", 2, r"loop.*; "),
+    "a file as results folder": (f"{RUN} out=dive/images/a.png", 2, r"a\.png: is a file; "),
+    "a results folder below a file": (f"{RUN} out=dive/images/a.png/x", 2, r"a\.png: is a file; "),
+    "a results folder of the kernel": (f"{RUN} out=/proc/x", 2, r"/proc/x.*; "),
+    "a file of the kernel as table": (
+        "score dive/images --like /proc/kmsg",
+        2,
+        r"/proc/kmsg: is a file of the kernel",
+    ),
+    "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
+    "a device as list of numbers": ("score dive/images --like /dev/zero", 2, r"/dev/zero: is a device; "),
+    "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
+    "a device as results": ("compare /dev/zero", 2, r"/dev/zero: .*; "),
+    "a device as plugin": ("run --plugin /dev/zero method=x", 2, r"/dev/zero: .*; "),
+    "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
+    "a pipe as line-up": ("run pipe.yaml", 2, r"pipe\.yaml: .*; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
     "a long plugin": (f"run --plugin {LONG}.py method=gray_world", 2, rf"{LONG}.*; "),
@@ -60,12 +78,15 @@ CASES: dict[str, tuple[str, int, str]] = {
 def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cases")
     write_dive(folder / "dive", ("a.png", "b.png"))
+    (folder / "loop").symlink_to("loop")
+    for name in ("pipe.py", "pipe.yaml"):
+        os.mkfifo(folder / name)
     return folder
 
 
 @pytest.mark.parametrize(("command", "status", "said"), CASES.values(), ids=CASES)
 def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: str, status: int, said: str):
-    done = run_here(place, *shlex.split(command))
+    done = run_bounded(place, *shlex.split(command))
     assert done.returncode == status
     assert re.search(said, done.stderr), done.stderr
     assert "Traceback" not in done.stdout + done.stderr
@@ -193,3 +214,15 @@ def test_the_charts_server_refuses_what_is_no_request_of_its_page_and_goes_on(
         assert page.getresponse().status == 200
         page.close()
     assert "Traceback" not in capsys.readouterr().err
+
+
+STREAMS = {"stdout": ">&-", "stdout and stderr": ">&- 2>&-", "all": ">&- 2>&- <&-", "a pipe that closes": "| head -0"}
+
+
+@pytest.mark.parametrize("how", STREAMS.values(), ids=STREAMS)
+def test_a_command_whose_streams_are_closed_does_its_work(tmp_path: Path, how: str):
+    done = subprocess.run(
+        f"'{PROGRAM}' new method mine {how}", shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60
+    )
+    assert (tmp_path / "mine.py").stat().st_size > 100
+    assert done.stderr == ""

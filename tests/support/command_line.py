@@ -6,6 +6,7 @@ import contextlib
 import io
 import multiprocessing
 import os
+import resource
 import shutil
 import signal
 import subprocess
@@ -63,13 +64,14 @@ class Started:
 
     The process is forked from one that has imported the engine already: for tests that kill many.
     dies_at: the change of a file in the folder before which it is killed, counted from 1; 0 for never.
+    is_bounded: it may take 1 GB more than what it has at its start, and 30 s of a processor.
     """
 
-    def __init__(self, folder: Path, *arguments: str, dies_at: int = 0) -> None:
+    def __init__(self, folder: Path, *arguments: str, dies_at: int = 0, is_bounded: bool = False) -> None:
         with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
             forkserver.ensure_running()  # before Python 3.14 it does not look in our sys.path
         self._said = Path(tempfile.mkdtemp())
-        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments, dies_at))
+        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments, dies_at, is_bounded))
         self._process.start()
 
     def send(self, number: signal.Signals, to_group: bool = False) -> None:
@@ -91,7 +93,7 @@ _FORKS = multiprocessing.get_context("forkserver")
 _FORKS.set_forkserver_preload(["support.warm", __name__])
 
 
-def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int) -> None:
+def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, is_bounded: bool) -> None:
     os.setsid()
     os.chdir(folder)
     _count_changes(folder, said / "changes", dies_at)
@@ -100,7 +102,20 @@ def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int) -> 
     sys.stdout, sys.stderr = (open(stream, "w", encoding="utf-8") for stream in (1, 2))  # noqa: PTH123, SIM115
     terminal.out.width = terminal.err.width = WIDTH
     sys.argv = [PROGRAM, *arguments]
+    if is_bounded:
+        _bound()
     main()
+
+
+def run_bounded(folder: Path, *arguments: str) -> Done:
+    """Run `sucre-bench ARGUMENTS` as `Started` does, with little memory and time, to its end."""
+    return Started(folder, *arguments, is_bounded=True).ended(60)
+
+
+def _bound() -> None:
+    held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
+    resource.setrlimit(resource.RLIMIT_AS, (held + (1 << 30),) * 2)
+    resource.setrlimit(resource.RLIMIT_CPU, (30, 30))
 
 
 _CHANGES = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.symlink", "os.truncate"}

@@ -12,6 +12,7 @@ from typing import Any, Literal, get_args
 import numpy as np
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import regular
 from sucre_bench.programs.people.bradley_terry import Votes
 from sucre_bench.programs.people.design import Key, Shown
 
@@ -86,7 +87,7 @@ def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterat
 
 def _read(path: Path) -> dict[str, Any]:
     try:
-        if path.stat().st_size > _MOST_BYTES:
+        if regular(path).stat().st_size > _MOST_BYTES:
             raise ValueError("larger than 16 MB")
         told = json.loads(path.read_bytes())
         if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (_FORMAT, _VERSION):

@@ -16,6 +16,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import regular
 from sucre_bench.programs.prepare.sparse_points import Shot
 
 __all__ = ["Known", "Length", "Scale", "find_scale"]
@@ -142,7 +143,7 @@ def _length(shot: Shot, length: Length, depth_of: Callable[[str], Array]) -> flo
 
 def _read_track(path: Path) -> dict[str, float]:
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
+        with regular(path).open(newline="", encoding="utf-8-sig") as file:
             return {row["image"].strip(): float(row["depth"]) for row in csv.DictReader(file)}
     except OSError as fault:
         raise InputError(f"{path}: cannot be read, {fault.strerror}; give a CSV file of image,depth") from fault
