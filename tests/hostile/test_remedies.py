@@ -153,7 +153,7 @@ CASES = {
         ("study done --methods {1},{2} --out a.html",),
     ),
     "a dataset's option that must be given": Case(
-        "describe colmap", r"add (dataset\.root=)\.\.\.", ("describe colmap {1}dive --no-sheet",)
+        "describe colmap", r"add (dataset\.root=)", ("describe colmap {1}dive --no-sheet",)
     ),
     "a folder that is nowhere": Case(
         f"{RUN} {GRAY} dataset.root=nowhere", r"as (dataset\.root=)DIR", (f"{RUN} {GRAY} {{1}}dive",)
