@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import os
 import tempfile
 from collections.abc import Iterator
@@ -99,8 +100,21 @@ def _keep_quiet() -> None:
 
 
 def _client(uri: str) -> MlflowClient:
-    from mlflow import MlflowClient
-    from mlflow.store.db import utils
+    with _without_collections():
+        from mlflow import MlflowClient
+        from mlflow.store.db import utils
 
-    utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; the default tries for two minutes
-    return MlflowClient(tracking_uri=uri)
+        utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; the default tries for two minutes
+        return MlflowClient(tracking_uri=uri)
+
+
+@contextmanager
+def _without_collections() -> Iterator[None]:
+    """Collect no garbage in this block: mlflow imports so much that looking for garbage is a fifth of its start."""
+    was_on = gc.isenabled()
+    gc.disable()
+    try:
+        yield
+    finally:
+        if was_on:
+            gc.enable()

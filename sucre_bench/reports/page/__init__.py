@@ -154,7 +154,7 @@ def _plotly() -> bytes:
 
 def _compressed(script: bytes) -> str:
     """A script that the page unpacks when it needs it: when the first plot comes into view."""
-    return base64.b64encode(gzip.compress(script, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(script, 6, mtime=0)).decode()
 
 
 def _json(value: Any) -> str:
