@@ -213,10 +213,10 @@ def _signs(comparison: Comparison, laid_out: Sequence[LaidOut], over: Sequence[s
     cells = [cell for column in laid_out for cell in column.cells]
     looks = {cell.look for cell in cells}
     baseline = comparison.baseline
-    parts = [f"differences to {baseline}"] * bool(baseline) + [*over]
+    parts = [f"differences from {baseline}"] * bool(baseline) + [*over]
     parts += ["bold: best"] * ("best" in looks)
     parts += ["green: better, red: worse"] * bool(looks & {"better", "worse"})
-    parts += [f"≈: no different from {baseline or 'the best'} by more than chance"] * any(c.mark for c in cells)
+    parts += [f"≈: the difference from {baseline or 'the best'} may be chance"] * any(c.mark for c in cells)
     parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
     photographs = comparison.photographs if comparison.restorers else ()
     parts += [f"{name}: the photograph itself" for name in photographs]

@@ -119,15 +119,13 @@ def legend(
     looks = {cell.look for cell in cells}
     of = "mean" + (" ± standard deviation" if spread else "") + (" [95 % interval]" if has_interval else "")
     if comparison.baseline:
-        of = (
-            f"with a sign, the paired difference to {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
-        )
+        of = f"with a sign, the paired difference from {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
     parts = [of, *_over(comparison)]
     parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
         parts.append("green: better, red: worse" if colours else "bold: better")
     if ties and any(cell.mark for cell in cells):
-        parts.append(f"≈: no different from {comparison.baseline or 'the best'} by more than chance")
+        parts.append(f"≈: the difference from {comparison.baseline or 'the best'} may be chance")
     parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
     if comparison.restorers and comparison.photographs:
         parts.append(f"{listed(comparison.photographs)}: the photograph itself, which has no rank")
@@ -208,9 +206,9 @@ def _note_text(note: Note) -> str:
             why = f" ({note.reasons})" if note.reasons else ""
             return f"{metrics}{in_some} on each method's own pixels, which differ{why}"
         case "no shared pixels":
-            return f"no score in {note.n} of {note.total} images, for there is no pixel that all methods fill"
+            return f"no score in {note.n} of {note.total} images, because they have no pixel that all methods fill"
         case "older data":
-            return f"left out, for they ran on other data: {', '.join(note.methods)}"
+            return f"left out, because they ran on other data: {', '.join(note.methods)}"
         case "no baseline":
             return f"{name} was not run here: there is nothing to compare with"
         case "no option":

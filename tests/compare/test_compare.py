@@ -134,7 +134,7 @@ def test_methods_that_ran_on_older_data_are_left_out_and_named():
     rows = [replace(ROW, method="old", data_id="d1"), replace(ROW, method="new", data_id="d2", time="2026-01-02")]
     (comparison,) = compare.compare(frame(rows))
     assert (comparison.methods, comparison.stale) == (("new",), ("old",))
-    assert left_out(comparison) == ["left out, for they ran on other data: old"]
+    assert left_out(comparison) == ["left out, because they ran on other data: old"]
 
 
 def test_by_view_ranks_methods_within_each_view():

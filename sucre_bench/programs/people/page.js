@@ -30,7 +30,7 @@ function restore() {
     const kept = JSON.parse(localStorage.getItem(storageKey));
     if (kept && Array.isArray(kept.votes)) state = kept;
   } catch {
-    notice("Your browser keeps nothing for this page: save your votes before you close it.");
+    notice("Your browser cannot store votes for this page. Save your votes before you close it.");
   }
 }
 
@@ -38,7 +38,7 @@ function keep() {
   try {
     localStorage.setItem(storageKey, JSON.stringify(state));
   } catch {
-    notice("Your browser keeps nothing for this page: save your votes before you close it.");
+    notice("Your browser cannot store votes for this page. Save your votes before you close it.");
   }
 }
 

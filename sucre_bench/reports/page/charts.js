@@ -108,7 +108,7 @@ function drawSwatches() {
     h("table", { class: "swatches" }, h("thead", {}, head), h("tbody", {}, hasColours ? wanted : "", rows)),
   );
   $("swatches-note").textContent = hasColours
-    ? `Each square is the colour measured, the disc in it the colour expected; below it their difference${column ? `, ${withUnit(column)}` : ""}.`
+    ? `Each square shows the measured colour, and the disc in it the expected colour. The number below is their difference${column ? `, ${withUnit(column)}` : ""}.`
     : `The colours of the patches were not scored: add ${withRole("patch-colour").join(" or ")} to metrics=[...] to see them.`;
 }
 

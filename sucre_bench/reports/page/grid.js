@@ -13,7 +13,7 @@ watch(["dataset", "view", "hidden", "layer", "guesses"], () => {
   $("grid").replaceChildren(...pictures.map((which) => tile(view, which)));
   const missing = data.views.filter((v) => v.original && !v.original.id).length;
   $("pictures-note").textContent = missing
-    ? `This page keeps the pictures of ${data.views.length - missing} of ${data.views.length} views, evenly spread; those of the others are read from the folder it lies in.`
+    ? `This page contains the pictures of ${data.views.length - missing} of ${data.views.length} views, evenly spread. It reads the others from the results folder.`
     : "";
   drawCaptions();
   if (isNear()) sharpen();

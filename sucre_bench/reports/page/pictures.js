@@ -114,7 +114,7 @@ function showLegend(guessing) {
   $("guesses").checked = state.guesses === "shown";
   const who = guessing.map((s) => `${s.label} ${percent(s.guesses)}`).join(", ");
   const text = {
-    holes: "Striped: pixels that the method measured no colour for. No score counts them.",
+    holes: "Stripes: pixels without a measured colour. No score counts them.",
     error: "Black is equal to the reference. Differences are shown four times as bright.",
   }[state.layer];
   const black = state.guesses === "hidden" ? " They are black now." : "";

@@ -125,7 +125,7 @@ export function meanCell(cell, scale, column) {
   const title = [
     `${withUnit(column)}: ${number(cell.mean)} ± ${number(cell.std)}`,
     hasInterval && `95 % interval ${number(cell.low)} to ${number(cell.high)}`,
-    tie && "no different from the best by more than chance",
+    tie && "the difference from the best may be chance",
     cell.holes && `lacks ${cell.holes} that others have`,
   ]
     .filter(Boolean)
