@@ -42,7 +42,7 @@ _GAP = 4  # pixels between the pictures of a plot
 
 @dataclass(frozen=True, eq=False, repr=False)
 class Compared:
-    """What `compare_methods` returns; printed, a table of the methods' means with 95 % intervals.
+    """The result of `compare_methods`. Printed, it is a table of the methods' means with 95 % intervals.
 
     rows: the long table, a row a score, each on a method's own pixels; common: scores on the pixels that all methods
     fill, of views where these differ, for `comparison`; pictures: the restored images (H, W, 3) uint8 RGB by view and

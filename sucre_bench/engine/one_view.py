@@ -200,7 +200,7 @@ def score(
 
 
 def list_methods() -> pd.DataFrame:
-    """Return the methods by name: what each does, what it needs, whether it is installed.
+    """Return a table of the methods by name: what each does, what it needs, and whether it can run here.
 
     >>> list_methods().loc["gray_world", "needs"]
     []
@@ -209,7 +209,7 @@ def list_methods() -> pd.DataFrame:
 
 
 def list_datasets() -> pd.DataFrame:
-    """Return the datasets by name: what each holds, what its scenes may offer, where to get it.
+    """Return a table of the datasets by name: what each holds, what its scenes may have, and where to get it.
 
     >>> "depth" in list_datasets().loc["demo", "has"]
     True
@@ -218,7 +218,7 @@ def list_datasets() -> pd.DataFrame:
 
 
 def list_metrics() -> pd.DataFrame:
-    """Return the metrics by name: what each measures, its unit, which way is better, its variants.
+    """Return a table of the metrics by name: what each measures, its unit, its better direction, and its variants.
 
     >>> list_metrics().loc["psnr", "better"]
     'higher'
@@ -227,7 +227,7 @@ def list_metrics() -> pd.DataFrame:
 
 
 def list_experiments() -> pd.DataFrame:
-    """Return the experiments by name, with what each does.
+    """Return a table of the experiments by name, with what each does.
 
     >>> "demo" in list_experiments().index
     True

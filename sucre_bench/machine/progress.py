@@ -99,7 +99,10 @@ def line(what: str, total: int | None) -> Iterator[Callable[[], None]]:
 
 
 def track(items: Iterable[T], what: str, total: int | None = None) -> Iterator[T]:
-    """Yield the items and report each that is done. what: a word or two; total: needed if items has no len().
+    """Yield the items, and report progress after each. Plugins use it for long loops; the command line shows it.
+
+    - what: one or two words that name the work;
+    - total: number of items, needed if items has no len().
 
     >>> list(track([1, 2, 3], "counting"))
     [1, 2, 3]

@@ -42,7 +42,7 @@ class Registry:
         return other
 
     def load_file(self, path: str | Path) -> None:
-        """Add the plugins of one Python file. Raises PluginError if it does not exist or does not import."""
+        """Register the plugins of one Python file. Raises PluginError if it does not exist or cannot be imported."""
         path = Path(path).resolve()
         if path not in self._files:
             self._files[path] = _module_of(path)
@@ -112,7 +112,7 @@ def current() -> Registry:
 
 
 def load_file(path: str | Path) -> None:
-    """Add the plugins of one Python file. Raises PluginError if it does not exist or does not import.
+    """Register the plugins of one Python file. Raises PluginError if it does not exist or cannot be imported.
 
     >>> from pathlib import Path
     >>> import sucre_bench as sb

@@ -15,10 +15,11 @@ _INDEX = ["dataset", "scene", "view", "method"]
 def wide(rows: pd.DataFrame) -> pd.DataFrame:
     """Return scores with one row for each view and method, and one column for each metric.
 
-    rows: the long table, of `sb.score`, `results.read` or scores.parquet. A metric of charts counts as the mean over
-    the view's charts; its scores of single patches are left out. A column is called "metric", or "metric:variant" if
-    the rows hold several variants of it. NaN: no score. In the long table a plain
-    ``groupby(["method", "metric"]).value.mean()`` would mix charts with their patches; this does not.
+    - rows: the score table, from `sb.score`, `results.read` or scores.parquet.
+
+    The score of a chart metric is the mean over the view's charts; scores of single patches are left out. So means of
+    this table do not mix charts with their patches, as ``groupby(["method", "metric"]).value.mean()`` of the rows
+    would. A column is called "metric", or "metric:variant" if the rows hold several variants of it. NaN: no score.
 
     >>> import pandas as pd
     >>> rows = pd.DataFrame({

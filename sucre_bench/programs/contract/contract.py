@@ -189,10 +189,14 @@ def check(subject: Subject, chosen: Sequence[Rule] | None = None) -> Iterator[Ou
 
 
 def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
-    """Return the breaches of the contract by a plugin, a line each, for its own test; slow rules are left out.
+    """Check a plugin against the contract, for its own test. Return one line for each breach.
 
-    A rule that cannot be checked because an option or a package is missing counts as broken.
-    Raises InputError for an unknown name, PluginError for a plugin that does not import.
+    - kind: "method", "dataset" or "metric";
+    - name: the plugin's name;
+    - options: its options.
+
+    Slow rules are left out. A rule that cannot be checked, because an option or a package is missing, counts as broken.
+    Raises InputError for an unknown name, and PluginError if the plugin cannot be imported.
 
     >>> breaches("method", "gray_world")
     []
