@@ -119,7 +119,7 @@ def legend(
     looks = {cell.look for cell in cells}
     of = "mean" + (" ± standard deviation" if spread else "") + (" [95 % interval]" if has_interval else "")
     if comparison.baseline:
-        of = f"with a sign: the paired difference from {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
+        of = f"with a sign: the difference from {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
     parts = [of, *_over(comparison)]
     parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
