@@ -15,6 +15,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.notices import say
 
 if TYPE_CHECKING:
+    import pandas as pd
+
     from sucre_bench.compare import Comparison, Gated
 
 __all__ = ["compare"]
@@ -95,7 +97,6 @@ def compare(
     from sucre_bench import compare
     from sucre_bench.compare import text as tables
     from sucre_bench.machine import terminal
-    from sucre_bench.results.common_scores import read_common
 
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
@@ -103,7 +104,7 @@ def compare(
     with terminal.live():
         rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
-    rows = compare.on_pixels(rows, read_common(*folders), pixels)
+    rows = compare.on_pixels(rows, _common(folders, rows)) if pixels == "common" else rows
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
         raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in tables.left_out(t)))
@@ -112,6 +113,22 @@ def compare(
     for verdict in verdicts:
         _say_gated(verdict, baseline)
     sys.exit(1 if any(verdict.fails for verdict in verdicts) else 0)
+
+
+def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
+    """The scores on common pixels: those in the folders, and of methods in several folders those made now."""
+    import pandas as pd
+
+    from sucre_bench.engine.common_folders import score_folders
+    from sucre_bench.machine import terminal
+    from sucre_bench.results.common_scores import read_common
+
+    known = read_common(*folders)
+    if len(folders) < 2:
+        return known
+    with terminal.live():
+        made = score_folders(folders, rows)
+    return pd.concat([known, made], ignore_index=True) if len(made) else known
 
 
 def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:

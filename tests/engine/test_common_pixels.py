@@ -200,12 +200,35 @@ def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(t
     np.testing.assert_allclose(scores(tmp_path / "full", "common")["gain"], expected, rtol=1e-6)
 
 
-def test_folders_with_a_method_each_are_compared_on_own_pixels_with_the_reason(tmp_path: Path, toys: str, bench):
-    run(tmp_path / "one", "method=gain")
-    run(tmp_path / "two", "method=left_half")
-    done = bench("compare", str(tmp_path / "one"), str(tmp_path / "two"))
+def compared(bench, *words: str) -> dict[str, dict]:
+    """What `compare` says of each method's psnr."""
+    told = json.loads(bench("compare", *words, "--json").stdout)
+    return {record["method"]: record for record in told if record["metric"] == "psnr"}
+
+
+def test_folders_with_a_method_each_are_compared_on_common_pixels_as_one_folder_is(tmp_path: Path, toys: str, bench):
+    one, two, both = (str(tmp_path / name) for name in ("one", "two", "both"))
+    run(tmp_path / "one", "method=gain", f"plugins=[{toys}]")
+    run(tmp_path / "two", "method=left_half", f"plugins=[{toys}]")
+    sweep(tmp_path / "both", "gain,left_half", f"plugins=[{toys}]")
+    apart, together = compared(bench, one, two), compared(bench, both)
+    assert {record["pixels"] for record in apart.values()} == {"common"}
+    assert {name: record["mean"] for name, record in apart.items()} == {
+        name: record["mean"] for name, record in together.items()
+    }
+    assert not (tmp_path / "one" / COMMON_TABLE).exists()
+    assert {record["pixels"] for record in compared(bench, one, two, "--pixels", "own").values()} == {"own"}
+
+
+def test_folders_whose_data_are_not_known_are_compared_on_own_pixels_with_the_reason(tmp_path: Path, toys: str, bench):
+    run(tmp_path / "one", "method=gain", f"plugins=[{toys}]")
+    run(tmp_path / "two", "method=left_half", f"plugins=[{toys}]")
+    places = (str(tmp_path / "one"), str(tmp_path / "two"))
+    for name in ("one", "two"):
+        (tmp_path / name / "config.yaml").unlink()
+    done = bench("compare", *places)
     assert "own pixels" in done.stdout
-    assert "all methods in one folder" in done.stdout
+    assert "all methods into one folder" in " ".join(done.stdout.split())
 
 
 # -- what tables say ---------------------------------------------------------------------------------------
