@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
-from sucre_bench.compare.fresh import is_fresh
+from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, rows_of
 from sucre_bench.engine.score import scorers
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
