@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import functools
+import gc
 import os
 import signal
 from collections.abc import Callable, Iterator
@@ -24,6 +25,13 @@ from sucre_bench import plugins
 # so; the programs that tests interrupt must hear it.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
     signal.signal(signal.SIGINT, signal.default_int_handler)
+
+
+def pytest_collection_finish() -> None:
+    """What is imported by now lasts: the search for garbage passes over it."""
+    gc.collect()
+    gc.freeze()
+    gc.set_threshold(10_000, 20, 20)
 
 
 _before: dict[str, object] = {}
@@ -58,6 +66,17 @@ def toys(own_registry: None) -> Iterator[str]:
     """The toy plugins, loaded in this process; the path of their file for other processes."""
     with plugins.using(registry(TOYS)):
         yield str(TOYS)
+
+
+@pytest.fixture(scope="session")
+def small_demo(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """The words of a small demo scene, made once for all tests of this process."""
+    from sucre_bench.datasets.demo import Demo
+
+    size = {"width": 160, "height": 120, "views": 4}
+    root = tmp_path_factory.mktemp("demo")
+    Demo(root=root, **size).folder()
+    return ["dataset=demo", f"dataset.root={root}", *(f"dataset.{name}={value}" for name, value in size.items())]
 
 
 @pytest.fixture

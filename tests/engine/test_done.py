@@ -21,14 +21,9 @@ def but_times(rows: pd.DataFrame) -> pd.DataFrame:
     return rows.sort_values(["dataset", "method", "view", "metric", "variant", "region"]).reset_index(drop=True)
 
 
-def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path):
+def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Path, small_demo: list[str]):
     """Those that draw at random, work on threads or sum up many numbers, in two processes."""
-    from sucre_bench.datasets.demo import Demo
-
-    size = {"width": 160, "height": 120, "views": 4}
-    list(Demo(root=tmp_path, **size).scenes())
-    demo = ["dataset=demo", f"dataset.root={tmp_path}", *(f"dataset.{name}={value}" for name, value in size.items())]
-    command = ["run", "-m", *demo, "first=1", "tracking.uri=off", "report=false", "degrade.noise=0.01"]
+    command = ["run", "-m", *small_demo, "first=1", "tracking.uri=off", "report=false", "degrade.noise=0.01"]
     command += ["method=ibla,haze_lines,gaussian_seathru,seathru,stitching,sucre_paper,sucre,sucre_plus"]
     tables = []
     for out in ("first", "second"):
@@ -87,23 +82,10 @@ def test_data_of_a_replicate_are_the_same_for_every_method(tmp_path: Path, toys:
     assert (values["gain"] == values["gain2"]).all()
 
 
-def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_path: Path):
+def test_variants_of_one_sweep_use_the_same_pairs_and_say_what_they_cost(tmp_path: Path, small_demo: list[str]):
     """Paired once, on the disk while the sweep runs; each is told to have taken the time of pairing."""
-    from sucre_bench.datasets.demo import Demo
-
-    list(Demo(root=tmp_path, width=160, height=120, views=4).scenes())
-    demo = [f"dataset.root={tmp_path}", "dataset.width=160", "dataset.height=120", "dataset.views=4", "first=1"]
-    outcome = sweep.run(
-        [
-            "dataset=demo",
-            *demo,
-            "method=sucre,sucre_paper",
-            "metrics=[coverage]",
-            "tracking.uri=off",
-            f"out={tmp_path}",
-        ],
-        True,
-    )
+    words = ["method=sucre,sucre_paper", "metrics=[coverage]", "first=1", "tracking.uri=off", f"out={tmp_path}"]
+    outcome = sweep.run([*small_demo, *words], True)
     assert outcome.ok == 2
     told = [json.loads(path.read_text()) for path in (tmp_path / "restored").rglob("*.json")]
     pairing = {one["stage_seconds"]["pair"] for one in told}

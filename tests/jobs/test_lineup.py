@@ -259,6 +259,7 @@ def identity(job: Job) -> tuple[Any, ...]:
 def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.chdir(tmp_path)
     text = LINE_UP.replace("gain2.gain: [3]", "replicate: [0, 1]").replace("every: 2", "first: 2\nseed: 3")
+    text = text.replace("  - gain\n", "").replace("bits: [4, null]", "bits: [4]")
     Path("l.yaml").write_text(f"{text}study: {{name: s, metrics: [redness], figures: [scores]}}\n")
     words = ["tracking.uri=off", "report=false", "metrics.redness.factor=2"]
     outcome = sweep.run(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
@@ -269,7 +270,7 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
     Path("published").mkdir()
     again = from_file(Path("published/l.yaml"), found.line_up.as_yaml("A comment."))
     assert set(map(identity, again)) == set(map(identity, first))
-    assert len(again) == len(first) == 32
+    assert len(again) == len(first) == 12
 
 
 def test_the_line_up_of_a_folder_has_what_older_commands_made_in_it(tmp_path: Path):

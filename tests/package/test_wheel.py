@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import shutil
 import subprocess
 import sys
 import zipfile
@@ -68,24 +69,21 @@ def halve_blue() -> str:
     return next(block for block in blocks("docs/plugins.md", "python") if block.startswith("# halve_blue.py"))
 
 
-def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path):
+def test_the_documented_plugin_runs_as_it_stands(bench, tmp_path: Path, small_demo: list[str]):
     """Its file and its command word for word; the demo scene is a small one."""
     (tmp_path / "halve_blue.py").write_text(halve_blue())
     lines = [line for block in blocks("docs/plugins.md", "sh") for line in block.splitlines()]
     command = next(line for line in lines if "halve_blue" in line)
-    small = ["dataset.width=160", "dataset.height=120", "dataset.views=4", f"dataset.root={tmp_path / 'demo'}"]
-    done = bench(*command.split()[1:], *small, "tracking.uri=off")
+    done = bench(*command.split()[1:], *small_demo, "tracking.uri=off")
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "outputs" / "restored" / "demo" / "halve_blue").is_dir()
 
 
-def test_the_documented_python_runs_as_it_stands(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
-    from sucre_bench.datasets.demo import Demo
-
-    (tmp_path / "made").mkdir()
-    list(Demo(root=tmp_path / "made", views=4, width=160, height=120).scenes())
-    (folder,) = (tmp_path / "made").iterdir()
-    folder.rename(tmp_path / "dive")
+def test_the_documented_python_runs_as_it_stands(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, small_demo: list[str]
+):
+    (folder,) = Path(small_demo[1].removeprefix("dataset.root=")).iterdir()
+    shutil.copytree(folder, tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     code = next(block for block in blocks("docs/api.md", "python") if "load_scenes" in block)
     names: dict[str, object] = {}
