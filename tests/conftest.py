@@ -14,6 +14,7 @@ import pytest
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
 os.environ.pop("COLUMNS", None)  # a terminal made while it is set keeps this width
 
+import numpy as np
 from support import process_state
 from support.command_line import Done, run_here, run_program
 from support.places import TOYS
@@ -52,6 +53,16 @@ def pytest_runtest_teardown(item: pytest.Item) -> Iterator[None]:
     if left := process_state.changed(_before, process_state.snapshot()):
         pytest.fail("leaves the process changed\n" + "\n".join(left), pytrace=False)
     return answer
+
+
+@pytest.fixture(autouse=True)
+def same_draws(request: pytest.FixtureRequest) -> Iterator[None]:
+    """A generator of random numbers that a module's tests share draws the same in each of them, in any order."""
+    shared = [value for value in vars(request.module).values() if isinstance(value, np.random.Generator)]
+    states = [generator.bit_generator.state for generator in shared]
+    yield
+    for generator, state in zip(shared, states, strict=True):
+        generator.bit_generator.state = state
 
 
 @pytest.fixture(autouse=True)
