@@ -28,6 +28,8 @@ _LISTS = ("datasets", "methods", "metrics", "sweep")
 _SETTINGS = tuple(o.name for o in options_of(RunConfig) if o.name not in ("dataset", "method", "metrics", "tracking"))
 _NOT_SWEPT = ("dataset", "method", "metrics", "hydra", "out", "plugins", "study", "baseline")
 
+_DEEPEST = 50  # levels of a line-up
+
 
 def read_experiment(name: str) -> LineUp:
     """Return an experiment of conf/. Raises InputError for a name that none has, with the nearest."""
@@ -66,6 +68,22 @@ def _read(path: Path) -> LineUp:
     )
 
 
+def _refuse_bombs(text: str) -> None:
+    """Raise MarkedYAMLError for aliases, of which a short file may stand for a huge one, and for deep nesting.
+
+    The time to parse grows with the square of the depth: 10,000 brackets take 10 s.
+    """
+    import yaml
+
+    depth = 0
+    for event in yaml.parse(text):
+        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
+        fault = f"*{event.anchor} is an alias" if isinstance(event, yaml.AliasEvent) else ""
+        if fault or depth > _DEEPEST:
+            problem = fault or f"more than {_DEEPEST} levels"
+            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
+
+
 def _content(path: Path) -> dict[str, Any]:
     import yaml
 
@@ -74,9 +92,7 @@ def _content(path: Path) -> dict[str, Any]:
         raise InputError(f"{path}: {fault}; give a line-up, `sucre-bench lineup RESULTS` writes one")
     try:
         text = path.read_text(encoding="utf-8-sig")
-        for event in yaml.parse(text):  # a short file of aliases may stand for a huge one, or for itself
-            if isinstance(event, yaml.AliasEvent):
-                raise yaml.MarkedYAMLError(problem=f"*{event.anchor} is an alias", problem_mark=event.start_mark)
+        _refuse_bombs(text)
         content = yaml.load(text, _loader())
     except yaml.MarkedYAMLError as fault:
         line = fault.problem_mark.line + 1 if fault.problem_mark else 1

@@ -11,7 +11,8 @@ __all__ = ["compiled"]
 
 @functools.cache
 def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
-    """Return a module's function compiled by numba, imported here and not before; the result is cached on disk.
+    """Return a module's function compiled by numba, imported here and not before; the result is cached on disk if
+    there is a place.
 
     The first compilation of a process is announced in one line. Code that is read from the disk is not compiled.
     The function uses no threads: its callers are threads, and numba's default threading layer allows one caller only.
@@ -19,7 +20,11 @@ def compiled(loop: Callable[..., Any]) -> Callable[..., Any]:
     import numba
 
     _announce_compiling()
-    made: Callable[..., Any] = numba.njit(nogil=True, cache=True, error_model="numpy")(loop)
+    made: Callable[..., Any]
+    try:
+        made = numba.njit(nogil=True, cache=True, error_model="numpy")(loop)
+    except RuntimeError:  # neither the folder of the package nor the user's cache can be written
+        made = numba.njit(nogil=True, error_model="numpy")(loop)
     return made
 
 

@@ -120,6 +120,6 @@ def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
     if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
         return OutputError(f"{path}: the disk is full; free some space and repeat the command")
-    if blocking := next((folder for folder in path.parents if folder.is_file()), None):
+    if blocking := next((folder for folder in path.parents if is_file(folder)), None):
         return OutputError(f"{blocking}: is a file; name a folder to write into")
     return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")

@@ -52,6 +52,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a device as results": ("compare /dev/zero", 2, r"/dev/zero: .*; "),
     "a device as plugin": ("run --plugin /dev/zero method=x", 2, r"/dev/zero: .*; "),
     "a pipe as plugin": ("run --plugin pipe.py method=x", 2, r"pipe\.py: .*; "),
+    "a deep line-up": ("run deep.yaml", 2, r"deep\.yaml: line 1: .*levels; "),
     "a pipe as line-up": ("run pipe.yaml", 2, r"pipe\.yaml: .*; "),
     "a long path to run": (f"run dataset=colmap dataset.root={LONG} method=gray_world", 2, LONG),
     "a long results folder": (f"{RUN} out={LONG}", 2, rf"{LONG}.*; "),
@@ -79,6 +80,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("cases")
     write_dive(folder / "dive", ("a.png", "b.png"))
     (folder / "loop").symlink_to("loop")
+    (folder / "deep.yaml").write_text("[" * 100_000)
     for name in ("pipe.py", "pipe.yaml"):
         os.mkfifo(folder / name)
     return folder

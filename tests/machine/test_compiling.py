@@ -6,6 +6,9 @@ import os
 import subprocess
 import sys
 from pathlib import Path
+from typing import Any
+
+from sucre_bench.machine.compiling import compiled
 
 _SCRIPT = """
 import sys
@@ -26,3 +29,10 @@ def test_compiling_is_announced_once_on_a_machine(tmp_path: Path):
 
     assert "compiling" in told()
     assert told() == ""
+
+
+def test_a_loop_is_compiled_where_no_place_can_keep_it():
+    """As for a user who can write neither the package's folder nor a home: numba refuses to cache such a function."""
+    names: dict[str, Any] = {}
+    exec("def double(x):\n    return 2 * x\n", names)  # has no file, so numba finds no place beside it
+    assert compiled(names["double"])(21) == 42
