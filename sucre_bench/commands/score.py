@@ -79,6 +79,7 @@ def score(
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.csv_text import csv_text
+    from sucre_bench.results.rows import RESTORATION
 
     names = [name.strip() for name in metrics.split(",") if name.strip()]
     published = None
@@ -104,7 +105,7 @@ def score(
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
     for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
-        say(f"failed  {view}: {f'{metric}: ' if metric != 'seconds' else ''}{reason}", "red")
+        say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
 
 
