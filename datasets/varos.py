@@ -7,11 +7,11 @@
                       camM0_timestamps.csv                nanoseconds, and the files of that time
                       camM0_poses/camM0_poses_transformation_matrix.csv
 
-Conventions. Depth is planar, and the poses take camera to world with the camera looking along +z, x right, y down
-(as OpenCV, not as Blender that rendered it): so does code of one of the data's authors multiply the inverse intrinsic
-matrix by the depth and the result by the pose, with no axis turned; and others warp one view into another likewise.
-Pixels are square: Blender leaves sensor_height unused. The last depth value, 25 m, means "that far or farther".
-Source: Zwilgmeyer et al., The VAROS synthetic underwater data set, ICCV Workshops 2021.
+Conventions. Depth is planar. Poses map camera to world, and the camera looks along +z, x right, y down, as in OpenCV,
+not as in Blender. The files do not say so. Code of one of the data's authors multiplies the inverse intrinsic matrix by
+the depth, and the result by the pose, without turning an axis. Others warp one view into another in the same way.
+Pixels are square: Blender leaves sensor_height unused. The last depth value, 25 m, means "that far or farther". Source:
+Zwilgmeyer et al., The VAROS synthetic underwater data set, ICCV Workshops 2021.
 """
 
 from __future__ import annotations

@@ -46,8 +46,8 @@ class Fusion2012:
     """
 
     balance: Literal["shift", "stretch"] = "shift"
-    """shift: move the channels' means, as in the authors' own pictures; stretch: stretch each channel by itself, as
-    public programs of this method do, whose results most published tables show."""
+    """shift: move the means of the channels, as in the authors' own pictures; stretch: stretch each channel separately,
+    like the public programs whose results most published tables show."""
 
     illuminant: float = 0.1
     """Lambda in mu_I = 0.5 + lambda mu_ref (balance=shift): the share of the colour cast that stays. 0 removes all of

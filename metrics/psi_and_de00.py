@@ -2,8 +2,8 @@
 
 Both score the shown picture, in [0, 1] and gamma-encoded. A chart yields one score named after it, the mean over its
 patches, and one per patch, "<chart>/<number>-<name>". Where a patch has no value (no pixel with a colour; for psi also
-a median of exactly black, which has no direction) its score is NaN with coverage 0 and the chart's mean goes without
-it: the chart's coverage, the share of the patches' pixels behind its value, tells so.
+a median of exactly black, which has no direction) its score is NaN with coverage 0, and the mean of the chart leaves it
+out. The coverage of the chart, the share of its patches' pixels that were scored, shows this.
 """
 
 from __future__ import annotations

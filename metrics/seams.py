@@ -2,8 +2,8 @@
 
 Meant for pictures that are put together from several photographs (SUCRe, supplementary material, SUCRe vs. image
 stitching: "apparent seams at places where different viewpoints were used"), and defined without knowing from which. A
-method that changes each pixel by its colour and distance alone has none; one that adapts to its surroundings may have
-some of its own making.
+method that changes each pixel by its colour and distance alone has no seams. A method that also looks at the
+surroundings of a pixel may make a few.
 """
 
 from __future__ import annotations

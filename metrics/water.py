@@ -35,7 +35,8 @@ class Water:
 
     The true water is `restored.info["true_water"]`, a `scene.Water`, which the engine puts there after the method has
     run. A channel whose true value is 0 has no relative error: NaN, and the mean goes without it. A parameter that a
-    method does not estimate is NaN in its water, and has no score; nor has the water of intensities encoded otherwise.
+    method does not estimate is NaN in its water, and has no score. A water of another encoding than the true one has no
+    score either.
     """
 
     def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:

@@ -32,10 +32,10 @@ VERSION = 1  # to be raised whenever equal options make another scene than befor
 class Demo:
     """A made seabed with colour charts, surveyed from 8 m down to 1.5 m, in water of a known colour.
 
-    The reference images show the same scene without water, in even light. The images follow SUCRe's model exactly, but
-    for noise and 8 bits, except in "deep_sea": there the only light is a lamp on the camera, I = l (J a + b), with the
-    lobe l of the lamp and with the way from the lamp to the seabed added to the distance in a and b. The true water of
-    such a scene is the one in that equation, which no method without a model of the lamp should be expected to find.
+    The reference images show the same scene without water, in even light. The images follow SUCRe's model exactly,
+    apart from noise and 8 bits. "deep_sea" is different: there the only light is a lamp on the camera, I = l (J a + b).
+    l is the lobe of the lamp, and the distance in a and b includes the way from the lamp to the seabed. The true water
+    of such a scene is the one in that equation, which no method without a model of the lamp should be expected to find.
     A pixel of the reference is the mean of 3 x 3 samples over its own area on the ground, so far pixels have less
     contrast than near ones, as in a photograph.
     """

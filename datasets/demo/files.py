@@ -31,8 +31,8 @@ _LAST = "water.json"  # written after all else: a folder without it is not finis
 def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
     """Return the folder of a made scene, making it where it is not there or not finished.
 
-    It is written beside its place and moved there when complete, so that neither a kill nor two processes at once leave
-    half a scene; of two, the later discards its own.
+    The scene is written beside its place, and moved there when it is complete. So a killed process leaves no half
+    scene. If two processes write at once, the later one discards its own.
     """
     if (folder / _LAST).is_file():
         return folder

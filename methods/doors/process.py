@@ -49,8 +49,8 @@ class Ended:
 def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended:
     """Run a program to its end, or for `timeout` seconds. InputError when it cannot be started.
 
-    What is left running of its process group, the program itself or what it started, is told to end, and killed after
-    three seconds, whatever happens: in time, too late or interrupted.
+    In every case (in time, too late or interrupted), the rest of its process group gets SIGTERM, and SIGKILL three
+    seconds later.
     """
     started = time.perf_counter()
     with _start(arguments) as process:

@@ -42,9 +42,9 @@ def tiled(
     """Return what `run` makes of images (H, W, C) of one size, their channels joined, in tiles: (H, W, 3) float32.
 
     run: (h, w, channels of all) -> (h, w, 3), where h and w are multiples of `multiple` and not below `least`; images
-    are continued by their mirror image up to such a size. tile: longest side of a tile, None for one tile. Of the
-    `overlap` of two tiles the outer quarters are not used and the rest is a ramp from one to the other: where the
-    network sees no further than a quarter, the result is that of a single tile.
+    are continued by their mirror image up to such a size. tile: longest side of a tile, None for one tile. The outer
+    quarters of the `overlap` of two tiles are not used. The rest is blended linearly. If the network reaches no further
+    than a quarter, the result is that of a single tile.
     """
     height, width = images[0].shape[:2]
     rows, columns = (_mirrored(n, multiple, least) for n in (height, width))

@@ -1,9 +1,9 @@
 """How uncertain a fitted water is.
 
 With H and the residual cost of the reduced problem, sigma^2 = cost / (N - P - 3) over the pixels seen more than once,
-and sigma^2 H^-1 is the covariance of B, beta and gamma for independent noise. Where distances are alike the parameters
-trade against each other: the condition of H scaled to unit diagonal says how badly (on made scenes 60 at distances of
-2 to 10 m, 1.5e3 at 3 to 4 m, 5.9e4 at 3 to 3.3 m).
+and sigma^2 H^-1 is the covariance of B, beta and gamma for independent noise. If distances are similar, the data hardly
+separate the parameters. The condition of H, scaled to unit diagonal, measures this: on made scenes 60 at distances of 2
+to 10 m, 1.5e3 at 3 to 4 m, 5.9e4 at 3 to 3.3 m.
 """
 
 from __future__ import annotations
@@ -36,7 +36,7 @@ class WaterUncertainty:
 
     noise: (3,) standard deviation of an observation in each channel, in intensity; covariance: (3, 3, 3) of B, beta,
     gamma in each channel; standard_error: of each parameter, NaN where it is held at a bound; condition: (3,) of the
-    scaled H; limits: in words, what the observations do not determine.
+    scaled H; limits: in words, the parameters that the observations do not determine.
     """
 
     noise: Array

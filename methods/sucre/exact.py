@@ -126,9 +126,8 @@ def fit(
     return WaterFit(water, system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
-# With matched footprints colours may fall below zero by so many standard deviations of a pixel's noise: where no light
-# is left half of all colours are below zero by noise alone, and with one standard deviation they made red gamma 10 %
-# too low.
+# With matched footprints, colours may be below zero by this many standard deviations of a pixel's noise. Where no light
+# is left, noise alone puts half of all colours below zero. With one standard deviation, gamma of red was 10 % too low.
 _MARGIN = 3.0
 
 # Distances that differ by less are the same: float32 and depth maps in millimetres resolve no more.

@@ -4,8 +4,8 @@
 
 g_v: the exposure of view v, the same for all channels. All gains times s, with J and B divided by s, explain the same
 observations, so the target has g = 1: J is in its exposure. A gain and exp(-beta z) act alike on a view whose points
-all have one distance. So gains are told from attenuation only by views that show a range of distances; where they do
-not, the standard error of beta says so. Weak priors, worth one observation each, hold the gains near 1.
+all have one distance. So only views that show a range of distances separate gains from attenuation. Without such views,
+the standard error of beta is large. Weak priors, worth one observation each, hold the gains near 1.
 
 The normal equations are those of normal_equations.py with a column d I / d log g_v = g (J a + b) for each view more,
 common to the channels; colours are eliminated.
@@ -58,7 +58,7 @@ class Exposure:
     @property
     def limit(self) -> str:
         """What is said of gains that are not separable."""
-        return "distances do not tell the exposure of views from attenuation; use exposure=constant, or more views"
+        return "distances do not separate exposure from attenuation; use exposure=constant, or more views"
 
 
 def estimate(observations: Observations, target: str, water_start: WaterParameters, *, seed: int = 0) -> Exposure:
