@@ -49,7 +49,7 @@ _VARIANTS = {
     "cielab-range": "as cielab, con_l from the least to the greatest L, as in paulwong16/UCIQE",
     "hsv": "CIE Lab unscaled, con_l from the least to the greatest L, s of HSV, as in"
     " bilityniu/underimage-fusion-enhancement",
-    "strided": "as cielab, but con_l between the means of every hundredth part of L sorted up and down, which is about 0,"
+    "strided": "as cielab, but con_l between the means of every hundredth part of L sorted up and down, so about 0,"
     " as in xueleichen/PSNR-SSIM-UCIQE-UIQM-Python until June 2022, and copies of it",
     "hue": "no Lab: standard deviation of the hue / 180 deg, V of HSV between the means of its top and bottom 1 %,"
     " S of HSV, as in CXH-Research/Pytorch-UW-IQA and GuidedHybSensUIR",
