@@ -48,9 +48,9 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     assert observations.view is not None, "observe with views"
     if target not in observations.views:
         return J
-    own, *others = _by_view(observations, water, observations.views.index(target))
+    in_target, *others = _by_view(observations, water, observations.views.index(target))
     everywhere = (slice(None), slice(None))
-    A_o, J_o = own.image(own.A, everywhere), own.image(own.J, everywhere)
+    A_o, J_o = in_target.image(in_target.A, everywhere), in_target.image(in_target.J, everywhere)
     shown, whole = (_Sums.zeros(A_o.shape) for _ in range(2))
     for one in others:
         part = one.around()

@@ -231,8 +231,8 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     if none.any():
         made.append(note("no shared pixels", scores[none]))
     reasons = scores["pixels_reason"].where(is_own | (scores["pixels_reason"] != ""))
-    own = (note("own pixels", each, reasons=str(reason)) for reason, each in scores.groupby(reasons, sort=False))
-    return made + [one for one in own if one.columns]  # a metric that lacks a reference, say, has no column
+    unshared = (note("own pixels", each, reasons=str(reason)) for reason, each in scores.groupby(reasons, sort=False))
+    return made + [one for one in unshared if one.columns]  # a metric that lacks a reference, say, has no column
 
 
 def _views(rows: pd.DataFrame) -> list[tuple[str, str]]:

@@ -185,7 +185,7 @@ def _common_mask(view: CommonView) -> tuple[Mask, float]:
 
 
 def _scores(
-    metrics: PixelMetrics, view: CommonView, method: str, own: Sequence[Row], common: Mask, pixels: str
+    metrics: PixelMetrics, view: CommonView, method: str, own_rows: Sequence[Row], common: Mask, pixels: str
 ) -> Iterator[CommonRow]:
     """Score a restored image on the common pixels, by the metrics and variants that it has on its own pixels."""
     held = view.held[method]
@@ -194,7 +194,7 @@ def _scores(
         raise _other_size(f"the restored image of {method}", picture, common)
     shown = locked(masked(picture / np.float32(255), common))
     scored, started = Scored(held.restoration(common), shown, view.view), now()
-    for row in own:
+    for row in own_rows:
         scorer, base = metrics.of(row), replace(row, time=started)
         for made in variant_rows(scorer.metric, scored, base, metrics.log, metrics.limit_s) if scorer else ():
             if made.region == "image":

@@ -34,7 +34,9 @@ def newest(rows: pyarrow.Table) -> pyarrow.Table:
     score = of.group(*_RESTORATION, "metric", "variant")
     last = of.last(restoration, np.ones(len(rows), dtype=np.bool_))
     code = of.numbers("code", lambda text: text.split(".")[0])  # of the restoration alone
-    kept = np.logical_and.reduce([own == own[last] for own in (of.numbers("options_id"), of.numbers("data_id"), code)])
+    kept = np.logical_and.reduce(
+        [values == values[last] for values in (of.numbers("options_id"), of.numbers("data_id"), code)]
+    )
     has_ended = of.are("metric", RESTORATION) & ~of.are("status", "ok")
     kept &= of.time >= of.latest(restoration, kept & has_ended)
     # A row of a whole job that failed stands until the job has done anything since.

@@ -63,8 +63,8 @@ class Metrics:
         """A metric with its default options, and with each set of options in the bundle's configuration."""
         known = options_of(plain.plugin.cls)
         types = {option.name: option.type for option in known}
-        own = [given for given in self._recorded if given.get("name") == plain.plugin.name]
-        for given in ({option.name: option.default for option in known}, *own):
+        recorded = [given for given in self._recorded if given.get("name") == plain.plugin.name]
+        for given in ({option.name: option.default for option in known}, *recorded):
             options = {name: typed(types[name], value) for name, value in given.items() if name in types}
             if options:
                 yield replace(plain, choice=replace(plain.choice, options=options))
