@@ -8,7 +8,7 @@ out, since bundles come from different machines, and so are metrics that are not
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
 
@@ -94,8 +94,9 @@ class Board:
 
 
 def board(entries: Sequence[Entry]) -> Board:
-    """Make the tables of all bundles."""
-    usable = [entry for entry in entries if entry.rows is not None and entry.state is not State.DIFFERS]
+    """Make the tables of all bundles. Copies of one bundle stand in them once."""
+    usable = {e.id: e for e in reversed(entries) if e.rows is not None and e.state is not State.DIFFERS}.values()
+    usable = sorted(usable, key=entries.index)
     datasets = sorted({str(name) for entry in usable for name in _rows(entry)["dataset"].unique()})
     return Board(tuple(entries), tuple(table for name in datasets for table in _tables(name, usable)))
 
@@ -129,10 +130,11 @@ def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
     for group in groups:
         compared = compare.compare(group.rows)
         for comparison in compared:
-            columns = (*decisive(comparison).columns, *comparison.columns)  # those that decide stand first
-            ranked = list(dict.fromkeys(f"{c.metric}:{c.variant}" for c in columns if c.ranked))
+            columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
+            ranked = tuple(column for column in columns if column.ranked)
             if ranked:
-                yield Table(dataset, tuple(group.lines), compare.only(comparison, ranked), group.apart)
+                chosen = compare.only(comparison, [f"{column.metric}:{column.variant}" for column in ranked])
+                yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
 
 
 def _add(groups: list[_Group], rows: pd.DataFrame, lines: dict[str, Line]) -> None:
