@@ -79,9 +79,9 @@ def _cells(table: Table, line: Line) -> Iterator[tuple[str, str]]:
 
 
 def _place(table: Table, line: Line, column: Column) -> int:
-    """A method's place in a column; the last for one without a score."""
+    """A method's place in a column; behind all others the photograph, and one without a score."""
     cell = table.comparison.cells.get((line.label, column))
-    return cell.place if cell else len(table.lines) + 1
+    return (cell.place or len(table.lines) + 1) if cell else len(table.lines) + 2
 
 
 def _overview(tables: tuple[Table, ...]) -> Iterator[tuple[str, dict[str, str]]]:

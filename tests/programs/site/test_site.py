@@ -50,6 +50,20 @@ def test_what_may_be_compared_stands_in_one_table():
     assert [column.metric for column in found.comparison.columns] == ["psnr"], "seconds of other machines do not count"
 
 
+def test_copies_of_a_bundle_stand_in_a_table_once_and_coverage_stands_behind_what_decides():
+    """A metric that decides is the first column, by which the methods are sorted."""
+    table = rows("plain")
+    share = table[table["metric"] == "psnr"].assign(metric="coverage", variant="image", unit="share", value=1.0)
+    entries = [
+        entry("a", pd.concat([share, table])),
+        replace(entry("a", table), file="copy.zip"),
+        entry("b", rows("clever")),
+    ]
+    (found,) = board(entries).tables
+    assert [line.entry.by for line in found.lines] == ["a", "b"]
+    assert found.comparison.columns[0].metric == "psnr"
+
+
 @pytest.mark.parametrize(
     ("other", "reason"),
     [
