@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -23,7 +25,8 @@ __all__ = ["bundle"]
     help="restored: put the restored images in; all: also views and references, if you may publish them.",
 )
 @click.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
-def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
+@click.option("--code", is_flag=True, help="Put the run's plugin files in, so that others can run lineup.yaml.")
+def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None:
     """Write a results folder as one file: scores, configuration and hashes.
 
     \b
@@ -37,7 +40,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
     from sucre_bench.programs.bundle.write import bundle_results
 
     with terminal.live():
-        made = bundle_results(folder, file, pictures, by, _line_up(folder))
+        made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
     size = file.stat().st_size
     click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")
     click.echo(f"id       {made.id}")
@@ -47,7 +50,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str) -> None:
         say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")
 
 
-def _line_up(folder: Path) -> dict[str, str]:
+def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
     """Return the line-up file that runs these results again. If it cannot be made, say why and return none."""
     from sucre_bench import results
     from sucre_bench.errors import SucreBenchError
@@ -59,6 +62,31 @@ def _line_up(folder: Path) -> dict[str, str]:
     except SucreBenchError as fault:
         say(f"no lineup.yaml in the bundle: {fault}", "yellow")
         return {}
-    return {
-        "lineup.yaml": line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
-    }
+    given = line_up.settings.get("plugins", [])
+    files = _plugin_files(folder, given) if has_code else {}
+    if files:
+        line_up = replace(line_up, settings={**line_up.settings, "plugins": list(files)})
+    elif given:
+        say(f"note: lineup.yaml needs {', '.join(given)}; --code puts that code into the bundle", "yellow")
+    text = line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
+    return {"lineup.yaml": text, **files}
+
+
+def _plugin_files(folder: Path, given: Iterable[str]) -> dict[str, str]:
+    """The text of plugin files by their name in the bundle; none if one cannot be read, or two have one name.
+
+    given: paths relative to the results folder.
+    """
+    texts: dict[str, str] = {}
+    for path in (folder / name for name in given):
+        name = f"plugins/{path.name}"
+        try:
+            text = path.read_text(encoding="utf-8")
+        except (OSError, ValueError) as fault:
+            say(f"{path}: is not in the bundle, {fault}; publish it beside the bundle", "yellow")
+            return {}
+        if name in texts:
+            say(f"{path}: is not in the bundle, another plugin file has its name; rename it and run again", "yellow")
+            return {}
+        texts[name] = text
+    return texts

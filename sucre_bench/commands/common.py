@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
@@ -9,6 +10,7 @@ import click
 
 __all__ = [
     "KINDS",
+    "echo_wrapped",
     "json_option",
     "labels_of",
     "plugin_files_option",
@@ -83,3 +85,11 @@ def labels_of(text: str) -> list[str]:
         elif word and word not in labels:
             labels.append(word)
     return labels
+
+
+def echo_wrapped(text: str, indent: int = 2) -> None:
+    """Print a line on stdout, broken between words where the terminal ends. indent: of the lines that follow."""
+    from sucre_bench.machine import terminal
+
+    width, rest = terminal.out.width, " " * indent
+    click.echo(textwrap.fill(text, width, subsequent_indent=rest, break_long_words=False, break_on_hyphens=False))

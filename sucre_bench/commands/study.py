@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import json_option, labels_of
+from sucre_bench.commands.common import echo_wrapped, json_option, labels_of
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.notices import say
 
@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated
 
 __all__ = ["study"]
+
+_LARGE = 20_000_000  # bytes; many mail servers refuse more
 
 
 @click.command()
@@ -86,6 +88,9 @@ def _write(
     n_views = len(key.pictures) // len(key.methods)
     click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
     click.echo(f"key      {path}: keep it, and do not send it")
+    if out.stat().st_size > _LARGE:
+        click.echo("smaller  for e-mail: --views 6, or --width 800")
+    click.echo(f"then     sucre-bench study {folder} --votes FILES, the files that people send back")
 
 
 def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
@@ -116,11 +121,11 @@ def _print(folder: Path, found: Evaluated) -> None:
     terminal.out.print(_preferences(found))
     click.echo()
     for line in _sentences(found):
-        click.echo(line)
+        echo_wrapped(line)
     if found.metrics:
         click.echo()
         terminal.out.print(_metrics(found))
-        click.echo("tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]")
+        echo_wrapped("tau: 1 = the metric orders the methods as people do, -1 = in reverse [95 % interval]")
         click.echo("predicted: votes for the picture with the better score, without votes for equal")
     click.echo()
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import json_option, plugin_option
+from sucre_bench.commands.common import echo_wrapped, json_option, plugin_option
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
@@ -62,7 +62,11 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
         if is_other:
             say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
         _print(found, tolerance)
-        click.echo(_verdict(found, is_other))
+        if not data and any(reason.endswith("of the data") for reason in found.unchecked):
+            echo_wrapped(
+                f"more     sucre-bench verify {file} --data DIR; any folder for data that are made, as demo", 9
+            )
+        echo_wrapped(_verdict(found, is_other))
     sys.exit(0 if found.holds and not is_other else 1)
 
 
@@ -92,9 +96,10 @@ def _print(found: Verified, tolerance: float) -> None:
     click.echo(f"bundle   {found.id}{by}")
     click.echo(f"files    {found.n_files} hashes checked")
     n_not = sum(found.unchecked.values())
-    click.echo(
+    echo_wrapped(
         f"scores   {found.n_agree} computed again agree within {100 * tolerance:g} % or 8-bit rounding, "
-        f"{len(found.differing)} differ, {n_not} not computed again"
+        f"{len(found.differing)} differ, {n_not} not computed again",
+        9,
     )
     for reason, count in found.unchecked.items():
         click.echo(f"         {count}: {reason}")

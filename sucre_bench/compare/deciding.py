@@ -12,7 +12,7 @@ from sucre_bench import plugins
 from sucre_bench.compare.model import Column, Comparison
 from sucre_bench.compare.pixels import says_filled
 from sucre_bench.plugins.plugin import Plugin, Role
-from sucre_bench.results.rows import RESTORATION
+from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
 __all__ = ["Deciding", "deciding", "decisive"]
 
@@ -48,15 +48,17 @@ class Deciding:
 def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     """Return the columns of a comparison that decide; every: all of them, which someone has asked for.
 
-    Scores that know the true colours come first. Without any, scores of the picture alone take their place. If there
-    is room, scores of several views and those without a role follow: those of a plugin under test, for example.
+    Scores that know the true colours come first. Without any, people's votes and scores of the picture alone take their
+    place. If there is room, scores of several views and those without a role follow: those of a plugin under test, say.
     """
     if every:
         return Deciding(comparison.columns, None, None)
     ranked = [column for column in _one_a_metric(comparison.columns) if column.ranked]
     roles = {column: _role(column) for column in ranked}
-    known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*_of_roles(ranked, roles, _WITHOUT)]
-    chosen = (known + [column for column in ranked if roles[column] in _OTHERS])[:_MOST] or ranked[:_MOST]
+    of_people = [column for column in ranked if column.metric == PREFERENCE]
+    known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*of_people, *_of_roles(ranked, roles, _WITHOUT)]
+    others = [column for column in ranked if roles[column] in _OTHERS and column not in known]
+    chosen = (known + others)[:_MOST] or ranked[:_MOST]
     filled = next((column for column in comparison.columns if says_filled(column.metric, column.variant)), None)
     seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
     scores = tuple(column for column in chosen if column != filled)

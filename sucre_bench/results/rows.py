@@ -21,6 +21,7 @@ __all__ = [
     "COLUMNS",
     "COSTS",
     "NUMBERS",
+    "PREFERENCE",
     "RESTORATION",
     "By",
     "Row",
@@ -109,6 +110,10 @@ NUMBERS = {
     "peak_mb": "float64",
     "seed": "int64",
 }
+
+
+# The score that people's votes give a method: `sucre-bench study` writes it, no plugin computes it.
+PREFERENCE = "preference"
 
 
 def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:

@@ -27,6 +27,7 @@ KINDS = {
     "psi": replace(PSNR, metric="psi", variant="colour", unit="deg", better="lower", region="chart"),
     "de00": replace(PSNR, metric="de00", variant="lab", unit="dE00", better="lower", region="chart"),
     "uciqe": UCIQE,
+    "preference": replace(PSNR, metric="preference", variant="bradley-terry", unit=""),
     "saturated_red": replace(PSNR, metric="saturated_red", variant="hsv", unit="share", better="lower"),
     "water": replace(PSNR, metric="water", variant="attenuation", unit="relative", better="lower"),
     "coverage": COVERAGE,
@@ -94,6 +95,16 @@ def test_without_a_reference_or_charts_the_picture_alone_decides():
     assert "uciqe: scores of the picture alone" in block.text
     red = {name: MANY["uciqe"] if name == "saturated_red" else MANY[name] for name in ("uciqe", "saturated_red")}
     assert "uciqe, saturated_red: scores of the picture alone" in printed(compared(red)).text
+
+
+def test_where_nothing_knows_the_true_colours_people_decide():
+    votes = {
+        "preference": {"clever": [1.0, 2.0], "plain": [-1.0, -2.0]},
+        "uciqe": {"clever": [1.0, 2], "plain": [3.0, 4]},
+    }
+    block = printed(compared(votes))
+    assert (block.heads[0], block.lines[0]) == ("preference ↑", "sea, best preference first")
+    assert printed(compared({**votes, "psnr": votes["uciqe"]})).heads[:2] == ["psnr ↑", "preference ↑"]
 
 
 def test_a_metric_of_ones_own_is_shown_and_all_that_are_asked_for():

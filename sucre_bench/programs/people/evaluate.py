@@ -17,14 +17,14 @@ from sucre_bench.programs.people import design
 from sucre_bench.programs.people.agreement import Agreement, MetricAgreement, metric_agreement, observer_agreement
 from sucre_bench.programs.people.bradley_terry import Preferences, Votes, fit, preferences
 from sucre_bench.programs.people.votes import Numbered, as_numbers, read_votes
-from sucre_bench.results.rows import COSTS, Row, restorations
+from sucre_bench.results.rows import COSTS, PREFERENCE, Row, restorations
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["METRIC", "Evaluated", "evaluate", "store"]
 
-METRIC, _VARIANT, _UNIT = "preference", "bradley-terry", "log-odds"
+METRIC, _VARIANT, _UNIT = PREFERENCE, "bradley-terry", "log-odds"
 _VERSION = 1
 
 

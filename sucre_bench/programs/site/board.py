@@ -95,8 +95,8 @@ class Board:
 
 def board(entries: Sequence[Entry]) -> Board:
     """Make the tables of all bundles. Copies of one bundle stand in them once."""
-    usable = {e.id: e for e in reversed(entries) if e.rows is not None and e.state is not State.DIFFERS}.values()
-    usable = sorted(usable, key=entries.index)
+    once = {e.id: e for e in reversed(entries) if e.rows is not None and e.state is not State.DIFFERS}
+    usable = sorted(once.values(), key=entries.index)
     datasets = sorted({str(name) for entry in usable for name in _rows(entry)["dataset"].unique()})
     return Board(tuple(entries), tuple(table for name in datasets for table in _tables(name, usable)))
 

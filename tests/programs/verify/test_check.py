@@ -271,6 +271,19 @@ def test_odd_records_are_faults_and_no_crash(bench, bundles: Path, record: bytes
     assert bench("verify", "restored.zip").returncode in (0, 1)
 
 
+def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_path: Path):
+    """It is data to `verify`; whoever unpacks it runs the line-up as it is."""
+    assert bench("bundle", str(folder / "results"), "code.zip", "--code", "--pictures", "restored").returncode == 0
+    with zipfile.ZipFile(tmp_path / "code.zip") as archive:
+        archive.extractall(tmp_path / "unpacked")
+    assert verified(bench, "code.zip")[0] == 0
+    run = run_here(
+        tmp_path / "unpacked", "run", "lineup.yaml", "out=again", "dataset=demo", "first=1", "tracking.uri=off"
+    )
+    assert run.returncode == 0, run.stderr
+    assert "half" in run.stdout
+
+
 def test_plugin_files_that_a_configuration_names_are_not_loaded(bench, bundles: Path, tmp_path: Path):
     (tmp_path / "evil.py").write_text(f"open({str(tmp_path / 'ran')!r}, 'w').close()\n")
 

@@ -55,7 +55,13 @@ def test_options_of_the_last_run_are_used(bench: Callable[..., Any], folder: Pat
 def test_a_file_that_an_option_names_is_not_opened(bench: Callable[..., Any], folder: Path, tmp_path: Path):
     (tmp_path / "table.txt").write_text("")
     words = ("--plugin", str(folder / "bright.py"), "dataset=demo", "dataset.width=160", "dataset.height=120")
-    words = (*words, "first=1", "metrics=[bright]", f"metrics.bright.table={tmp_path / 'table.txt'}")
+    words = (
+        *words,
+        "first=1",
+        "method=underwater",
+        "metrics=[bright]",
+        f"metrics.bright.table={tmp_path / 'table.txt'}",
+    )
     done = bench("run", *words, "tracking.uri=off", "report=false", "out=other")
     assert done.returncode == 0, done.stderr
     assert bench("bundle", "other", "c.zip", "--pictures", "restored").returncode == 0
