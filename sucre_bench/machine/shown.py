@@ -1,7 +1,7 @@
-r"""Text from files, names and rows as a terminal may show it: control characters are written out, as in \x1b.
+"""Writes out control characters in text from files, names and rows before a terminal shows it: ESC as "\\x1b".
 
-A name may hold an escape sequence that clears the screen, or forges what a command says. A terminal or pipe that has
-not all letters gets others of the same width.
+A name may hold an escape sequence that clears the screen, or forges the lines of a command. If a terminal or pipe lacks
+some letters, it gets others of the same width.
 """
 
 from __future__ import annotations
