@@ -73,6 +73,14 @@ def test_rows_of_one_method_are_read_as_they_are_among_all(tmp_path: Path):
         pd.testing.assert_frame_equal(read(tmp_path, dataset=dataset, method=method), own)
 
 
+@pytest.mark.parametrize("as_dictionary", [False, True])
+def test_a_table_in_row_groups_with_texts_of_their_own_is_read_as_it_is(tmp_path: Path, as_dictionary: bool):
+    rows = frame([replace(ROW, view=f"{n}.png", reason=f"because {n % 3}") for n in range(10)])
+    text = {name: "category" for name in rows if rows[name].dtype == "str"} if as_dictionary else {}
+    rows.astype(text).to_parquet(tmp_path / "scores.parquet", index=False, row_group_size=4)
+    pd.testing.assert_frame_equal(read(tmp_path), rows)
+
+
 def test_another_metrics_code_does_not_matter(tmp_path: Path):
     write(tmp_path, "one", replace(ROW, metric="ssim", code="c1.q"))
     write(tmp_path, "two", replace(ROW, time=LATER))
