@@ -136,5 +136,5 @@ def test_a_length_is_above_0_and_finite(tmp_path: Path, value: float) -> None:
         (SeathruNerf, "metres_per_unit"),
         (Squid, "farthest_m"),
     ]:
-        with pytest.raises(InputError, match=rf"\.{option}: {value} is no length"):
+        with pytest.raises(InputError, match=rf"\.{option}: {value}; give a number in"):
             plugin(tmp_path, **{option: value})
