@@ -8,6 +8,9 @@
 VENV ?= .venv
 bin = $(VENV)/bin
 
+# A file's tests run in one process: what they share is made once.
+by_file = --dist loadfile --no-loadscope-reorder
+
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom)
 
 .PHONY: demo test test-short fuzz setup check docs
@@ -19,10 +22,10 @@ demo: setup
 	@$(bin)/sucre-bench run -m experiment=demo
 
 test: setup
-	@$(bin)/python -m pytest -n auto
+	@$(bin)/python -m pytest -n auto $(by_file)
 
 test-short: setup
-	@$(bin)/python -m pytest -n auto -m short $$(grep -rl --include='*.py' 'pytest\.mark\.short' tests)
+	@$(bin)/python -m pytest -n auto $(by_file) -m short $$(grep -rl --include='*.py' 'pytest\.mark\.short' tests)
 
 fuzz: setup
 	@mkdir -p outputs/fuzz && echo "$(strip $(SEED))" >> outputs/fuzz/seeds.txt && echo "seed $(strip $(SEED))"

@@ -32,9 +32,9 @@ def write_page(out: Path, rows: pd.DataFrame) -> Path:
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
-    rows = made_results(folder, datasets=("reef", "reef,noise=0.1", "reef,noise=0.2"), size=(720, 480))
+    rows = made_results(folder, datasets=("reef", "reef,noise=0.1", "reef,noise=0.2"), size=(1200, 800))
     np.savez(
-        folder / "restored/reef/clever/v0.npz", image=np.zeros((480, 720, 3)), confidence=np.ones((480, 720)) * 0.1
+        folder / "restored/reef/clever/v0.npz", image=np.zeros((800, 1200, 3)), confidence=np.ones((800, 1200)) * 0.1
     )
     mask = np.ones((800, 1200), np.bool_)
     mask[:, 600:900] = False  # where the picture has colours, as if by fill=true
@@ -220,8 +220,8 @@ def test_a_plain_wheel_scrolls_the_page_and_does_not_zoom(page: Browser):
 def test_from_nearby_the_full_picture_takes_the_thumbnails_place(page: Browser):
     assert page.until("document.querySelector('#left').naturalWidth === 960")
     page.ask("resultsPage.zoomAt(3)")
-    page.until("document.querySelector('#left').naturalWidth === 720")
-    page.until("[...document.querySelectorAll('#grid img')].every((i) => i.naturalWidth === 720)")
+    page.until("document.querySelector('#left').naturalWidth === 1200")
+    page.until("[...document.querySelectorAll('#grid img')].every((i) => i.naturalWidth === 1200)")
 
 
 def test_a_picture_is_chosen_in_the_grid_by_keys_and_by_the_lists(page: Browser):
