@@ -77,7 +77,6 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.even_gaps import evened
         from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
@@ -90,8 +89,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
                 observations, solution = self._single_view(view, solution)
-            elif self.even:
-                solution = replace(solution, J=evened(observations, solution.J, solution.water, view.name))
+            else:
+                solution = self._refined(view, observations, solution)
         prior = prior_of(solution.J, solution.deviation) if self.prior else None
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)
@@ -101,6 +100,17 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         stages["solve"] = time.perf_counter() - started
         restored = restoration(view, observations, solution, stages, self._fitted(view))
         return guessed(restored, view, prior) if self.fill else restored
+
+    def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
+        """Return colours of many views with calibrated standard deviations and without gaps, where chosen."""
+        from sucre_bench.methods.sucre.calibrated_noise import calibrated
+        from sucre_bench.methods.sucre.even_gaps import evened
+
+        if self.prior:
+            solution = calibrated(observations, solution)
+        if not self.even:
+            return solution
+        return replace(solution, J=evened(observations, solution.J, solution.water, view.name))
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.cache import paired

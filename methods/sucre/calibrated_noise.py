@@ -1,0 +1,98 @@
+"""The standard deviation of colours, from two kinds of noise.
+
+The noise of the camera is alike at every distance. What differs between views (light, wrong pairs, texture that one
+view resolves and another does not) belongs to the scene, so water weakens it as it weakens colours:
+
+    variance of I - J a - b  =  sigma^2 + (tau a)^2.
+
+Near and far observations tell the two apart. One common standard deviation would be too large far away, where little of
+tau is left, and far colours would be taken for noise. The best J of the observations of a pixel, with A = sum w a^2,
+then has the variance
+
+    sigma^2 / A  +  tau^2 (sum w^2 a^4) / A^2.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
+from sucre_bench.methods.sucre.solvers import Solution
+from sucre_bench.multiview.observations import Observations
+
+__all__ = ["calibrated", "noise_parts"]
+
+# Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
+_SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
+
+# The least noise: rounding to 8 bits has a standard deviation of .0011.
+_LEAST = 1e-3
+
+# An observation that has more than this share of its pixel's information has hardly any residual.
+_ALONE = 0.95
+
+
+def calibrated(observations: Observations, solution: Solution) -> Solution:
+    """Return the solution with standard deviations from both kinds of noise; as it is where few pixels repeat."""
+    if observations.n_repeated < _FEWEST or not np.isfinite(solution.uncertainty.noise).all():
+        return solution
+    A, A2 = np.zeros((2, 3, len(observations.pixels)), dtype=np.float32)
+    for n, part in observations.slots():
+        information = _information(observations, solution.water, part)
+        A[:, :n] += information
+        A2[:, :n] += information**2
+    of_noise = solution.uncertainty.noise[:, None] ** 2 / A
+    of_water = np.maximum(solution.deviation**2 - of_noise, 0)
+    sigma, tau = noise_parts(observations, solution)[:, :, None]
+    deviation = np.sqrt(of_water + sigma**2 / A + tau**2 * A2 / A**2)
+    return replace(solution, deviation=deviation.astype(np.float32))
+
+
+def noise_parts(observations: Observations, solution: Solution) -> Array:
+    """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
+
+    They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
+    negative parts.
+    """
+    from scipy.optimize import nnls
+
+    step = -(-observations.n_repeated // _SAMPLE)
+    places = np.arange(0, observations.n_repeated, step)
+    squares, strength = _squared_residuals(observations.take(places), solution.water, solution.J[:, places])
+    parts = np.zeros((3, 2))
+    for c in range(3):
+        known = np.isfinite(squares[c])
+        order = np.argsort(strength[c, known])
+        classes = [one for one in np.array_split(order, _CLASSES) if len(one)]
+        y, x = (np.array([values[c, known][one].mean() for one in classes]) for values in (squares, strength))
+        scale = 1 / np.maximum(y, _LEAST**2)
+        parts[c], _ = nnls(np.stack([np.ones_like(x), x], axis=1) * scale[:, None], y * scale)
+    sigma, tau = np.sqrt(parts.T)
+    return np.stack([np.maximum(sigma, _LEAST), tau])
+
+
+def _information(observations: Observations, water: WaterParameters, part: slice) -> Array:
+    """w a^2 (3, n) of observations."""
+    a = transmission(observations.distance[part], water.columns()[1].astype(np.float32))
+    return np.asarray(a * a if observations.weight is None else observations.weight[part] * a * a)
+
+
+def _squared_residuals(observations: Observations, water: WaterParameters, J: Array) -> tuple[Array, Array]:
+    """Return squared studentised residuals (3, N), NaN where an observation is nearly alone, and w a^2 (3, N)."""
+    B, beta, gamma = (column.astype(np.float32) for column in water.columns())
+    A = np.zeros_like(J)
+    for n, part in observations.slots():
+        A[:, :n] += _information(observations, water, part)
+    squares, strength = [], []
+    for n, part in observations.slots():
+        z, x2 = observations.distance[part], _information(observations, water, part)
+        w = 1 if observations.weight is None else observations.weight[part]
+        r = observations.intensity(part) - J[:, :n] * transmission(z, beta) - veil(z, B, gamma)
+        h = x2 / A[:, :n]
+        usable = (h < _ALONE) & (x2 > 0)
+        squares.append(np.where(usable, w * r * r / np.where(usable, 1 - h, 1), np.nan))
+        strength.append(x2)
+    return np.concatenate(squares, axis=1).astype(np.float64), np.concatenate(strength, axis=1).astype(np.float64)
