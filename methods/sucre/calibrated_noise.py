@@ -10,6 +10,9 @@ tau is left, and far colours would be taken for noise. The best J of the observa
 then has the variance
 
     sigma^2 / A  +  tau^2 (sum w^2 a^4) / A^2.
+
+Noise is alike in stored intensities. In linear light decoded from them it is sigma times the slope t of the curve: less
+in dark pixels. The first term is then sigma^2 (sum w a^2 t^2) / A^2.
 """
 
 from __future__ import annotations
@@ -19,6 +22,7 @@ from dataclasses import replace
 import numpy as np
 
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
@@ -31,27 +35,34 @@ _SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
 # The least noise: rounding to 8 bits has a standard deviation of .0011.
 _LEAST = 1e-3
 
+# Half the difference of intensities that the slope of the curve is taken over.
+_STEP = 0.5 / 255
+
 # An observation that has more than this share of its pixel's information has hardly any residual.
 _ALONE = 0.95
 
 
-def calibrated(observations: Observations, solution: Solution) -> Solution:
-    """Return the solution with standard deviations from both kinds of noise; as it is where few pixels repeat."""
+def calibrated(observations: Observations, solution: Solution, *, decoded: bool = False) -> Solution:
+    """Return the solution with standard deviations from both kinds of noise; as it is where few pixels repeat.
+
+    decoded: the observations are linear light, decoded from stored intensities.
+    """
     if observations.n_repeated < _FEWEST or not np.isfinite(solution.uncertainty.noise).all():
         return solution
-    A, A2 = np.zeros((2, 3, len(observations.pixels)), dtype=np.float32)
+    A, At2, A2 = np.zeros((3, 3, len(observations.pixels)), dtype=np.float32)
     for n, part in observations.slots():
         information = _information(observations, solution.water, part)
         A[:, :n] += information
+        At2[:, :n] += information * _slope(observations, part, decoded) ** 2
         A2[:, :n] += information**2
     of_noise = solution.uncertainty.noise[:, None] ** 2 / A
     of_water = np.maximum(solution.deviation**2 - of_noise, 0)
-    sigma, tau = noise_parts(observations, solution)[:, :, None]
-    deviation = np.sqrt(of_water + sigma**2 / A + tau**2 * A2 / A**2)
+    sigma, tau = noise_parts(observations, solution, decoded=decoded)[:, :, None]
+    deviation = np.sqrt(of_water + (sigma**2 * At2 + tau**2 * A2) / A**2)
     return replace(solution, deviation=deviation.astype(np.float32))
 
 
-def noise_parts(observations: Observations, solution: Solution) -> Array:
+def noise_parts(observations: Observations, solution: Solution, *, decoded: bool = False) -> Array:
     """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
 
     They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
@@ -61,17 +72,28 @@ def noise_parts(observations: Observations, solution: Solution) -> Array:
 
     step = -(-observations.n_repeated // _SAMPLE)
     places = np.arange(0, observations.n_repeated, step)
-    squares, strength = _squared_residuals(observations.take(places), solution.water, solution.J[:, places])
+    few = observations.take(places)
+    squares, strength = _squared_residuals(few, solution.water, solution.J[:, places])
+    slopes = np.concatenate([_slope(few, part, decoded) ** 2 for _, part in few.slots()], axis=1)
     parts = np.zeros((3, 2))
     for c in range(3):
         known = np.isfinite(squares[c])
-        order = np.argsort(strength[c, known])
-        classes = [one for one in np.array_split(order, _CLASSES) if len(one)]
-        y, x = (np.array([values[c, known][one].mean() for one in classes]) for values in (squares, strength))
+        y, t, x = squares[c, known], slopes[c, known], strength[c, known]
+        classes = [one for one in np.array_split(np.argsort(x / t), _CLASSES) if len(one)]
+        y, t, x = (np.array([values[one].mean() for one in classes]) for values in (y, t, x))
         scale = 1 / np.maximum(y, _LEAST**2)
-        parts[c], _ = nnls(np.stack([np.ones_like(x), x], axis=1) * scale[:, None], y * scale)
+        parts[c], _ = nnls(np.stack([t, x], axis=1) * scale[:, None], y * scale)
     sigma, tau = np.sqrt(parts.T)
     return np.stack([np.maximum(sigma, _LEAST), tau])
+
+
+def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
+    """Return how many times larger than in stored intensities the noise of observations is, (3, n)."""
+    linear = observations.intensity(part)
+    if not decoded:
+        return np.ones_like(linear)
+    stored = srgb_encode(linear)
+    return np.asarray((srgb_decode(stored + _STEP) - srgb_decode(stored - _STEP)) / (2 * _STEP), dtype=np.float32)
 
 
 def _information(observations: Observations, water: WaterParameters, part: slice) -> Array:

@@ -27,7 +27,7 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Indices, Observations
 
-__all__ = ["evened"]
+__all__ = ["even_deviation", "evened"]
 
 # Side of the window of a mean, the largest gap that is closed, and the width of a field's rim, pixels.
 _WINDOW, _GAP, _RIM = 9, 7, 12.0
@@ -61,6 +61,17 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
         whole.add(part, A * _field(there)[..., None], mean)
     change = np.where(A_o > 0, whole.share(A_o) - shown.share(A_o), 0)
     return np.asarray(J + change.reshape(-1, 3)[observations.pixels].T, dtype=np.float32)
+
+
+def even_deviation(observations: Observations, deviation: Array) -> Array:
+    """Return standard deviations (3, P) float32 as the root mean squares over the window.
+
+    Colours are shrunk by them, and a gap that is shrunk more than the pixels around it would show again.
+    """
+    variance = observations.image(deviation.astype(np.float64) ** 2)
+    there = np.asarray(np.isfinite(variance).all(axis=-1))
+    mean = _sum(np.where(there[..., None], variance, 0)) / _count(there)
+    return np.sqrt(mean.reshape(-1, 3)[observations.pixels].T)
 
 
 @dataclass(frozen=True, slots=True, eq=False)

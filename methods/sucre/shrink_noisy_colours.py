@@ -26,10 +26,13 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["LEAST_SPREAD", "ImagePrior", "posterior", "prior_of"]
+__all__ = ["LEAST_SPREAD", "LEAST_SPREAD_LINEAR", "ImagePrior", "posterior", "prior_of"]
 
 # Least deviation of reflectances. Of .15, .2 and .25 the largest that costs made scenes less than .1 dB each.
 LEAST_SPREAD = 0.2
+
+# The same in linear light: sRGB's curve raises intensities to the power 2.4, which multiplies relative deviations.
+LEAST_SPREAD_LINEAR = 2.4 * LEAST_SPREAD
 
 _ROUNDS, _ROUNDS_OF_S = 30, 4
 
@@ -91,19 +94,19 @@ class ImagePrior:
         return np.outer(self.w, bright) + chroma * (J - np.outer(self.w, s)), np.sqrt(left)
 
 
-def prior_of(J: Array, deviation: Array) -> ImagePrior | None:
+def prior_of(J: Array, deviation: Array, least_spread: float = LEAST_SPREAD) -> ImagePrior | None:
     """Return the prior of an image from its colours (3, P), each as far as it is known; None where no noise is known.
 
-    deviation: (3, P) standard deviations.
+    deviation: (3, P) standard deviations; least_spread: of reflectances.
     """
     if not np.isfinite(deviation).any():
         return None
     few = np.s_[:, :: max(1, J.shape[1] // _SAMPLE)]
-    return _estimated(J[few].astype(np.float64), _variance(deviation[few]))
+    return _estimated(J[few].astype(np.float64), _variance(deviation[few]), least_spread)
 
 
-def _estimated(J: Array, v: Array) -> ImagePrior:
-    prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05)
+def _estimated(J: Array, v: Array, least_spread: float) -> ImagePrior:
+    prior = ImagePrior(np.ones(3), float(np.median(J)), 0.05, least_spread)
     for _ in range(_ROUNDS):
         s, noise, bright = prior.brightness(J, v)
         trust = prior.variance / (prior.variance + noise)
@@ -115,7 +118,7 @@ def _estimated(J: Array, v: Array) -> ImagePrior:
             return prior
         w = (bright * J * weight).sum(axis=1) / power
         w = w.clip(min=0) / w.clip(min=0).mean() if (w > 0).any() else prior.w
-        prior = ImagePrior(w, mean, variance, max(prior.spread * _misfit(prior, J, s, weight), LEAST_SPREAD))
+        prior = ImagePrior(w, mean, variance, max(prior.spread * _misfit(prior, J, s, weight), least_spread))
     return prior
 
 

@@ -26,7 +26,7 @@ from sucre_bench.methods.sucre.options import (
     check,
     way_of,
 )
-from sucre_bench.methods.sucre.shrink_noisy_colours import prior_of
+from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, prior_of
 from sucre_bench.methods.sucre.sucre_paper import CITES
 from sucre_bench.scene import Encoding
 
@@ -91,7 +91,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
                 observations, solution = self._single_view(view, solution)
             else:
                 solution = self._refined(view, observations, solution)
-        prior = prior_of(solution.J, solution.deviation) if self.prior else None
+        spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
+        prior = prior_of(solution.J, solution.deviation, spread) if self.prior else None
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
@@ -104,13 +105,14 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
     def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
         """Return colours of many views with calibrated standard deviations and without gaps, where chosen."""
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
-        from sucre_bench.methods.sucre.even_gaps import evened
+        from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
 
         if self.prior:
-            solution = calibrated(observations, solution)
+            solution = calibrated(observations, solution, decoded=self._decodes(view))
         if not self.even:
             return solution
-        return replace(solution, J=evened(observations, solution.J, solution.water, view.name))
+        J = evened(observations, solution.J, solution.water, view.name)
+        return replace(solution, J=J, deviation=even_deviation(observations, solution.deviation))
 
     def _observe(self, scene: Scene, view: View) -> Observations:
         from sucre_bench.multiview.cache import paired

@@ -12,7 +12,9 @@ A display normalisation has a name, and each score records it:
 - "black-1-white-99" first subtracts one black from all channels: percentile 1 of all their values. A black for each
   channel would change hues;
 - "linear-white-veil" scales linear light by 1 / (B gamma) of the water. Backscatter near the camera has the colour of
-  the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1.
+  the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1;
+- "veil-or-NAME", as in "veil-or-white-99", is "linear-white-veil" where the method fitted linear light and found a veil
+  in every channel, and NAME elsewhere.
 
 With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means are those of all views of a scene, so
 that mosaics and videos have one tone.
@@ -33,6 +35,9 @@ from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Encoding, Restoration, Water
 
+# Before the name of a normalisation that takes the veil's place.
+_VEIL_OR = "veil-or-"
+
 __all__ = ["check_display", "display", "displayed", "gray_world_gain", "is_of_scene", "stretch"]
 
 
@@ -51,6 +56,7 @@ def display(
     """
     check_display(how)
     name, _, scope = how.partition("@")
+    name = _veil_or_other(name, water, encoding)
     if scope and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
     over = image if over is None else over
@@ -78,12 +84,27 @@ def is_of_scene(how: str) -> bool:
     return how.endswith("@scene")
 
 
+def _veil_or_other(name: str, water: Water | None, encoding: Encoding) -> str:
+    """Return the normalisation that "veil-or-NAME" stands for, other names as they are."""
+    if not name.startswith(_VEIL_OR):
+        return name
+    is_linear = water is not None and (water.encoding or encoding) == "linear"
+    return "linear-white-veil" if is_linear and _gains(water) is not None else name.removeprefix(_VEIL_OR)
+
+
+def _gains(water: Water | None) -> Array | None:
+    """Return the gains (3,) that make light of the veil's colour white; None where there is no veil."""
+    if water is None or not (np.isfinite(veil := water.veiling_light * water.backscatter) & (veil > 0)).all():
+        return None
+    return np.asarray(veil.mean() / veil)
+
+
 def _veil_limits(image: Array, water: Water | None) -> tuple[Array, Array]:
     """Return no offset, and the divisors (3,) of "linear-white-veil"."""
-    if water is None or not (np.isfinite(veil := water.veiling_light * water.backscatter) & (veil > 0)).all():
+    gain = _gains(water)
+    if gain is None:
         raise InputError("display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99")
     valid = coloured(image)
-    gain = veil.mean() / veil
     top = float(np.percentile(image[valid] * gain, 99)) if valid.any() else 1.0
     return np.zeros(3), np.asarray((top if top > 1e-6 else 1.0) / gain)
 
@@ -132,7 +153,7 @@ def _by_rows(curve: Callable[[Array], Array], image: Array, rows: int = 64) -> A
 
 def check_display(how: str) -> None:
     """Raise InputError unless `how` names a display normalisation."""
-    name = how.removesuffix("@scene")
+    name = how.removesuffix("@scene").removeprefix(_VEIL_OR)
     white = re.fullmatch(r"white-(\d+(?:\.\d+)?)", name)
     if white and 0 < float(white[1]) <= 100:
         return
@@ -143,7 +164,7 @@ def check_display(how: str) -> None:
         return
     known = (
         "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
-        "black-1-white-99, linear-white-veil; @scene behind it takes all views of a scene"
+        "black-1-white-99, linear-white-veil, veil-or-white-99; @scene behind it takes all views of a scene"
     )
     raise InputError(f"display '{how}': unknown; use {known}")
 

@@ -89,3 +89,13 @@ def test_a_linear_stretch_is_a_stretch_of_light() -> None:
 def test_other_names_are_refused_with_those_there_are(how: str) -> None:
     with pytest.raises(InputError, match=f"^display '{how}': unknown; use none, gray-world or stretch-LOW-HIGH"):
         display(IMAGE, how)
+
+
+def test_the_veil_is_white_only_where_it_was_fitted_to_linear_light() -> None:
+    parts = (np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.1, 0.1]), np.array([0.3, 0.2, 0.1]))
+    linear, stored = Water(*parts, "linear"), Water(*parts)
+    no_veil = Water(np.zeros(3), parts[1], parts[2], "linear")
+    veil = display(IMAGE, "linear-white-veil", water=linear)
+    np.testing.assert_array_equal(display(IMAGE, "veil-or-white-99", water=linear), veil)
+    for water in (stored, no_veil, None):
+        np.testing.assert_array_equal(display(IMAGE, "veil-or-white-99", water=water), display(IMAGE, "white-99"))

@@ -7,7 +7,7 @@ import pytest
 from support.made_observations import parameters
 from support.made_scene import WATER
 
-from sucre_bench.methods.sucre.even_gaps import evened
+from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
 from sucre_bench.methods.sucre.solvers import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -69,3 +69,13 @@ def test_pixels_that_the_target_does_not_show_stay() -> None:
     observations, _ = two_views(1.2)
     J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
     np.testing.assert_array_equal(evened(observations, J, WATER_OF_ALL, "elsewhere.png"), J)
+
+
+def test_a_gap_is_as_uncertain_as_what_surrounds_it() -> None:
+    observations, _ = two_views(1.2)
+    solution = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu")
+    spread = observations.image(even_deviation(observations, solution.deviation)).reshape(-1, 3)
+    inside = (COLUMN < 50) & (COLUMN > 8) & (ROW > 8) & (ROW < 50)
+    np.testing.assert_allclose(spread[inside & GAPS].mean(axis=0), spread[inside & ~GAPS].mean(axis=0), rtol=0.02)
+    alone = observations.image(solution.deviation).reshape(-1, 3)[COLUMN > 75]
+    np.testing.assert_allclose(spread[COLUMN > 75], alone, rtol=1e-5)
