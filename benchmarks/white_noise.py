@@ -38,10 +38,9 @@ def measured(name: str, options: dict[str, Any], scene: sb.Scene, truth: sb.Wate
     fitted, true = (
         np.stack([water.veiling_light, water.attenuation, water.backscatter]) for water in (result.water, truth)
     )
-    rows = sb.score(result, scene[view], METRICS).groupby("metric")["value"].first()
-    variants = sb.score(result, scene[view], METRICS[:2])["value"]
+    scores = [float(sb.score(result, scene[view], [metric])["value"].iloc[0]) for metric in METRICS]
     errors = 100 * np.abs(fitted / true - 1)
-    return [*errors.ravel(), *variants, rows["saturated_red"], 100 * rows["negative"], result.info["seconds"]]
+    return [*errors.ravel(), *scores[:3], 100 * scores[3], result.info["seconds"]]
 
 
 def main() -> None:

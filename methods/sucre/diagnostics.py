@@ -36,7 +36,8 @@ class WaterUncertainty:
 
     noise: (3,) standard deviation of an observation in each channel, in intensity; covariance: (3, 3, 3) of B, beta,
     gamma in each channel; standard_error: of each parameter, NaN where it is held at a bound; condition: (3,) of the
-    scaled H; limits: in words, the parameters that the observations do not determine.
+    scaled H; limits: in words, the parameters that the observations do not determine; is_weak: channels that a weak
+    prior decides.
     """
 
     noise: Array
@@ -44,6 +45,12 @@ class WaterUncertainty:
     standard_error: WaterParameters
     condition: Array
     limits: tuple[str, ...]
+    is_weak: tuple[bool, bool, bool] = (False, False, False)
+
+
+def is_told(uncertainty: WaterUncertainty) -> bool:
+    """Return whether the observations determine all three parameters of most channels, without a weak prior."""
+    return sum(uncertainty.is_weak) < 2
 
 
 def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncertainty:

@@ -122,7 +122,8 @@ def fit(
     water = WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # J = I
     uncertainty = _uncertainty(replace(end, system=system), images, dead)
     if weak.any():
-        uncertainty = replace(uncertainty, limits=(*uncertainty.limits, *_decided_by_priors(weak, end.at)))
+        limits = (*uncertainty.limits, *_decided_by_priors(weak, end.at))
+        uncertainty = replace(uncertainty, limits=limits, is_weak=(bool(weak[0]), bool(weak[1]), bool(weak[2])))
     return WaterFit(water, system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 

@@ -58,9 +58,10 @@ class FitOptions:
     robust: bool = False
     """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
 
-    exposure: Literal["constant", "per_view"] = "constant"
+    exposure: Literal["auto", "constant", "per_view"] = "auto"
     """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
-    constant: one exposure for all views."""
+    constant: one exposure for all views; auto: per_view only where views differ, gains explain the observations far
+    better, and less attenuation is left with them."""
 
     lamp: bool = False
     """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
@@ -164,11 +165,12 @@ def check(options: Any, method: str) -> None:
     ]
     if len(given) > 1:
         raise InputError(f"{method}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
-    off = {"physical": False, "robust": False, "lamp": False, "exposure": "constant"}
-    extras = [name for name, value in off.items() if getattr(options, name) != value]
+    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name)]
+    extras += ["exposure"] if options.exposure == "per_view" else []
     if extras and options.solver != "exact":
+        off = "constant" if extras[0] == "exposure" else "false"
         fault = f"goes with solver=exact, not with solver={options.solver}"
-        raise InputError(f"{method}.{extras[0]}: {fault}; give method.{extras[0]}={str(off[extras[0]]).lower()}")
+        raise InputError(f"{method}.{extras[0]}: {fault}; give method.{extras[0]}={off}")
     if given and options.solver != "exact":
         raise InputError(f"{method}.{given[0]}: leaves nothing to solver={options.solver}; leave one out")
     for name in extras:

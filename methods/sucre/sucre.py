@@ -92,7 +92,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             else:
                 solution = self._refined(view, observations, solution)
         spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
-        prior = prior_of(solution.J, solution.deviation, spread) if self.prior else None
+        shrinks = self.prior and solution.about["solver"] != "none"
+        prior = prior_of(solution.J, solution.deviation, spread) if shrinks else None
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)
             solution = replace(solution, J=J, deviation=deviation)
@@ -104,6 +105,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
     def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
         """Return colours of many views with calibrated standard deviations and without gaps, where chosen."""
+        if solution.about["solver"] == "none":
+            return solution
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
         from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
 
@@ -154,8 +157,10 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         return observations, solution
 
     def _solve_exactly(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
+        from sucre_bench.methods.sucre.diagnostics import is_told
         from sucre_bench.methods.sucre.exposure import differing_exposure
         from sucre_bench.methods.sucre.solvers import solve_exact
+        from sucre_bench.methods.sucre.untold import explains_better, is_made_up, left_as_photographed
 
         matched = self._matched(scene, view, observations)
         about: dict[str, Any] = {"footprint": matched is not None}
@@ -169,10 +174,25 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         solution = solve_exact(
             observations, matched=matched, physical=self.physical, robust=self.robust, **self._compute
         )
-        if matched is not None and self.exposure == "constant" and not self.lamp:
+        if matched is not None and self.exposure != "per_view" and not self.lamp:
             limits = differing_exposure(matched, solution.water)
+            if limits and self.exposure == "auto" and not is_told(solution.uncertainty):
+                with_gains = self._with_gains(scene, view)
+                if with_gains is not None and explains_better(with_gains[1], solution):
+                    return with_gains
+        if not self.lamp and is_made_up(solution):
+            solution = left_as_photographed(observations, self._intensities(view), solution, self.backend, self.device)
         uncertainty = replace(solution.uncertainty, limits=(*solution.uncertainty.limits, *limits))
         return observations, replace(solution, uncertainty=uncertainty, about=solution.about | about)
+
+    def _with_gains(self, scene: Scene, view: View) -> tuple[Observations, Solution] | None:
+        """Return the solution with one gain a view; None where distances do not tell the gains."""
+        per_view = replace(self, exposure="per_view")
+        try:
+            observations, solution = per_view._solve_exactly(scene, view, per_view._observe(scene, view))
+        except SolveError:
+            return None
+        return (observations, solution) if solution.about["gains_separable"] else None
 
     def _matched(self, scene: Scene, view: View, observations: Observations) -> Observations | None:
         """Return the sample with matched footprints; None without the option, or where too few pixels have one."""

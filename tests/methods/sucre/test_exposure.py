@@ -90,3 +90,25 @@ def test_options_that_explain_the_same_are_refused(options: dict[str, object]) -
 def test_sucre_plus_has_it_too(scene: Scene) -> None:
     result = SucrePlus(exposure="per_view").restore(scene, scene["3.png"])
     assert np.abs(rates(result, WATERS["green"])).max() < 0.03
+
+
+def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
+    air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
+    scene = make_ground(air, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1))
+    constant, found = (Sucre(exposure=exposure).restore(scene, scene["3.png"]) for exposure in ("constant", "auto"))
+    assert constant.water.attenuation.max() > 0.05
+    assert found.water.attenuation.max() < 0.01
+    assert found.info["gains_separable"]
+
+
+def test_two_waters_over_flat_ground_leave_the_photograph_as_it_is() -> None:
+    heights = (2.95, 3.02, 3.08, 2.93, 3.05, 2.98)
+    coast, green = (make_ground(WATERS[name], heights_m=heights) for name in ("coast", "green"))
+    views = [(coast if k < 3 else green).views[k] for k in range(6)]
+    scene = replace(coast, views=views, water=None)
+    for method in (Sucre(), SucrePlus()):
+        restored = method.restore(scene, scene["3.png"])
+        told = not any("cannot be told" in limit for limit in restored.info["limits"])
+        largest = float(np.nanpercentile(np.abs(restored.image), 99))
+        assert told or np.array_equal(restored.image[restored.valid], scene["3.png"].rgb[restored.valid])
+        assert largest < 3  # no channel blown up
