@@ -159,6 +159,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
     def _solve_exactly(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
         from sucre_bench.methods.sucre.diagnostics import is_told
         from sucre_bench.methods.sucre.exposure import differing_exposure
+        from sucre_bench.methods.sucre.robust import robust_noise
         from sucre_bench.methods.sucre.solvers import solve_exact
         from sucre_bench.methods.sucre.untold import explains_better, is_made_up, left_as_photographed
 
@@ -174,6 +175,9 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         solution = solve_exact(
             observations, matched=matched, physical=self.physical, robust=self.robust, **self._compute
         )
+        if matched is not None:
+            about["unexplained"] = float(robust_noise(matched, solution.water).mean())
+            solution = replace(solution, about=solution.about | about)
         if matched is not None and self.exposure != "per_view" and not self.lamp:
             limits = differing_exposure(matched, solution.water)
             if limits and self.exposure == "auto" and not is_told(solution.uncertainty):

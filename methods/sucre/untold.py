@@ -27,8 +27,11 @@ _LIMIT = "the water cannot be told from these views; colours are left as photogr
 
 
 def explains_better(with_gains: Solution, without: Solution) -> bool:
-    """Return whether gains of views explain the observations clearly better than one exposure does."""
-    calmer = with_gains.uncertainty.noise.mean() < (1 - _BETTER) * without.uncertainty.noise.mean()
+    """Return whether gains of views explain the observations clearly better than one exposure does.
+
+    Both hold `unexplained`, the standard deviation of residuals over matched footprints, in `about`.
+    """
+    calmer = with_gains.about["unexplained"] < (1 - _BETTER) * without.about["unexplained"]
     return bool(calmer and with_gains.water.beta.sum() < without.water.beta.sum())
 
 
