@@ -157,7 +157,6 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         return observations, solution
 
     def _solve_exactly(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
-        from sucre_bench.methods.sucre.diagnostics import is_told
         from sucre_bench.methods.sucre.exposure import differing_exposure
         from sucre_bench.methods.sucre.robust import robust_noise
         from sucre_bench.methods.sucre.solvers import solve_exact
@@ -180,7 +179,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             solution = replace(solution, about=solution.about | about)
         if matched is not None and self.exposure != "per_view" and not self.lamp:
             limits = differing_exposure(matched, solution.water)
-            if limits and self.exposure == "auto" and not is_told(solution.uncertainty):
+            if limits and self.exposure == "auto":
                 with_gains = self._with_gains(scene, view)
                 if with_gains is not None and explains_better(with_gains[1], solution):
                     return with_gains
@@ -196,7 +195,12 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             observations, solution = per_view._solve_exactly(scene, view, per_view._observe(scene, view))
         except SolveError:
             return None
-        return (observations, solution) if solution.about["gains_separable"] else None
+        if not solution.about["gains_separable"]:
+            return None
+        gains = solution.about["gains"].values()
+        limit = f"exposure differs between views; gains of {min(gains):.2f} to {max(gains):.2f} were fitted"
+        uncertainty = replace(solution.uncertainty, limits=(*solution.uncertainty.limits, limit))
+        return observations, replace(solution, uncertainty=uncertainty)
 
     def _matched(self, scene: Scene, view: View, observations: Observations) -> Observations | None:
         """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
