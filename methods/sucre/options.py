@@ -59,10 +59,8 @@ class FitOptions:
     """Give less weight to observations that do not fit: animals that move, pixels paired wrongly (solver=exact)."""
 
     exposure: Literal["auto", "constant", "per_view"] = "auto"
-    exposure: Literal["auto", "constant", "per_view"] = "auto"
     """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
     constant: one exposure for all views; auto: per_view only where views differ, gains explain the observations far
-    better, and less attenuation is left with them."""
     better, and less attenuation is left with them."""
 
     lamp: bool = False
