@@ -136,7 +136,7 @@ def test_two_jobs_of_one_process_and_name_keep_all_their_rows(tmp_path: Path):
 @pytest.mark.parametrize("place", ["a_file/out.txt", "x" * 300 + "/out.txt"])
 def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: str):
     (tmp_path / "a_file").write_text("")
-    with pytest.raises(OutputError, match="cannot be written"):
+    with pytest.raises(OutputError, match=r"cannot be written|is a file"):
         write_atomically(tmp_path / place, b"")
 
 
