@@ -38,7 +38,8 @@ def maps(name: str, holes: Mask | None, image: Picture, confidence: Any) -> Iter
     image: the stored picture; where a hole is not black, `fill=true` guessed its colour.
     """
     if holes is not None:
-        yield _holes(name, holes, bool(image[holes].any()))
+        fits = holes.shape == image.shape[:2]  # something else may have changed the stored picture
+        yield _holes(name, holes, fits and bool(image[holes].any()))
     if confidence is not None:
         yield from _confidence(name, confidence)
 
