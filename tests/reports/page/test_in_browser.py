@@ -36,8 +36,8 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     np.savez(
         folder / "restored/reef/clever/v0.npz", image=np.zeros((800, 1200, 3)), confidence=np.ones((800, 1200)) * 0.1
     )
-    mask = np.ones((800, 1200), np.bool_)
-    mask[:, 600:900] = False  # where the picture has colours, as if by fill=true
+    mask = np.ones((480, 720), np.bool_)
+    mask[:, 360:540] = False  # where the picture has colours, as if by fill=true
     write_mask(folder / "masks/reef/clever/v1.png", mask)
     write_page(folder, rows)
     return folder
