@@ -79,7 +79,10 @@ class Saying:
     """Keeps what is said to whoever watches."""
 
     def __init__(self, said: list[str]) -> None:
-        self.said = said.append
+        self._kept = said
+
+    def said(self, text: str, is_fault: bool) -> None:
+        self._kept.append(text)
 
     def started(self, what: str, total: int | None) -> int:
         return 0

@@ -29,15 +29,20 @@ def write_page(out: Path, rows: pd.DataFrame) -> Path:
     return report.write(out, rows, compare(rows))
 
 
+WIDTH, HEIGHT = 1200, 800  # of the pictures: larger than their thumbnails
+
+
 @pytest.fixture(scope="module")
 def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("page")
-    rows = made_results(folder, datasets=("reef", "reef,noise=0.1", "reef,noise=0.2"), size=(1200, 800))
+    rows = made_results(folder, datasets=("reef", "reef,noise=0.1", "reef,noise=0.2"), size=(WIDTH, HEIGHT))
     np.savez(
-        folder / "restored/reef/clever/v0.npz", image=np.zeros((800, 1200, 3)), confidence=np.ones((800, 1200)) * 0.1
+        folder / "restored/reef/clever/v0.npz",
+        image=np.zeros((HEIGHT, WIDTH, 3)),
+        confidence=np.ones((HEIGHT, WIDTH)) * 0.1,
     )
-    mask = np.ones((480, 720), np.bool_)
-    mask[:, 360:540] = False  # where the picture has colours, as if by fill=true
+    mask = np.ones((HEIGHT, WIDTH), np.bool_)
+    mask[:, WIDTH // 2 : WIDTH * 3 // 4] = False  # where the picture has colours, as if by fill=true
     write_mask(folder / "masks/reef/clever/v1.png", mask)
     write_page(folder, rows)
     return folder
@@ -220,8 +225,8 @@ def test_a_plain_wheel_scrolls_the_page_and_does_not_zoom(page: Browser):
 def test_from_nearby_the_full_picture_takes_the_thumbnails_place(page: Browser):
     assert page.until("document.querySelector('#left').naturalWidth === 960")
     page.ask("resultsPage.zoomAt(3)")
-    page.until("document.querySelector('#left').naturalWidth === 1200")
-    page.until("[...document.querySelectorAll('#grid img')].every((i) => i.naturalWidth === 1200)")
+    page.until(f"document.querySelector('#left').naturalWidth === {WIDTH}")
+    page.until(f"[...document.querySelectorAll('#grid img')].every((i) => i.naturalWidth === {WIDTH})")
 
 
 def test_a_picture_is_chosen_in_the_grid_by_keys_and_by_the_lists(page: Browser):
