@@ -2,8 +2,9 @@
 
 Run: python benchmarks/end_to_end.py [CHECKOUT] [--views 2000] [--root DIVE --view NAME]. CHECKOUT is the folder of an
 earlier version, whose commands run in the same environment, in turn with ours. DIVE is a folder in the layout of the
-colmap dataset; without one, the demo scene is restored. CPU seconds and the largest process of a command are what the
-operating system counted; a command's first run, which may compile, is not counted where it says "again".
+colmap dataset; without one, the demo scene is restored. NAME is the view that is restored and, enlarged, scored. CPU
+seconds and the largest process of a command are what the operating system counted; a command's first run, which may
+compile, is not counted where it says "again".
 """
 
 from __future__ import annotations
@@ -24,7 +25,7 @@ import torch
 from pairing import landings
 
 import sucre_bench as sb
-from metrics import CHARTS, DEFAULT, EVERY, of, scored
+from metrics import CHARTS, DEFAULT, EVERY, of, picture, scored
 from sucre_bench.camera import Camera
 from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.loading.view_files import Files
@@ -122,15 +123,15 @@ def texture(k: int, width: int, height: int) -> np.ndarray:
     return cv2.resize(coarse, (width, height), interpolation=cv2.INTER_CUBIC)
 
 
-def scoring() -> None:
+def scoring(photograph: Path | None) -> None:
     """Metrics of a picture of 12 megapixels, and scikit-image's SSIM of the same."""
     from skimage.metrics import structural_similarity
 
-    picture = (texture(0, WIDTH, HEIGHT) / np.float32(255)).astype(np.float32)
-    restoration, view = of(picture)
-    scored(*of(picture[:600, :800]), DEFAULT + EVERY)  # compiles
+    shot = picture(WIDTH, HEIGHT, photograph)
+    restoration, view = of(shot)
+    scored(*of(shot[:600, :800]), DEFAULT + EVERY)  # compiles
     shown = np.clip(restoration.image, 0, 1)
-    skimage = step(lambda: structural_similarity(shown, picture, data_range=1, channel_axis=-1))
+    skimage = step(lambda: structural_similarity(shown, shot, data_range=1, channel_axis=-1))
     ours = step(lambda: scored(restoration, view, DEFAULT))
     show(
         "six default metrics and display, 12 MP",
@@ -138,12 +139,12 @@ def scoring() -> None:
         ours,
         note=f"{ours.cpu_s / skimage.cpu_s:.2f} x skimage's SSIM",
     )
-    show("uciqe:all and uiqm:all, 12 MP", "4 s", step(lambda: scored(*of(picture), EVERY)))
+    show("uciqe:all and uiqm:all, 12 MP", "4 s", step(lambda: scored(*of(shot), EVERY)))
     frame = np.array([[0, 0], [30, 0], [30, 20], [0, 20]])
     places = [np.array([n % 100 * 38 + 4, n // 100 * 290 + 4]) for n in range(1000)]
     charts = [Chart(f"c{n}", "dgk", np.add(frame, place)) for n, place in enumerate(places)]
-    scored(*of(picture, charts[:2]), CHARTS)
-    show("psi and de00 of 1,000 charts", "2 s", step(lambda: scored(*of(picture, charts), CHARTS)))
+    scored(*of(shot, charts[:2]), CHARTS)
+    show("psi and de00 of 1,000 charts", "2 s", step(lambda: scored(*of(shot, charts), CHARTS)))
 
 
 def writing(folder: Path) -> None:
@@ -220,7 +221,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         commands(Path(folder), [HERE, *([given.checkout.resolve()] if given.checkout else [])], given.views, dive)
         writing(Path(folder))
-        scoring()
+        scoring(next(given.root.rglob(given.view)) if given.root and given.view else None)
         pairing(Path(folder))
 
 
