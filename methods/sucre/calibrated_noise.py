@@ -38,6 +38,9 @@ _LEAST = 1e-3
 # Half the difference of intensities that the slope of the curve is taken over.
 _STEP = 0.5 / 255
 
+# The least transmission: less light says nothing about a colour, and its square would be no number in float32.
+_DARK = 1e-6
+
 # An observation that has more than this share of its pixel's information has hardly any residual.
 _ALONE = 0.95
 
@@ -66,7 +69,7 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
     """Return sigma and tau of each channel, (2, 3), from a sample of the pixels seen more than once.
 
     They explain the mean squares of the studentised residuals in classes of transmission, by least squares without
-    negative parts.
+    negative parts. In a channel with too few residuals, sigma is the common standard deviation.
     """
     from scipy.optimize import nnls
 
@@ -78,6 +81,9 @@ def noise_parts(observations: Observations, solution: Solution, *, decoded: bool
     parts = np.zeros((3, 2))
     for c in range(3):
         known = np.isfinite(squares[c])
+        if known.sum() < _FEWEST:
+            parts[c] = solution.uncertainty.noise[c] ** 2, 0
+            continue
         y, t, x = squares[c, known], slopes[c, known], strength[c, known]
         classes = [one for one in np.array_split(np.argsort(x / t), _CLASSES) if len(one)]
         y, t, x = (np.array([values[one].mean() for one in classes]) for values in (y, t, x))
@@ -98,7 +104,7 @@ def _slope(observations: Observations, part: slice, decoded: bool) -> Array:
 
 def _information(observations: Observations, water: WaterParameters, part: slice) -> Array:
     """w a^2 (3, n) of observations."""
-    a = transmission(observations.distance[part], water.columns()[1].astype(np.float32))
+    a = transmission(observations.distance[part], water.columns()[1].astype(np.float32)).clip(min=_DARK)
     return np.asarray(a * a if observations.weight is None else observations.weight[part] * a * a)
 
 

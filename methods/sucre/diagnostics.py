@@ -16,7 +16,15 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
-__all__ = ["CHANNELS", "ROUNDING", "WaterUncertainty", "for_known_water", "rescaled_to_noise", "uncertainty_of"]
+__all__ = [
+    "CHANNELS",
+    "ROUNDING",
+    "WaterUncertainty",
+    "for_known_water",
+    "is_determined",
+    "rescaled_to_noise",
+    "uncertainty_of",
+]
 
 CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
@@ -48,7 +56,7 @@ class WaterUncertainty:
     is_weak: tuple[bool, bool, bool] = (False, False, False)
 
 
-def is_told(uncertainty: WaterUncertainty) -> bool:
+def is_determined(uncertainty: WaterUncertainty) -> bool:
     """Return whether the observations determine all three parameters of most channels, without a weak prior."""
     return sum(uncertainty.is_weak) < 2
 

@@ -38,6 +38,9 @@ _CHANCE = 4.0
 # The least transmission and the least square of a number that is divided by.
 _DARK, _LEAST = 1e-6, 1e-12
 
+# The largest variance that counts. Larger ones say no more, and would leave rounding errors in running sums.
+_ENDLESS = 1e4
+
 
 def evened(observations: Observations, J: Array, water: WaterParameters, target: str) -> Array:
     """Return the colours without the pattern of gaps, (3, P) float32.
@@ -66,12 +69,14 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
 def even_deviation(observations: Observations, deviation: Array) -> Array:
     """Return standard deviations (3, P) float32 as the root mean squares over the window.
 
-    Colours are shrunk by them, and a gap that is shrunk more than the pixels around it would show again.
+    Colours are shrunk by them, and a gap that is shrunk more than the pixels around it would show again. A deviation
+    that is not known, NaN or infinite, stays so.
     """
     variance = observations.image(deviation.astype(np.float64) ** 2)
     there = np.asarray(np.isfinite(variance).all(axis=-1))
-    mean = _sum(np.where(there[..., None], variance, 0)) / _count(there)
-    return np.sqrt(mean.reshape(-1, 3)[observations.pixels].T)
+    mean = _sum(np.where(there[..., None], variance.clip(max=_ENDLESS), 0)) / _count(there)
+    evened = np.sqrt(mean.reshape(-1, 3)[observations.pixels].T)
+    return np.where(np.isfinite(deviation), evened, deviation)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -86,8 +91,6 @@ class _Shown:
     def around(self) -> tuple[slice, slice]:
         """Return the rows and columns that hold its pixels, and a window around them."""
         row, column = np.divmod(self.pixels, self.shape[1])
-        if not len(row):
-            return slice(0), slice(0)
         rows, columns = (slice(max(0, int(at.min()) - _WINDOW), int(at.max()) + _WINDOW + 1) for at in (row, column))
         return rows, columns
 
@@ -120,7 +123,7 @@ class _Sums:
 
 
 def _by_view(observations: Observations, water: WaterParameters, first: int) -> Iterator[_Shown]:
-    """Yield what each view shows, the view with the index `first` before all others."""
+    """Yield what each view shows, the view with the index `first` before all others that show anything."""
     assert observations.view is not None
     place = np.concatenate([np.arange(n, dtype=np.int32) for n, _ in observations.slots()])
     order = np.argsort(observations.view, kind="stable")
@@ -128,6 +131,8 @@ def _by_view(observations: Observations, water: WaterParameters, first: int) -> 
     B, beta, gamma = (column.astype(np.float32) for column in water.columns())
     for v in sorted(range(len(ends)), key=lambda v: v != first):
         at = order[ends[v - 1] if v else 0 : ends[v]]
+        if v != first and not len(at):  # its pixels lay in the dark of a lamp
+            continue
         z = observations.distance[at]
         a = transmission(z, beta).clip(min=_DARK)
         A = a * a if observations.weight is None else observations.weight[at] * a * a

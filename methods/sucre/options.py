@@ -60,8 +60,8 @@ class FitOptions:
 
     exposure: Literal["auto", "constant", "per_view"] = "auto"
     """per_view: fit one gain for each view with the water, for cameras that expose automatically (solver=exact);
-    constant: one exposure for all views; auto: per_view only where views differ, gains explain the observations far
-    better, and less attenuation is left with them."""
+    constant: one exposure for all views; auto: per_view only if exposures differ, gains explain the observations far
+    better, and attenuation is lower with them (footprint=true)."""
 
     lamp: bool = False
     """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""

@@ -31,7 +31,8 @@ __all__ = ["LEAST_SPREAD", "LEAST_SPREAD_LINEAR", "ImagePrior", "posterior", "pr
 # Least deviation of reflectances. Of .15, .2 and .25 the largest that costs made scenes less than .1 dB each.
 LEAST_SPREAD = 0.2
 
-# The same in linear light: sRGB's curve raises intensities to the power 2.4, which multiplies relative deviations.
+# The same in linear light: sRGB's curve raises bright intensities to nearly the power 2.4, which multiplies relative
+# deviations.
 LEAST_SPREAD_LINEAR = 2.4 * LEAST_SPREAD
 
 _ROUNDS, _ROUNDS_OF_S = 30, 4

@@ -36,7 +36,8 @@ class Solution:
     """A water and the colours in it.
 
     J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
-    deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like.
+    deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like;
+    weight: (N,) of each observation, from robust=true; is_photograph: J is the photograph, without a water.
     """
 
     J: Array
@@ -45,6 +46,8 @@ class Solution:
     cost: Array
     uncertainty: WaterUncertainty
     about: dict[str, Any] = field(default_factory=dict)
+    weight: Array | None = None
+    is_photograph: bool = False
 
 
 def start_of(observations: Observations, intensities: Array) -> Array:
@@ -64,7 +67,7 @@ def solve_adam(
     backend: Backend,
     device: Device,
 ) -> Solution:
-    """Take the paper's steps from J = own (3, P), the target's intensities. SolveError when they diverge."""
+    """Take the paper's steps from J = start (3, P), the target's intensities. SolveError when they diverge."""
     from sucre_bench.methods.sucre.adam import minimise
 
     eps = _EPS if objective == "sum" else _EPS * 3 * len(observations)  # the same as dividing the sum
@@ -133,7 +136,8 @@ def solve_exact(
             uncertainty = rescaled_to_noise(uncertainty, robust_noise(sharp, found.water))
         elif matched is not None:  # the water's errors come from the sample, the colours' from their own noise
             uncertainty = replace(uncertainty, noise=_uncertainty(kernel, observations, found.water).noise)
-        return _with_colours(kernel, found.water, uncertainty, about)
+        solution = _with_colours(kernel, found.water, uncertainty, about)
+    return solution if noise is None else replace(solution, weight=observations.weight)
 
 
 def colours_for_water(

@@ -92,7 +92,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             else:
                 solution = self._refined(view, observations, solution)
         spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
-        shrinks = self.prior and solution.about["solver"] != "none"
+        shrinks = self.prior and not solution.is_photograph
         prior = prior_of(solution.J, solution.deviation, spread) if shrinks else None
         if prior is not None:
             J, deviation = prior.posterior(solution.J, solution.deviation)
@@ -105,11 +105,13 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
     def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
         """Return colours of many views with calibrated standard deviations and without gaps, where chosen."""
-        if solution.about["solver"] == "none":
+        if solution.is_photograph:
             return solution
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
         from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
 
+        if solution.weight is not None:
+            observations = replace(observations, weight=solution.weight)
         if self.prior:
             solution = calibrated(observations, solution, decoded=self._decodes(view))
         if not self.even:
@@ -160,7 +162,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         from sucre_bench.methods.sucre.exposure import differing_exposure
         from sucre_bench.methods.sucre.robust import robust_noise
         from sucre_bench.methods.sucre.solvers import solve_exact
-        from sucre_bench.methods.sucre.untold import explains_better, is_made_up, left_as_photographed
+        from sucre_bench.methods.sucre.undetermined_water import gains_explain_better, is_guess, photograph_as_colours
 
         matched = self._matched(scene, view, observations)
         about: dict[str, Any] = {"footprint": matched is not None}
@@ -180,22 +182,27 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         if matched is not None and self.exposure != "per_view" and not self.lamp:
             limits = differing_exposure(matched, solution.water)
             if limits and self.exposure == "auto":
-                with_gains = self._with_gains(scene, view)
-                if with_gains is not None and explains_better(with_gains[1], solution):
+                with_gains = self._with_gains(scene, view, observations)
+                if with_gains is not None and gains_explain_better(with_gains[1], solution):
                     return with_gains
-        if not self.lamp and is_made_up(solution):
-            solution = left_as_photographed(observations, self._intensities(view), solution, self.backend, self.device)
+        if not self.lamp and is_guess(solution):
+            solution = photograph_as_colours(observations, self._intensities(view), solution, self.backend, self.device)
         uncertainty = replace(solution.uncertainty, limits=(*solution.uncertainty.limits, *limits))
         return observations, replace(solution, uncertainty=uncertainty, about=solution.about | about)
 
-    def _with_gains(self, scene: Scene, view: View) -> tuple[Observations, Solution] | None:
-        """Return the solution with one gain a view; None where distances do not tell the gains."""
-        per_view = replace(self, exposure="per_view")
+    def _with_gains(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution] | None:
+        """Return the solution with one gain for each view; None if distances do not determine the gains.
+
+        The target's gain is 1, so colours=single_view can use the water too.
+        """
+        per_view = replace(self, exposure="per_view", colours="multi_view")
+        if observations.view is None:
+            observations = per_view._observe(scene, view)
         try:
-            observations, solution = per_view._solve_exactly(scene, view, per_view._observe(scene, view))
+            observations, solution = per_view._solve_exactly(scene, view, observations)
         except SolveError:
             return None
-        if not solution.about["gains_separable"]:
+        if solution.is_photograph or not solution.about["gains_separable"]:
             return None
         gains = solution.about["gains"].values()
         limit = f"exposure differs between views; gains of {min(gains):.2f} to {max(gains):.2f} were fitted"
@@ -228,7 +235,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
         in_target = observe(view, [view], **self._pairing)
         alone = colours_for_water(in_target, solution.water, solution.uncertainty, self.backend, self.device)
-        return in_target, replace(alone, about=solution.about)
+        return in_target, replace(alone, about=solution.about, is_photograph=solution.is_photograph)
 
     def _without_lamp(
         self, observations: Observations, matched: Observations | None

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.made_observations import parameters
 from support.made_scene import WATER
 
+from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.calibrated_noise import calibrated, noise_parts
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.solvers import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -38,6 +42,32 @@ def test_deviations_are_those_of_near_and_of_far_colours(sigma: float, tau: floa
     for which in (near, ~near):
         error, told = (np.sqrt(np.mean(v[:, which] ** 2, axis=1)) for v in (solution.J - J, solution.deviation))
         np.testing.assert_allclose(error, told, rtol=0.12)
+
+
+def test_noise_of_decoded_intensities_grows_with_the_slope_of_the_curve() -> None:
+    rng, sigma = np.random.default_rng(0), 0.01
+    light, seen = rng.uniform(0.01, 0.9, (3, N)), []
+    for k in range(4):
+        stored = srgb_encode(light) + sigma * rng.standard_normal((3, N))
+        seen.append(Seen(f"{k}.png", np.arange(N), np.ones(N, np.float32), srgb_decode(stored).T.astype(np.float32)))
+    observations = arrange((1, N), seen)
+    air = WaterParameters.of_channels(np.zeros((3, 3)))
+    solution = calibrated(observations, colours_for_water(observations, air, None, "numpy", "cpu"), decoded=True)
+    error = np.abs(solution.J - light[:, observations.pixels])
+    for which in (light[0, observations.pixels] < 0.1, light[0, observations.pixels] > 0.6):
+        error_of, told = (np.sqrt(np.mean(v[0, which] ** 2)) for v in (error, solution.deviation))
+        assert told == pytest.approx(error_of, rel=0.15)
+
+
+def test_colours_that_no_light_comes_from_are_not_known() -> None:
+    observations, _, _ = observed(0.01, 0.0)
+    distance = observations.distance.copy()
+    for n, part in observations.slots():
+        distance[part][: min(n, 300)] = 300  # red of beta .42: exp(-126), whose square is no number in float32
+    gone = replace(observations, distance=distance)
+    solution = calibrated(gone, colours_for_water(gone, WATER_OF_ALL, None, "numpy", "cpu"))
+    assert np.isfinite(solution.deviation).all()
+    assert (solution.deviation[0, :300] > 100).all()
 
 
 def test_both_parts_are_found() -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.made_observations import parameters
@@ -79,3 +81,29 @@ def test_a_gap_is_as_uncertain_as_what_surrounds_it() -> None:
     np.testing.assert_allclose(spread[inside & GAPS].mean(axis=0), spread[inside & ~GAPS].mean(axis=0), rtol=0.02)
     alone = observations.image(solution.deviation).reshape(-1, 3)[COLUMN > 75]
     np.testing.assert_allclose(spread[COLUMN > 75], alone, rtol=1e-5)
+
+
+def test_deviations_that_are_not_known_do_not_become_zero() -> None:
+    observations, _ = two_views(1.2)
+    deviation = np.full((3, len(observations.pixels)), 0.02, np.float32)
+    deviation[:, COLUMN[observations.pixels] < 10] = np.nan
+    spread = even_deviation(observations, deviation)
+    assert np.array_equal(np.isnan(spread), np.isnan(deviation))
+    np.testing.assert_allclose(spread[np.isfinite(spread)], 0.02, rtol=1e-4)
+
+
+def test_one_huge_deviation_leaves_those_far_away_as_they_are() -> None:
+    observations, _ = two_views(1.2)
+    deviation = np.full((3, len(observations.pixels)), 0.02, np.float32)
+    deviation[0, observations.pixels == 0] = 1e12  # lost in noise
+    far = (ROW > 8) & (COLUMN > 8)
+    np.testing.assert_allclose(even_deviation(observations, deviation)[:, far[observations.pixels]], 0.02, rtol=1e-4)
+
+
+def test_a_view_that_shows_nothing_any_more_changes_nothing() -> None:
+    observations, _ = two_views(1.2)
+    named = replace(observations, views=(*observations.views, "dark.png"))
+    J = colours_for_water(observations, WATER_OF_ALL, None, "numpy", "cpu").J
+    np.testing.assert_array_equal(
+        evened(named, J, WATER_OF_ALL, "target.png"), evened(observations, J, WATER_OF_ALL, "target.png")
+    )

@@ -300,6 +300,14 @@ def test_robust_weights_keep_an_animal_out_of_the_water() -> None:
     assert errors[1] < 0.5 * errors[0]
 
 
+def test_one_view_in_known_water_does_not_claim_to_know_its_noise() -> None:
+    alone = replace(SCENE, views=[TARGET], water=WATER)
+    for method in (Sucre(water="truth"), SucrePlus(water="truth")):
+        confidence = method.restore(alone, TARGET).confidence
+        assert confidence is not None
+        assert np.isnan(confidence).all()
+
+
 # -- bad input ---------------------------------------------------------------------------------------------
 
 

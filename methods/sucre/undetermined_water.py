@@ -1,0 +1,57 @@
+"""Decides what replaces the fit if the observations do not determine the water."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.machine.cores import Device
+from sucre_bench.methods.sucre.diagnostics import is_determined
+from sucre_bench.methods.sucre.kernels import Backend
+from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, start_of
+from sucre_bench.multiview.observations import Observations
+
+__all__ = ["gains_explain_better", "is_guess", "photograph_as_colours"]
+
+# Gains count if they remove at least this share of the residuals, and attenuation falls: the fit without gains took
+# gains for attenuation. Under a lamp that moves with the camera, gains remove residuals too, but attenuation rises.
+_BETTER = 0.3
+
+# A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
+_LOST = 1.0
+
+_LIMIT = "these views do not determine the water; the colours are those of the photograph"
+
+
+def gains_explain_better(with_gains: Solution, without: Solution) -> bool:
+    """Return whether gains of views explain the observations clearly better than one exposure does.
+
+    Both hold `unexplained`, the standard deviation of residuals over matched footprints, in `about`.
+    """
+    calmer = with_gains.about["unexplained"] < (1 - _BETTER) * without.about["unexplained"]
+    return bool(calmer and with_gains.water.beta.sum() < without.water.beta.sum())
+
+
+def is_guess(solution: Solution) -> bool:
+    """Return whether weak priors decide the water of most channels, and noise fills a channel."""
+    lost = np.median(solution.deviation, axis=1) > _LOST
+    return not is_determined(solution.uncertainty) and bool(lost.any())
+
+
+def photograph_as_colours(
+    observations: Observations, intensities: Array, solution: Solution, backend: Backend, device: Device
+) -> Solution:
+    """Return the target's intensities (H W, 3) as the colours, no water, and the limit that says so.
+
+    The standard deviation is that of one observation.
+    """
+    none = WaterParameters.of_channels(np.zeros((3, 3)))
+    without = colours_for_water(observations, none, None, backend, device)
+    uncertainty = replace(without.uncertainty, limits=(_LIMIT,), is_weak=(True, True, True))
+    J = start_of(observations, intensities).astype(np.float32)
+    deviation = np.broadcast_to(uncertainty.noise[:, None], J.shape).astype(np.float32)
+    about = solution.about | {"solver": "none"}
+    return replace(without, J=J, deviation=deviation, uncertainty=uncertainty, about=about, is_photograph=True)
