@@ -1,0 +1,140 @@
+"""The options of a degradation: labels, hashes, runs and refusals."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.made_scene import make_scene
+from support.scenes_to_degrade import NINE, many
+
+from sucre_bench import InputError, plugins
+from sucre_bench.degrade import Degradation, degraded
+from sucre_bench.engine import preflight, sweep
+from sucre_bench.engine.outcome import Outcome
+from sucre_bench.jobs import command
+
+
+def test_data_are_equal_exactly_where_their_hashes_are():
+    scene = many()
+    options: list[dict[str, object]] = [
+        {}, {"noise": 0.1}, {"noise": 0.2}, {"noise": 0.1, "seed": 1}, {"bits": 8}, {"jpeg_quality": 8}, {"blur_px": 1},
+        {"scale": 0.5}, {"depth_noise": 0.1}, {"depth_noise": 0.1, "depth_noise_px": 2.0}, {"depth_holes": 0.1},
+        {"depth_holes": 0.1, "depth_hole_px": 2.0}, {"pose_noise_m": 0.1}, {"pose_noise_deg": 0.1}, {"add_water": NINE},
+        {"within": 2, "target": "v4.png"}, {"within": 2, "target": "v3.png"}, {"keep": 2, "target": "v4.png"},
+    ]  # fmt: skip
+    ids = [degraded(scene, **one).data_id for one in options]
+    assert len(set(ids)) == len(ids)
+    assert ids[0] == scene.data_id
+    same = [{"bits": 8, "seed": 3}, {"bits": 8, "depth_hole_px": 4.0}, {"bits": 8, "target": "v4.png", "within": 99}]
+    assert {degraded(scene, **one).data_id for one in same} == {ids[4]}
+    assert degraded(replace(scene, data_id="other"), bits=8).data_id != ids[4]
+    assert degraded(replace(scene, data_id=""), bits=8).data_id == ""
+
+
+def test_no_degradation_is_the_scene_itself():
+    scene = make_scene()
+    assert degraded(scene) is scene
+    assert degraded(scene, scale=1, noise=0.0, seed=4) is scene
+
+
+METHOD = '''
+from dataclasses import dataclass
+from pathlib import Path
+from sucre_bench import Restoration, method
+
+@method()
+@dataclass(frozen=True)
+class Diary:
+    """Notes which views it is given, and how worn the target is."""
+
+    log: Path
+    """Where."""
+
+    def restore(self, scene, view):
+        with self.log.open("a") as file:
+            file.write(f"{view.name}:{'+'.join(v.name for v in scene)}:{len(set(view.rgb[..., 0].ravel()))}\\n")
+        return Restoration(view.rgb * 1.0)
+'''
+
+
+@pytest.fixture
+def run(tmp_path: Path, toys: str):
+    (tmp_path / "diary.py").write_text(METHOD)
+    plugins.load_file(tmp_path / "diary.py")
+    base = ["dataset=toy", "method=diary", f"method.log={tmp_path / 'log'}", "metrics=[psnr]", "report=false"]
+
+    def run(*overrides: str) -> tuple[Outcome, list[str]]:
+        before = len((tmp_path / "log").read_text().split()) if (tmp_path / "log").exists() else 0
+        outcome = sweep.run([*base, "tracking.uri=off", f"out={tmp_path / 'out'}", *overrides], multirun=True)
+        return outcome, (tmp_path / "log").read_text().split()[before:]
+
+    return run
+
+
+def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped(run, tmp_path: Path):
+    swept = ("degrade.bits=2,null", "degrade.within=1")
+    first, told = run(*swept)
+    assert (first.ok, first.failed) == (6, ())
+    seen = {"v0.png": "v0.png+v1.png", "v1.png": "v0.png+v1.png+v2.png", "v2.png": "v1.png+v2.png"}
+    assert {tuple(line.split(":")[:2]) for line in told} == set(seen.items())
+    assert sorted(int(line.split(":")[2]) <= 4 for line in told) == [False] * 3 + [True] * 3
+    ids = first.rows.groupby("dataset")["data_id"].unique()
+    assert set(ids.index) == {"toy,within=1", "toy,within=1,bits=2"}
+    assert all(len(one) == 1 for one in ids)  # one per scene, whichever the target, as comparisons want it
+    assert len({one[0] for one in ids}) == 2
+    assert (tmp_path / "out" / "restored" / "toy,within=1,bits=2" / "diary" / "v1.png").is_file()
+    assert set(json.loads((tmp_path / "out" / "environment.json").read_text())["data"]) == set(ids.index)
+    again, told = run(*swept)
+    assert (again.cached, told) == (6, [])
+    more, told = run("degrade.bits=2,3", "degrade.within=1", "views=[v1.png]")
+    assert (more.ok, [line.split(":")[0] for line in told]) == (2, ["v1.png"])
+
+
+def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(toys: str, tmp_path: Path):
+    base = ["dataset=two_scenes", "method=gain", "metrics=[redness]", f"out={tmp_path}", "tracking.uri=off"]
+    for option, lacking in (("depth_holes=0.1", "depth"), ("pose_noise_m=1", "poses")):
+        with pytest.raises(preflight.ProblemsError, match=f"scene 'left' has no {lacking}; leave it out"):
+            sweep.run([*base, f"degrade.{option}"], multirun=False)
+
+
+@pytest.mark.parametrize(
+    ("override", "said"),
+    [
+        ("nois=1", "did you mean 'noise'"),
+        ("noise=-1", "degrade.noise: -1.0; give a number in [0, 1]"),
+        ("noise=nan", "degrade.noise: nan; give a number"),
+        ("noise=lots", "degrade.noise: 'lots' is not a number"),
+        ("bits=0", "degrade.bits: 0; give a whole number in [1, 16]"),
+        ("jpeg_quality=101", "give a whole number in [1, 100]"),
+        ("keep=0", "degrade.keep: 0; give a whole number in [1, inf)"),
+        ("scale=0", "degrade.scale: 0.0; give a number in [0.01, 1]"),
+        ("scale=null", "degrade.scale"),
+        ("add_water=5", "degrade.add_water: not a water; give nine numbers"),
+        ("add_water=[1,2,3]", "degrade.add_water: not a water; give nine numbers"),
+        ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", "degrade.add_water: no water has these values"),
+        ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", "degrade.add_water: no water has these values"),
+        ("add_water=absent.json", "absent.json: no such file; write "),
+    ],
+)
+def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str):
+    with pytest.raises(InputError) as fault:
+        command.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
+    assert said in str(fault.value)
+    assert "\n" not in str(fault.value)
+
+
+def test_python_callers_are_told_as_well():
+    scene = many()
+    with pytest.raises(InputError, match="did you mean 'depth_noise'"):
+        degraded(scene, depth_nois=0.1)
+    with pytest.raises(InputError, match="give target=NAME"):
+        degraded(scene, within=1)
+    with pytest.raises(InputError, match=r"no view named 'v77\.png'"):
+        degraded(scene, within=1, target="v77.png")
+    with pytest.raises(InputError, match="beside a Degradation"):
+        degraded(scene, Degradation(bits=8), noise=0.1)
+    assert np.array_equal(degraded(scene, Degradation(bits=2))["v1.png"].rgb, degraded(scene, bits=2)["v1.png"].rgb)

@@ -1,0 +1,107 @@
+"""Added water: its model, where it goes, and the ways to give it."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.made_scene import WATER, make_camera, make_pose, make_view
+from support.scenes_to_degrade import NINE, many, of, photo
+
+from sucre_bench import Camera, InputError, Scene, Water
+from sucre_bench.degrade import Degradation, degraded
+
+# -- water -----------------------------------------------------------------------------------------------
+
+
+def test_added_water_follows_the_model_at_the_distance_from_the_camera():
+    """A corner pixel 2 m deep, seen at an angle: z = 2 sqrt(1 + x^2 + y^2), by hand."""
+    camera = Camera(np.array([[40.0, 0, 40], [0, 40, 30], [0, 0, 1]]), 80, 60)
+    made = degraded(of(photo(), np.full((60, 80), 2.0), camera=camera), add_water=NINE)
+    view = made["a.png"]
+    z = 2 * np.sqrt(1 + (39.5 / 40) ** 2 + (29.5 / 40) ** 2)
+    J, B, beta, gamma = photo()[0, 0], *np.reshape(NINE, (3, 3))
+    np.testing.assert_allclose(view.rgb[0, 0], J * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z)), atol=1e-6)
+    assert view.reference is not None
+    assert np.array_equal(view.reference, photo())
+    assert made.has == {"depth", "poses", "reference", "truth"}
+    assert made.water is not None
+    assert np.array_equal(made.water.attenuation, beta)
+
+
+def test_a_dry_scene_under_water_is_the_wet_scene():
+    camera, pose = make_camera(60, 44, 56), make_pose((0.1, 0, 0))
+    dry, wet = (make_view("a.png", camera, pose, water) for water in (None, WATER))
+    scene = Scene("made", [dry], frozenset({"depth"}))
+    np.testing.assert_allclose(degraded(scene, add_water=WATER)["a.png"].rgb, wet.rgb, atol=1.01 / 255)
+
+
+def test_water_goes_over_the_reference_where_the_scene_has_some():
+    depth = np.full((60, 80), 2.0)
+    dry = degraded(of(photo(), depth), add_water=NINE)["a.png"]
+    wet = degraded(of(photo() * 0.2, depth, photo()), add_water=NINE)["a.png"]
+    assert np.array_equal(wet.rgb, dry.rgb)
+    lacking = replace(of(photo(), depth), has=frozenset({"depth", "reference"}))
+    with pytest.raises(InputError, match=r"a\.png: has no reference to add water to"):
+        _ = degraded(lacking, add_water=NINE)["a.png"].rgb
+
+
+def test_a_pixel_without_depth_is_as_deep_under_water_as_its_nearest_neighbour():
+    depth = np.full((60, 80), 2.0)
+    depth[:, 40:] = 6
+    holes = depth.copy()
+    holes[10:20, 10:20] = holes[10:20, 60:70] = 0
+    whole, pierced = (degraded(of(photo(), d), add_water=NINE)["a.png"] for d in (depth, holes))
+    assert np.array_equal(whole.rgb, pierced.rgb)
+    assert not pierced.valid[15, 15]
+    with pytest.raises(InputError, match=r"a\.png: has no depth, which added water needs"):
+        _ = degraded(of(photo(), np.zeros((60, 80))), add_water=NINE)["a.png"].rgb
+
+
+def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
+    file = tmp_path / "bay.json"
+    B, beta, gamma = np.reshape(NINE, (3, 3))
+    file.write_text(json.dumps({"B": list(B), "beta": list(beta), "gamma": list(gamma), "else": 1}))
+    given = [Degradation(add_water=w) for w in (list(NINE), str(file), file, Water(B, beta, gamma), np.array(NINE))]
+    assert len({d.data_id("x") for d in given}) == 1
+    assert given[0].labelled("air") == "air,add_water=0.1_0.2_0.3_0.4_0.2_0.1_0.3_0.2_0.15"
+    assert given[1].labelled("air").startswith("air,add_water=bay-")
+    other = tmp_path / "sub" / "bay.json"
+    other.parent.mkdir()
+    other.write_text(file.read_text().replace("0.15", "0.16"))
+    assert Degradation(add_water=other).labelled("air") != given[1].labelled("air")
+
+
+# -- labels, hashes, runs --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("{", "does not hold B, beta and gamma"),
+        ("[1]", "no B, beta and gamma in it"),
+        ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', "no water has these values"),
+        ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "B must be three numbers"),
+        ('{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}', "no water has these values"),
+    ],
+)
+def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, said: str):
+    (tmp_path / "w.json").write_text(content)
+    with pytest.raises(InputError, match=said) as fault:
+        Degradation(add_water=tmp_path / "w.json")
+    assert str(fault.value).startswith(str(tmp_path / "w.json"))
+
+
+def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(tmp_path: Path):
+    told = {"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1], "encoding": "gamma", "cost": [1]}
+    (tmp_path / "w.json").write_text(json.dumps(told))
+    scene = degraded(many(), add_water=tmp_path / "w.json")
+    numbers = [*told["B"], *told["beta"], *told["gamma"]]  # type: ignore[misc]
+    view = scene.views[0].name
+    np.testing.assert_array_equal(scene[view].rgb, degraded(many(), add_water=numbers)[view].rgb)
+    (tmp_path / "w.json").write_text(json.dumps(told | {"encoding": "linear"}))
+    with pytest.raises(InputError, match="has the encoding linear, the view gamma"):
+        _ = degraded(many(), add_water=tmp_path / "w.json")[view].rgb

@@ -1,0 +1,183 @@
+"""How programs that restore fail, and how they and their children are ended."""
+
+from __future__ import annotations
+
+import os
+import shlex
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import psutil
+import pytest
+from support.restoring_programs import RGB, program, restored, scene_of
+
+from sucre_bench import InputError
+from sucre_bench.methods.doors.process import run_program
+
+
+def ends_soon(pid: int) -> bool:
+    deadline = time.monotonic() + 5
+    while time.monotonic() < deadline:
+        if not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
+            return True
+        time.sleep(0.02)
+    return False
+
+
+@pytest.mark.parametrize(
+    ("source", "said"),
+    [
+        ("import sys; print('so far so good'); sys.exit(3)", "ended with exit code 3, saying: so far so good; mend"),
+        ("print('x'); raise ValueError('no net')", "ended with exit code 1, saying: ValueError: no net; mend"),
+        ("import os; os.kill(os.getpid(), 9)", "was killed by SIGKILL, for want of memory perhaps"),
+        ("import os; os.abort()", "was killed by SIGABRT"),
+        ("pass", "ended well, but wrote no image; the program is to write to {output}"),
+        ("import sys; open(sys.argv[2], 'w').write('no image')", "output/view.png: cannot be read, damaged"),
+        ("import sys; open(sys.argv[2], 'wb').write(open(sys.argv[1], 'rb').read()[:60])", "cannot be read, cut short"),
+    ],
+)
+def test_a_program_that_fails_is_one_line_that_says_how(tmp_path: Path, temporary: Path, source: str, said: str):
+    with pytest.raises(InputError) as fault:
+        restored(f"{program(tmp_path, source)} {{input}} {{output}}", scene_of("dive/a.png"))
+    message = str(fault.value)
+    assert said in message
+    assert message.startswith(f"{Path(sys.executable).name}: dive/a.png: ")
+    assert str(temporary) not in message
+    assert "\n" not in message
+    assert not list(temporary.iterdir())
+
+
+def test_all_that_a_failing_program_printed_is_kept_with_the_traceback(tmp_path: Path):
+    source = "import sys; print('first line'); print('on stderr', file=sys.stderr); sys.exit(1)"
+    with pytest.raises(InputError) as fault:
+        restored(f"{program(tmp_path, source)} {{output}}")
+    assert str(fault.value.__cause__) == "first line\non stderr"
+
+
+def test_an_output_of_another_size_is_told_with_the_programs_name(tmp_path: Path):
+    other = tmp_path / "other.npy"
+    np.save(other, RGB[:2, :3])
+    with pytest.raises(InputError, match=r"cp: a.png: output/view.npy: is 3x2, the view is 6x4; .*method.resize=true"):
+        restored(f"cp '{other}' {{output}}", output_suffix=".npy")
+    assert restored(f"cp '{other}' {{output}}", output_suffix=".npy", resize=True).info["resized_from"] == [3, 2]
+
+
+@pytest.mark.parametrize("stubborn", ["", "import signal; signal.signal(signal.SIGTERM, signal.SIG_IGN)\n"])
+def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path, stubborn: str):
+    source = (
+        f"{stubborn}import os, subprocess, sys, time\n"
+        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(60)'])\n"
+        f"open({str(tmp_path / 'pids')!r}, 'w').write(f'{{child.pid}} {{os.getpid()}}')\n"
+        "time.sleep(60)\n"
+    )
+    started = time.monotonic()
+    with pytest.raises(InputError, match=r"was stopped after 0.5 s; mend"):
+        restored(f"{program(tmp_path, source)} {{output}}", timeout=0.5)
+    assert time.monotonic() - started < 8
+    for pid in (tmp_path / "pids").read_text().split():
+        assert ends_soon(int(pid))
+
+
+def test_children_that_outlive_their_program_are_ended_and_do_not_keep_us(tmp_path: Path):
+    source = (
+        "import shutil, subprocess, sys\n"
+        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(60)'])\n"
+        "print(child.pid); shutil.copy(sys.argv[1], sys.argv[2])\n"
+    )
+    started = time.monotonic()
+    result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
+    assert time.monotonic() - started < 3  # which only those are given that have not ended
+    assert ends_soon(int(result.info["said"]))
+
+
+CLEANING_UP = """
+import pathlib, signal, sys, time
+def clean(*_):
+    time.sleep(0.5)
+    pathlib.Path(sys.argv[1]).write_text("clean")
+    sys.exit()
+signal.signal(signal.SIGTERM, clean)
+pathlib.Path(sys.argv[2]).touch()
+time.sleep(60)
+"""
+
+
+@pytest.mark.parametrize("way", ["the program ends well", "the program is too late", "its parent is a shell"])
+def test_children_have_time_to_clean_up_though_their_program_has_none(tmp_path: Path, way: str):
+    """As the client of a container has to: the program itself ends at once when told to, or has ended before."""
+    (tmp_path / "child.py").write_text(CLEANING_UP)
+    child = [sys.executable, "-S", str(tmp_path / "child.py"), str(tmp_path / "clean"), str(tmp_path / "ready")]
+    wait = f"while not os.path.exists({child[-1]!r}): time.sleep(0.01)\n"
+    start = f"import os, subprocess, time\nsubprocess.Popen({child!r})\n{wait}"
+    run = {
+        "the program ends well": [sys.executable, "-S", "-c", start],
+        "the program is too late": [sys.executable, "-S", "-c", f"{start}time.sleep(60)"],
+        "its parent is a shell": ["sh", "-c", f"{shlex.join(child)}; true"],
+    }[way]
+    started = time.monotonic()
+    ended = run_program(run, timeout=1.0)
+    assert (tmp_path / "clean").read_text() == "clean"
+    assert bool(ended.fault) == (way != "the program ends well")
+    assert time.monotonic() - started < 1 + 3 + 1
+
+
+def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path: Path):
+    child = (
+        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(60)"
+    )
+    source = (
+        "import subprocess, sys\n"
+        f"child = subprocess.Popen([sys.executable, '-S', '-c', {child!r}], stdout=subprocess.PIPE)\n"
+        "child.stdout.readline(); print(child.pid)\n"
+    )
+    ended = run_program([sys.executable, "-S", "-c", source])
+    assert ended.seconds < 2  # its own, without what it left behind
+    assert ends_soon(int(ended.said))
+
+
+def test_a_daemon_that_holds_the_pipes_open_does_not_keep_us(tmp_path: Path):
+    source = (
+        "import shutil, subprocess, sys\n"
+        "sleep = [sys.executable, '-S', '-c', 'import time; time.sleep(20)']\n"
+        "print(subprocess.Popen(sleep, start_new_session=True).pid); shutil.copy(sys.argv[1], sys.argv[2])\n"
+    )
+    started = time.monotonic()
+    result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
+    os.kill(int(result.info["said"]), signal.SIGKILL)
+    assert time.monotonic() - started < 10
+
+
+@pytest.mark.parametrize("stream", ["stdout", "stderr"])
+def test_a_flood_of_output_neither_blocks_nor_fills_the_memory(tmp_path: Path, stream: str):
+    source = f"import sys\nfor _ in range(60): sys.{stream}.write('x' * (1 << 20))\nsys.{stream}.write('\\nlast')\n"
+    before = psutil.Process().memory_info().rss
+    ended = run_program([sys.executable, "-S", "-c", source], timeout=30)
+    assert not ended.fault
+    assert ended.last_words == "last"
+    assert len(ended.said) <= 1 << 15
+    assert psutil.Process().memory_info().rss - before < 30 << 20
+
+
+def test_output_that_is_no_text_does_no_harm():
+    source = "import os, sys; os.write(2, b'\\xff\\x1b[31mred\\x1b[0m\\x00'); sys.exit(1)"
+    ended = run_program([sys.executable, "-S", "-c", source])
+    assert "red" in ended.last_words
+    assert ended.last_words.isprintable()
+
+
+def test_ctrl_c_ends_the_program_too(tmp_path: Path):
+    pid_file = tmp_path / "pid"
+    child = f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    ours = f"from sucre_bench.methods.doors.process import run_program as r; r([{sys.executable!r}, '-c', {child!r}])"
+    with subprocess.Popen([sys.executable, "-c", ours], stderr=subprocess.PIPE) as bench_process:
+        deadline = time.monotonic() + 20
+        while not (pid_file.exists() and pid_file.read_text()) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        bench_process.send_signal(signal.SIGINT)
+        _, said = bench_process.communicate(timeout=20)
+    assert b"KeyboardInterrupt" in said
+    assert ends_soon(int(pid_file.read_text()))

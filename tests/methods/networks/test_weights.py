@@ -1,0 +1,138 @@
+"""Files of weights: as they are saved, and those that cannot be used."""
+
+from __future__ import annotations
+
+import pickle
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from support.made_networks import ARCHITECTURES, random_state
+from support.small_networks import NOISE, restored, saved
+
+from sucre_bench import InputError
+from sucre_bench.methods.networks import architectures
+from sucre_bench.methods.networks.weights import read_state
+
+
+@pytest.mark.parametrize("wrap", ["bare", "state_dict", "model", "params", "netG", "both", "module.", "legacy"])
+def test_state_dicts_are_read_as_they_are_saved(wrap: str, tmp_path: Path):
+    state = random_state("WaterNet")
+    content: dict[str, Any] = {wrap: state, "epoch": 95, "optimizer": {"lr": 1e-4}}
+    if wrap == "module.":
+        content = {f"module.{key}": value for key, value in state.items()}
+    elif wrap == "both":
+        content = {"epoch": 95, "net": {"state_dict": {f"module.{key}": value for key, value in state.items()}}}
+    elif wrap in ("bare", "legacy"):
+        content = state
+    path = tmp_path / "w.pth"
+    torch.save(content, path, _use_new_zipfile_serialization=wrap != "legacy")
+    found = read_state(path)
+    assert list(found) == list(state)
+    assert all(torch.equal(found[key], state[key]) for key in state)
+
+
+def test_weights_without_counters_of_batches_or_in_half_precision_do_as_well(tmp_path: Path, files: dict[str, Path]):
+    state = {key: value.half() for key, value in read_state(files["funie_gan"]).items() if "num_batches" not in key}
+    image = restored("funie_gan", NOISE, weights=saved(tmp_path / "w.pth", state), size=None)
+    full = restored("funie_gan", NOISE, weights=files["funie_gan"], size=None)
+    np.testing.assert_allclose(image, full, atol=0.02)
+
+
+class Trap:
+    def __init__(self, path: Path) -> None:
+        self.path = path
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return Path.touch, (self.path,)
+
+
+def bad_file(kind: str, path: Path) -> None:
+    state = random_state("WaterNet")
+    whole = path.with_name("whole.pth")
+    torch.save(state, whole)
+    first = "cmg.conv1.weight"
+    if kind == "missing":
+        return
+    if kind in ("web page", "empty", "text", "cut", "pickle"):
+        trap = pickle.dumps({"state_dict": Trap(path.with_name("sprung"))})
+        content = {"web page": b"\n<!DOCTYPE html><html>", "empty": b"", "text": b"hello\n" * 99, "pickle": trap}
+        path.write_bytes(content.get(kind, whole.read_bytes()[:100_000]))
+    elif kind == "folder":
+        path.mkdir()
+    elif kind == "module":
+        with torch.device("meta"):
+            torch.save(architectures.WaterNet(), path)
+    elif kind == "trap":
+        torch.save({"state_dict": state, "further": Trap(path.with_name("sprung"))}, path)
+    elif kind == "list":
+        torch.save([1, 2], path)
+    elif kind == "no tensors":
+        torch.save({"epoch": 3}, path)
+    elif kind == "script":
+        torch.jit.trace(torch.nn.ReLU(), torch.ones(1)).save(str(path))
+    elif kind == "other network":
+        torch.save(random_state("FunieGenerator"), path)
+    elif kind == "further":
+        torch.save({**state, "cmg.conv9.bias": torch.ones(3)}, path)
+    elif kind == "shape":
+        torch.save({**state, first: torch.ones(128, 9, 7, 7)}, path)
+    else:
+        torch.save({**state, first: torch.full_like(state[first], float("nan"))}, path)
+
+
+@pytest.mark.filterwarnings("ignore:`torch.jit")
+@pytest.mark.parametrize(
+    ("kind", "says"),
+    {
+        "missing": "no such file",
+        "folder": "is a folder",
+        "web page": "is a web page",
+        "empty": "is empty",
+        "text": "no PyTorch file, or cut short",
+        "cut": "no PyTorch file, or cut short",
+        "pickle": "no PyTorch file|Python object",
+        "module": r"Python object, .*WaterNet.*state_dict\(\)",
+        "trap": r"Python object.*state_dict\(\)",
+        "list": "no state dict but list",
+        "no tensors": "no state dict but dict",
+        "script": "TorchScript.*method=onnx",
+        "other network": "not the weights of WaterNet, it lacks 'cmg.conv1.weight' 128x12x7x7",
+        "further": "WaterNet, which has no 'cmg.conv9.bias'",
+        "shape": "'cmg.conv1.weight' is 128x9x7x7 and not 128x12x7x7",
+        "not finite": "'cmg.conv1.weight' holds numbers that are not finite",
+    }.items(),
+)
+def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(kind: str, says: str, tmp_path: Path):
+    path = tmp_path / "given.pth"
+    bad_file(kind, path)
+    with pytest.raises(InputError, match=says) as fault:
+        restored("water_net", NOISE, weights=path)
+    assert str(path) in str(fault.value)
+    assert "\n" not in str(fault.value)
+    assert not (tmp_path / "sprung").exists()
+
+
+@pytest.mark.parametrize(
+    ("method", "options"),
+    [
+        ("funie_gan", {"size": 100}),
+        ("funie_gan", {"size": 0}),
+        ("water_net", {"longest_side": 0}),
+        ("water_net", {"clahe_clip": 0.0}),
+        ("water_net", {"clahe_clip": float("nan")}),
+        ("water_net", {"clahe_clip": float("inf")}),
+        ("tacl", {"longest_side": -1}),
+    ],
+)
+def test_options_out_of_range_are_refused_before_any_work(method: str, options: dict[str, Any], files: dict[str, Path]):
+    with pytest.raises(InputError, match=next(iter(options))):
+        restored(method, NOISE, weights=files[method], **options)
+
+
+@pytest.mark.parametrize("method", ARCHITECTURES)
+def test_the_weights_must_be_given(method: str):
+    with pytest.raises(InputError, match="weights: must be given"):
+        restored(method, NOISE)

@@ -1,0 +1,107 @@
+"""The command that says which rules of the contract a plugin keeps and breaks."""
+
+from __future__ import annotations
+
+import json
+import re
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner, Result
+from support.places import TOYS
+from support.tried_plugins import HEAD, JUDGED, METHOD, METRIC, write
+
+from sucre_bench import InputError
+from sucre_bench.commands.check import check as command
+from sucre_bench.plugins.registry import find, load_file
+from sucre_bench.programs.contract import Subject, check, rules
+
+pytestmark = pytest.mark.usefixtures("own_environment")
+
+
+def run(*arguments: str) -> Result:
+    return CliRunner().invoke(command, arguments)
+
+
+def test_the_command_says_a_line_a_rule_and_what_to_do(tmp_path: Path) -> None:
+    path = write(tmp_path, METHOD, "return Restoration(view.rgb / view.rgb.max())", needs="()")
+    done = run(str(path), "--quick")
+    assert done.exit_code == 1
+    assert "✗ gives every valid pixel a finite colour" in done.stdout
+    assert "guard" in done.stdout
+    assert re.search(r"\d+ kept, \d+ to mend in [\d.]+ s", done.stdout)
+    assert "\x1b" not in done.stdout
+
+
+def test_signs_are_plain_where_the_terminal_knows_no_others(tmp_path: Path) -> None:
+    from sucre_bench.programs.contract.text import lines
+
+    subject = Subject(find("method", "underwater"))
+    for outcome in check(subject, rules(subject.plugin, lasting=False)):
+        assert "".join(line.plain for line in lines(outcome, "ISO-8859-1")).isascii()
+
+
+def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
+    body = "assert self.gain == 0.5\nreturn Restoration(view.rgb * np.float32(self.gain))"
+    path = write(tmp_path, METHOD, body, needs="()")
+    done = run(str(path), "method.gain=0.5", "--quick", "--json")
+    (told,) = json.loads(done.stdout)
+    assert (told["kind"], told["name"], told["ok"], done.exit_code) == ("method", "tried", True, 0)
+    assert {rule["status"] for rule in told["rules"]} == {"kept"}
+    assert run(str(path), "--quick").exit_code == 1
+
+
+def test_the_command_imports_in_another_process_and_tries_a_dataset(tmp_path: Path) -> None:
+    (tmp_path / "heavy.py").write_text(
+        "import scipy.linalg, os\nos.environ['HEAVY_HERE'] = '1'\n"
+        + HEAD
+        + METHOD.format(needs="()", body="return Restoration(view.rgb)")
+    )
+    toys = TOYS
+    load_file(toys)
+    done = run(str(tmp_path / "heavy.py"), "--on", "toy")
+    assert "imports scipy at once; import it in the function that uses it" in done.stdout
+    assert "its import changes os.environ[HEAVY_HERE]" in done.stdout
+    assert "✓ gives the same in another process" in done.stdout
+    assert re.search(r"✓ restores a view of a whole scene  .* s, .* of 0.0 megapixels of toy", done.stdout)
+
+
+def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> None:
+    body = "first = min({'a', 'b', 'c', 'd', 'e', 'f', 'g', 'h'}, key=hash)\n"
+    body += "return Restoration(view.rgb * np.float32(hash(first) % 97 / 97))"
+    load_file(write(tmp_path, METHOD, body, needs="()"))
+    plugin = find("method", "tried")
+    (rule,) = [rule for rule in rules(plugin) if str(rule) == "gives the same in another process"]
+    (outcome,) = check(Subject(plugin), [rule])
+    assert outcome.status == "broken"
+    assert "another process differs by up to" in outcome.findings[0].text
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (("gray_wrld",), "no plugin is called 'gray_wrld'; did you mean 'gray_world'"),
+        (("gray_world", "--kind", "metric"), "no metric is called 'gray_world'"),
+        (("gray_world", "--on", "dmo"), "no dataset is called 'dmo'; did you mean 'demo'"),
+        (("gray_world", "method.gain=2"), "no option 'gain'"),
+        (("nowhere.py",), "no such plugin file"),
+    ],
+)
+def test_the_command_refuses_what_is_not_there(arguments: tuple[str, ...], said: str) -> None:
+    fault = run(*arguments).exception
+    assert said in str(fault)
+    assert isinstance(fault, (InputError, Exception))
+
+
+def test_a_name_that_two_kinds_have_is_asked_about(tmp_path: Path) -> None:
+    path = write(tmp_path, METHOD, "return Restoration(view.rgb)", needs="()")
+    path.write_text(
+        path.read_text()
+        + METRIC.format(needs=JUDGED, better="lower", body="")
+        .replace("Tried", "Tried2 ")
+        .replace("@metric(", '@metric(name="tried", ')
+    )
+    load_file(path)
+    assert "is a method and a metric; say which with --kind method" in str(run("tried").exception)
+    done = run(str(path), "--quick")
+    assert done.stdout.index("method tried") < done.stdout.index("metric tried")
