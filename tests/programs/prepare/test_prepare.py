@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.photographed_valley import (
-    CAMERA,
     DISTORTION,
     HEIGHT,
     NAMES,
@@ -30,38 +29,20 @@ from support.photographed_valley import (
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
-from sucre_bench.camera import depth_at, pixel_rays, project
+from sucre_bench.camera import pixel_rays, project
 from sucre_bench.commands.prepare import prepare as command
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.programs.prepare import mapping, output
-from sucre_bench.programs.prepare.depthmaps import write_depth
-from sucre_bench.programs.prepare.fill_holes import without_small_holes
 from sucre_bench.programs.prepare.photos import find_photos
 from sucre_bench.programs.prepare.pipeline import Options, prepare
 from sucre_bench.programs.prepare.quality import quality_of
 from sucre_bench.programs.prepare.record import Prepared, Settled, given, read_record, settled_by
-from sucre_bench.programs.prepare.relief import relief_of
-from sucre_bench.programs.prepare.scale import Known, Length, Scale, find_scale
-from sucre_bench.programs.prepare.sparse_points import Shot, neighbours, read_shots
+from sucre_bench.programs.prepare.scale import Known, Length
+from sucre_bench.programs.prepare.sparse_points import read_shots
 from sucre_bench.programs.prepare.undistort import write_pinhole
-
-
-@pytest.fixture(scope="module")
-def photos(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """Six photos of the planes, one of something else, one cut short; and masks that leave out a corner."""
-    root = tmp_path_factory.mktemp("photos")
-    for name, pose in zip(NAMES, POSES, strict=True):
-        write(root / "photos" / name, photograph(pose))
-    write(root / "photos" / "else.png", np.random.default_rng(0).integers(0, 255, (HEIGHT, WIDTH, 3), dtype=np.uint8))
-    (root / "photos" / "cut.png").write_bytes((root / "photos" / NAMES[0]).read_bytes()[:9000])
-    mask = np.full((HEIGHT, WIDTH), 255, np.uint8)
-    mask[:60, :80] = 0
-    for name in (*NAMES, "else.png", "cut.png"):
-        write(root / "masks" / f"{name}.png", mask)
-    return root
 
 
 @pytest.fixture(scope="module")
@@ -135,58 +116,8 @@ def test_other_options_are_refused_for_a_folder_made_before(prepared: Prepared, 
         prepare(photos / "photos", prepared.out, Options(masks=photos / "masks", depth_size=300))
 
 
-@pytest.mark.parametrize(
-    ("names", "message"),
-    [
-        ((), "holds no photos; put two"),
-        (("a.png",), "holds one photo; put two"),
-        (("a.png", "text.jpg"), r"holds one photo that can be read \(text\.jpg cannot be read, .*not an image\); put"),
-        (
-            ("cut.jpg", "text.png"),
-            r"holds no photos .*\(cut\.jpg cannot be read, .*truncated.*; text\.png cannot .*\);",
-        ),
-        (("a.png", "cut.png"), r"holds one photo that can be read \(cut\.png cannot be read, cut short\); put"),
-        (("cut.png", "cut.jpg", "cut 2.jpg"), r"holds no photos that can be read \(cut 2\.jpg .*; cut\.png .*\); put"),
-    ],
-)
-def test_too_few_photos_are_an_error_that_names_the_damaged(tmp_path: Path, names: tuple[str, ...], message: str):
-    (tmp_path / "photos").mkdir()
-    for name in names:
-        file = tmp_path / "photos" / name
-        write(file, photograph(POSES[0]))
-        if not name.startswith("a"):
-            file.write_bytes(b"no image" if name.startswith("text") else file.read_bytes()[:1000])
-    with pytest.raises(InputError, match=message):
-        prepare(tmp_path / "photos", tmp_path / "out")
-    assert not (tmp_path / "out" / "images").exists()
+# -- the scale, as the command takes it ------------------------------------------------------------------
 
-
-def test_photos_that_share_nothing_are_named_with_what_they_share(tmp_path: Path):
-    for seed in range(2):
-        noise = np.random.default_rng(seed).integers(0, 255, (120, 160, 3), dtype=np.uint8)
-        write(tmp_path / "photos" / f"{seed}.png", noise)
-    with pytest.raises(InputError, match=r"no two photos could be related: .*match.*share more than half"):
-        prepare(tmp_path / "photos", tmp_path / "out")
-
-
-def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
-    (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(InputError, match="holds other files already"):
-        prepare(photos / "photos", tmp_path)
-    with pytest.raises(InputError, match="holds the photos themselves"):
-        prepare(photos / "photos", photos)
-
-
-def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
-    (tmp_path / "masks").mkdir()
-    with pytest.raises(InputError, match=r"cut\.png\.png: is not there; make a mask"):
-        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
-    write(tmp_path / "masks" / "cut.png", np.zeros((HEIGHT, HEIGHT), np.uint8))
-    with pytest.raises(InputError, match=r"cut\.png: is 240x240, its photo 320x240; make the mask"):
-        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
-
-
-# -- the scale, as the command takes it ----------------------------------------------------------------------------
 
 FAR = 10.0  # the made scene may as well be ten times as large
 
@@ -284,107 +215,6 @@ def test_the_record_holds_values_as_they_are(prepared: Prepared):
         Known(lengths=(Length("a", ((0, 0), (1, 1)), -1.0),))
 
 
-# -- parts ---------------------------------------------------------------------------------------------------------
-
-
-def make_shots(places: Array) -> list[Shot]:
-    """Cameras that look along z, with points on the planes z = 2 + x / 10."""
-    random = np.random.default_rng(1)
-    xy = random.uniform(-3, 3, (400, 2))
-    points = np.column_stack([xy, 2 + xy[:, 0] / 10])
-    shots = []
-    for i, place in enumerate(places):
-        pose = np.eye(4)
-        pose[:3, 3] = -place
-        shots.append(Shot(f"{i}.png", CAMERA, pose, np.arange(400), points, np.zeros((400, 2)), np.full(400, 3)))
-    return shots
-
-
-def test_a_depth_track_gives_the_scale_where_cameras_leave_every_plane(tmp_path: Path):
-    random = np.random.default_rng(0)
-    places = random.uniform(-1, 1, (12, 3))
-    down = np.array([0.6, 0.0, 0.8])
-    depths = 7 + 1.7 * places @ down  # a unit is 1.7 m
-    write_track(tmp_path / "track.csv", depths)
-    found = find_scale(Known(depth_track=tmp_path / "track.csv"), make_shots(places), same_names(12), no_depth)
-    assert found.metres_per_unit == pytest.approx(1.7, rel=1e-6)
-    flat = places * [1, 1, 0.001]  # what the depths tell of the direction they do not leave in is noise
-    write_track(tmp_path / "flat.csv", 7 + 1.7 * flat @ down)
-    with pytest.raises(InputError, match="cameras move too little"):
-        find_scale(Known(depth_track=tmp_path / "flat.csv"), make_shots(flat), same_names(12), no_depth)
-
-
-def write_track(path: Path, depths: Array) -> None:
-    path.write_text("image,depth\n" + "".join(f"{i}.png,{depth:.6f}\n" for i, depth in enumerate(depths)))
-
-
-def same_names(count: int) -> dict[str, str]:
-    return {f"{i}.png": f"{i}.png" for i in range(count)}
-
-
-def no_depth(name: str) -> Array:
-    raise AssertionError(name)
-
-
-def test_a_length_that_is_seen_gives_the_scale():
-    shots = make_shots(np.zeros((1, 3)))
-    ends = ((100.0, 100.0), (100.0 + 145.0, 100.0))  # half a unit of tangent, at a depth of 2 units: 1 unit long
-    found = find_scale(
-        Known(lengths=(Length("0.png", ends, 0.25),)),
-        shots,
-        same_names(1),
-        lambda name: np.full((HEIGHT, WIDTH), 2.0, np.float32),
-    )
-    assert found.metres_per_unit == pytest.approx(0.25)
-    assert found.is_metric
-
-
-def test_without_a_known_length_the_scale_is_called_arbitrary_and_two_are_refused():
-    shots = make_shots(np.array([[0.0, 0, 0], [1, 0, 0]]))
-    found = find_scale(Known(), shots, same_names(2), no_depth)
-    assert isinstance(found, Scale)
-    assert not found.is_metric
-    with pytest.raises(InputError, match="more than one"):
-        find_scale(Known(factor=1, distances=(("0.png", "1.png", 1.0),)), shots, same_names(2), no_depth)
-    with pytest.raises(InputError, match=r"9\.png is not a photo"):
-        find_scale(Known(distances=(("0.png", "9.png", 1.0),)), shots, same_names(2), no_depth)
-
-
-def test_the_relief_of_points_on_a_plane_is_that_plane():
-    shots = make_shots(np.array([[0.3, -0.2, 0.1]]))
-    rays = pixel_rays(CAMERA)
-    truth = (2 + 0.03 - 0.1) / (1 - rays[..., 0] / 10)  # z = 2 + x / 10, from the camera's place
-    depth = relief_of(shots).depth(shots[0])
-    assert (depth > 0).mean() > 0.95
-    assert depth[depth > 0] == pytest.approx(truth[depth > 0], rel=1e-5)
-    odd = shots[0].points.copy()
-    odd[7, 2] -= 1  # one wrong point makes no spike
-    spiked = relief_of([replace(shots[0], points=odd)]).depth(shots[0])
-    assert spiked[spiked > 0] == pytest.approx(truth[spiked > 0], rel=1e-5)
-
-
-def test_holes_are_filled_where_their_rim_is_one_plane_only():
-    rays = pixel_rays(CAMERA)
-    plane = (1 / (rays @ np.array([0.1, 0.2, 0.4]))).astype(np.float32)
-    holed = plane.copy()
-    holed[100:120, 100:120] = 0
-    holed[:10, 50:60] = 0  # at the border nobody knows what goes on
-    step = np.where(np.arange(WIDTH) < 205, 1, np.float32(1.5))
-    holed[100:120, 200:210] = 0
-    filled = without_small_holes((holed * step).astype(np.float32))
-    assert filled[100:120, 100:120] == pytest.approx(plane[100:120, 100:120], rel=1e-5)
-    assert (filled[:10, 50:60] == 0).all()
-    assert (filled[100:120, 200:210] == 0).all()
-
-
-@pytest.mark.parametrize(("metres", "suffix"), [(2.5, ".png"), (90.0, ".tif"), (0.123456, ".tif")])
-def test_depth_maps_keep_depths_that_millimetres_cannot(tmp_path: Path, metres: float, suffix: str):
-    assert write_depth(tmp_path, "sub/a.png", np.full((4, 6), metres, np.float32))
-    assert read_depth(tmp_path / "sub" / f"depth_a{suffix}") == pytest.approx(metres, rel=1e-6)
-    assert not write_depth(tmp_path, "sub/b.png", np.zeros((4, 6), np.float32))
-    assert len(list((tmp_path / "sub").iterdir())) == 1
-
-
 def test_the_command_imports_nothing_heavy():
     code = "import sys, sucre_bench.commands.prepare\nprint(*sorted({m.split('.')[0] for m in sys.modules}))"
     said = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout
@@ -401,7 +231,7 @@ def test_equal_photos_give_an_equal_model(tmp_path: Path):
     assert models[0] == models[1]
 
 
-# -- stopped half-way ----------------------------------------------------------------------------------------------
+# -- stopped half-way ------------------------------------------------------------------------------------
 
 
 class _StoppedError(Exception):
@@ -488,18 +318,6 @@ def test_without_its_notes_a_prepared_folder_is_refused_in_words(prepared: Prepa
         prepare(photos / "photos", tmp_path / "out", Options(masks=photos / "masks"))
 
 
-# -- more parts ----------------------------------------------------------------------------------------------------
-
-
-def test_masks_among_the_photos_are_no_photos_and_bitmaps_are(tmp_path: Path):
-    for name in ("a.png", "b.bmp", "c.webp"):
-        write(tmp_path / name, np.zeros((24, 32, 3), np.uint8))
-        write(tmp_path / "masks" / f"{name}.png", np.full((24, 32), 255, np.uint8))
-    found, damaged = find_photos(tmp_path, tmp_path / "masks", 0, tmp_path / "out")
-    assert [photo.name for photo in found] == ["a.png", "b.bmp", "c.webp"]
-    assert not damaged
-
-
 def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
     prepared: Prepared, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -527,30 +345,3 @@ def test_what_no_pinhole_sees_leaves_the_model_and_its_figures_are_numbers(
 
     known = pycolmap.Reconstruction(tmp_path / "some")
     assert all(np.isfinite(p.xy).all() for number in known.reg_image_ids() for p in known.image(number).points2D)
-
-
-def test_depth_is_looked_up_in_the_pixel_that_holds_a_place_and_nowhere_else():
-    depth = np.array([[1.0, 2], [3, 0]], np.float32)
-    xy = np.array([[0, 0], [1.99, 0.5], [0.5, 1], [1.5, 1.5], [2, 0], [-0.01, 0], [0, 2], [np.nan, np.nan]])
-    assert depth_at(depth, xy).tolist() == [1, 2, 3, 0, 0, 0, 0, 0]
-
-
-def test_neighbours_are_those_under_the_telling_angles_by_every_pair():
-    random = np.random.default_rng(4)
-    shots = []
-    for shot in make_shots(random.uniform(-2, 2, (9, 3)) * [1, 1, 0.3]):
-        kept = np.sort(random.choice(400, 150, replace=False))
-        shots.append(replace(shot, point_ids=3 * kept + 7, points=shot.points[kept]))
-    for i, near in enumerate(neighbours(shots, 3)):
-        scores = {}
-        for j, other in enumerate(shots):
-            own = [k for k, number in enumerate(shots[i].point_ids) if number in set(other.point_ids)]
-            to_one, to_other = shots[i].centre - shots[i].points[own], other.centre - shots[i].points[own]
-            one, two = np.linalg.norm(to_one, axis=1), np.linalg.norm(to_other, axis=1)
-            angle = np.degrees(np.arccos(np.clip((to_one * to_other).sum(axis=1) / one / two, -1, 1)))
-            weight = np.where(angle < 45, np.minimum(angle / 5, 1), 0) * np.exp(-0.5 * np.log2(one / two) ** 2)
-            if j != i:
-                scores[j] = weight.sum()
-        assert near == sorted(scores, key=lambda j: -scores[j])[:3]
-    apart = replace(shots[0], point_ids=shots[0].point_ids + 5000)
-    assert neighbours([apart, shots[1]], 3) == [[], []]

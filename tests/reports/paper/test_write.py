@@ -1,157 +1,25 @@
+"""What a study writes: tables of methods, figures, and notes on what is missing."""
+
 from __future__ import annotations
 
-import json
 import sys
-from collections.abc import Iterator, Mapping
-from dataclasses import replace
+from collections.abc import Iterator
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
 import numpy as np
-import pandas as pd
 import pytest
-import yaml
 from matplotlib.figure import Figure
-from support.places import ROOT
+from support.study_rows import csv, noisy, row
 
 from sucre_bench import InputError
-from sucre_bench.compare import COSTS
-from sucre_bench.compare.text import left_out
-from sucre_bench.engine.tasks import base_row
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs import command
 from sucre_bench.jobs.study import FIGURES
 from sucre_bench.reports.paper import Study, Written, figures, write
-from sucre_bench.reports.paper import follow_option as along
-from sucre_bench.results.rows import Row, frame
+from sucre_bench.results.rows import frame
 
-ROW = Row(scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", code="c", data_id="d")
-
-
-def row(
-    method: str,
-    view: str,
-    value: float,
-    degrade: Mapping[str, Any] = {},
-    dataset: Mapping[str, Any] = {"name": "sea"},
-    options: Mapping[str, Any] = {},
-    **about: Any,
-) -> Row:
-    """A score as a run keeps it; NaN is a failure."""
-    said = {"name": method, "dataset": dict(dataset), **options, **({"degrade": dict(degrade)} if degrade else {})}
-    label = ",".join([str(dataset["name"]), *(f"{k}={str(v).replace(', ', '_')}" for k, v in degrade.items())])
-    status = {"status": "failed", "reason": "broke"} if np.isnan(value) else {}
-    own = {"dataset": label, "method": method, "time": "2026-01-01", **status, **about}
-    return replace(ROW, view=view, value=value, options=json.dumps(said), **own)
-
-
-def noisy(values: Mapping[Any, Mapping[str, list[float]]], option: str = "depth_noise", **about: Any) -> pd.DataFrame:
-    """Scores by value, method and view; None is the value of undegraded data, which no row says."""
-    return frame(
-        row(method, f"v{n}", score, {} if value is None else {option: value}, **about)
-        for value, methods in values.items()
-        for method, scores in methods.items()
-        for n, score in enumerate(scores)
-    )
-
-
-def followed(rows: pd.DataFrame, option: str, **study: Any) -> along.Along:
-    (one,) = along.along(rows, Study(name="s", along=option, **study))
-    return one
-
-
-def words(one: along.Along) -> list[str]:
-    return [value.word for value in one.values]
-
-
-def csv(out: Path, name: str = "s") -> pd.DataFrame:
-    return pd.read_csv(out / "tables" / f"{name}.csv", keep_default_na=False, na_values=[""])
-
-
-# -- what a study may be -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("given", "said"),
-    [
-        ({"metric": ["psnr"]}, "metrics"),
-        ({"metrics": ["pnsr"]}, "did you mean 'psnr'"),
-        ({"metrics": ["psnr:maskd"]}, "did you mean 'masked'"),
-        ({"metrics": 3}, r"study\.metrics=\[a,b\]"),
-        ({"figures": ["score"]}, "did you mean 'scores'"),
-        ({"along": "degrade.withn"}, "did you mean 'within'"),
-        ({"along": "within"}, "degrade.NAME"),
-        ({"baseline": ["a"]}, "is not a word"),
-        ({"spread": "yes"}, "is not true or false"),
-        ({"name": "../up"}, "no name for files"),
-        ({"name": ""}, "no name for files"),
-    ],
-)
-def test_what_is_wrong_with_a_study_is_said(given: dict[str, Any], said: str):
-    with pytest.raises(InputError, match=said):
-        Study.of({"name": "s", **given})
-
-
-def test_a_study_takes_one_word_for_a_list_and_null_for_nothing():
-    study = Study.of({"name": "s", "metrics": "psnr", "baseline": None, "figures": ["scores"], "along": None})
-    assert study == Study("s", metrics=("psnr",), figures=("scores",))
-
-
-def test_what_a_restoration_costs_may_be_asked_for():
-    assert Study.of({"name": "s", "metrics": list(COSTS)}).metrics == COSTS
-
-
-@pytest.mark.parametrize("path", sorted((ROOT / "conf" / "experiment").glob("*.yaml")), ids=str)
-def test_every_experiment_has_a_study_that_can_be_made(path: Path):
-    experiment = yaml.safe_load(path.read_text())
-    if "study" not in experiment:
-        pytest.skip("only restores")
-    study = Study.of(experiment["study"])
-    computed = {metric.partition(":")[0] for metric in experiment.get("metrics", [])}
-    assert not computed or {metric.partition(":")[0] for metric in study.metrics} <= {*computed, *COSTS}
-    assert path.stem == study.name == Path(experiment["out"]).name
-    assert not study.baseline or study.baseline in experiment["methods"]
-    assert not study.along or study.along in experiment["sweep"]
-
-
-def test_what_an_experiment_sweeps_over_may_be_given():
-    sweep = command.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
-    assert [(job.dataset.label, job.method.label) for job in sweep.jobs] == [
-        ("demo,within=50", "sucre"),
-        ("demo", "sucre"),
-    ]
-    assert all(job.study == Study.of(job.study.__dict__) and job.study.along == "degrade.within" for job in sweep.jobs)
-
-
-def test_the_ablation_varies_where_water_and_colours_come_from():
-    jobs = {job.method.label: job.method.options for job in command.jobs(["experiment=ablation"], False).jobs}
-    chosen = {label: (own["water_from"], own["colours"]) for label, own in jobs.items() if "water_from" in own}
-    assert chosen == {
-        "sucre_multi_view_J": ("seathru", "multi_view"),
-        "sucre_multi_view_water": ("", "single_view"),
-        "sucre": ("", "multi_view"),
-    }
-
-
-@pytest.mark.parametrize(
-    ("swept", "expected"),
-    [
-        ("degrade.bits=3,null,5", ["3", "5", "none"]),
-        ("degrade.depth_noise=0.1,0,0.02", ["0", "0.02", "0.1"]),
-        ("dataset.water=turbid,clear", ["turbid", "clear"]),
-        ("method.prior=true,false", ["True", "False"]),
-    ],
-)
-def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):
-    jobs = command.jobs(["dataset=demo", "method=sucre", swept], True).jobs
-    rows = frame(replace(base_row(job), view="v", value=1.0) for job in jobs)
-    one = followed(rows, swept.partition("=")[0])
-    assert words(one) == expected
-    assert (one.title, one.methods) == ("demo", ("sucre",))
-
-
-# -- tables of methods -------------------------------------------------------------------------------------
+# -- tables of methods -----------------------------------------------------------------------------------
 
 
 def test_a_study_without_an_option_compares_methods_in_the_order_it_is_told(tmp_path: Path):
@@ -232,143 +100,7 @@ def test_where_everything_failed_there_are_no_tables_but_a_note(tmp_path: Path):
     assert "nothing was restored" in written.notes[0]
 
 
-# -- tables along an option --------------------------------------------------------------------------------
-
-
-def test_values_are_read_from_what_rows_say_and_not_from_labels():
-    rows = noisy({2: {"a": [1.0]}, 7: {"a": [2.0]}}, option="within").assign(dataset=["sea,within=9", "sea,within=1"])
-    assert words(followed(rows, "degrade.within")) == ["2", "7"]
-
-
-def test_numbers_come_in_their_order_and_what_is_unlimited_last():
-    one = followed(noisy({10: {"a": [1.0]}, None: {"a": [1.0]}, 2: {"a": [1.0]}}, option="within"), "degrade.within")
-    assert words(one) == ["2", "10", "all"]
-    assert one.reference.word == "all"
-    assert one.title == "sea"
-
-
-def test_no_noise_is_the_number_that_it_is_and_the_reference():
-    one = followed(noisy({0.1: {"a": [1.0]}, None: {"a": [1.0]}, 0.02: {"a": [1.0]}}), "degrade.depth_noise")
-    assert words(one) == ["0", "0.02", "0.1"]
-    assert one.reference.word == "0"
-
-
-def test_words_come_in_the_order_of_the_sweep(tmp_path: Path):
-    seas = ["turbid", "clear", "coastal"]
-    rows = frame(
-        replace(row("a", "v0", 1.0, dataset={"name": "demo", "water": sea}), dataset=f"demo,water={sea}")
-        for sea in sorted(seas)
-    )
-    write(Study("s", along="dataset.water"), rows, tmp_path, datasets=[f"demo,water={sea}" for sea in seas])
-    assert list(csv(tmp_path)["water"]) == seas
-
-
-def test_all_values_are_compared_on_the_images_that_all_have():
-    """v1 failed at .1 for b alone: it counts nowhere."""
-    rows = noisy({None: {"a": [10, 90, 12], "b": [20, 90, 22]}, 0.1: {"a": [9, 90, 9], "b": [18, np.nan, 18]}})
-    one = followed(rows, "degrade.depth_noise", baseline="a")
-    means = {line: cell.mean for (line, _), cell in one.scores.cells.items()}
-    assert means == {
-        "depth_noise=0 · a": 11, "depth_noise=0 · b": 21, "depth_noise=0.1 · a": 9, "depth_noise=0.1 · b": 18,
-    }  # fmt: skip
-    assert one.changes is not None
-    assert one.leads is not None
-    changes = {line: cell.change[0] for (line, _), cell in one.changes.cells.items()}
-    assert changes == pytest.approx({"depth_noise=0.1 · a": -2, "depth_noise=0.1 · b": -3})
-    leads = {line: cell.change[0] for (line, _), cell in one.leads.cells.items()}
-    assert leads == pytest.approx({"depth_noise=0 · b": 10, "depth_noise=0.1 · b": 9})
-
-
-def test_a_change_that_is_steady_is_told_from_chance_where_scores_vary_widely():
-    scores = np.random.default_rng(0).normal(20, 6, 12)
-    less = scores - np.random.default_rng(1).normal(1, 0.2, 12)
-    one = followed(noisy({None: {"a": list(scores)}, 0.1: {"a": list(less)}}), "degrade.depth_noise")
-    assert one.changes is not None
-    (cell,) = one.changes.cells.values()
-    assert cell.change[0] == pytest.approx((less - scores).mean())
-    assert cell.change[2] < 0
-    (column,) = one.scores.columns
-    undegraded, degraded = (one.scores.cells[line, column] for line in one.scores.methods)
-    assert undegraded.low < degraded.mean < undegraded.high  # unpaired, nothing could be said
-
-
-def test_results_on_older_data_are_left_out_and_said():
-    rows = noisy({None: {"a": [10.0, 12.0], "b": [20.0, 22.0]}, 0.1: {"a": [9.0, 9.0], "b": [18.0, 18.0]}})
-    old = (rows["method"] == "b") & (rows["dataset"] == "sea")
-    rows = rows.assign(data_id=rows["data_id"].mask(old, "old"), time=rows["time"].mask(old, "2025-12-31"))
-    one = followed(rows, "degrade.depth_noise")
-    assert one.scores.stale == ("depth_noise=0 · b",)
-    assert "depth_noise=0 · b" not in {line for line, _ in one.scores.cells}
-
-
-def test_repetitions_are_averaged_and_are_no_views_of_their_own():
-    rows = noisy({None: {"a": [10.0, 12.0]}, 0.1: {"a": [8.0, 8.0]}})
-    again = noisy({None: {"a": [20.0, 22.0]}, 0.1: {"a": [8.0, 8.0]}}, scene="reef,replicate=1")
-    one = followed(pd.concat([rows, again], ignore_index=True), "degrade.depth_noise")
-    (column,) = one.scores.columns
-    assert (column.n_views, column.n_scenes) == (2, 1)
-    assert one.scores.cells["depth_noise=0 · a", column].mean == 16
-
-
-@pytest.mark.parametrize("repetitions", [("",), ("", ",replicate=1")])
-def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(repetitions: tuple[str, ...]):
-    rows = frame(
-        replace(
-            row("a", f"v{n}", value + n, dataset={"name": "demo", "water": water}),
-            dataset=f"demo,water={water}", scene=water + repetition, data_id=water,
-        )
-        for water, value in (("clear", 20.0), ("turbid", 15.0))
-        for repetition in repetitions
-        for n in range(3)
-    )  # fmt: skip
-    one = followed(rows, "dataset.water")
-    assert one.changes is not None
-    assert [cell.change for cell in one.changes.cells.values()] == [pytest.approx((-5, -5, -5))]
-
-
-def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
-    both = [noisy({None: {"a": [1.0]}, 0.1: {"a": [2.0]}}, dataset={"name": name}) for name in ("sea", "lake")]
-    write(Study("s", along="degrade.depth_noise"), pd.concat(both, ignore_index=True), tmp_path)
-    assert list(csv(tmp_path)["dataset"]) == ["sea", "sea", "lake", "lake"]
-    assert "**lake**" in (tmp_path / "tables/s.md").read_text()
-
-
-def test_a_method_without_the_option_is_left_out_and_said():
-    rows = frame(
-        [
-            *(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)),
-            row("plain", "v0", 3.0),
-        ]
-    )
-    one = followed(rows, "method.k")
-    assert (words(one), one.methods) == (["1", "2"], ("m",))
-    assert "plain is left out: it has no option k" in left_out(one.scores)
-
-
-def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
-    rows = frame([row("m", "v0", 1.0, options={"steps": 1})])
-    with pytest.raises(NotApplicableError, match="did you mean 'steps'"):
-        followed(rows, "method.step")
-    written = write(Study("s", along="method.step"), rows, tmp_path)
-    assert written.paths == ()
-    assert "no tables" in written.notes[0]
-
-
-def test_added_waters_are_told_by_their_attenuation():
-    waters = [[0.1, 0.2, 0.3, *beta, 0.1, 0.1, 0.1] for beta in ([0.9, 0.3, 0.3], [0.2, 0.1, 0.0])]
-    rows = frame(row("a", "v0", 1.0, {"add_water": water}) for water in waters)
-    assert words(followed(rows, "degrade.add_water")) == ["0.1", "0.5"]
-
-
-def test_different_waters_of_one_attenuation_are_not_mixed():
-    waters = [[B, 0.2, 0.3, 0.2, 0.1, 0.3, 0.1, 0.1, 0.1] for B in (0.1, 0.4)]
-    rows = frame(row("a", "v0", 10 * B[0], {"add_water": B}) for B in waters)
-    one = followed(rows, "degrade.add_water")
-    assert len(set(words(one))) == 2
-    assert sorted(cell.mean for cell in one.scores.cells.values()) == pytest.approx([1, 4])
-
-
-# -- files -------------------------------------------------------------------------------------------------
+# -- files -----------------------------------------------------------------------------------------------
 
 
 @pytest.fixture

@@ -1,0 +1,78 @@
+"""Photos and masks to prepare: too few, damaged, sharing nothing, or in the way of the result."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from support.photographed_valley import (
+    HEIGHT,
+    POSES,
+    photograph,
+    write,
+)
+
+from sucre_bench.errors import InputError
+from sucre_bench.programs.prepare.photos import find_photos
+from sucre_bench.programs.prepare.pipeline import Options, prepare
+
+
+@pytest.mark.parametrize(
+    ("names", "message"),
+    [
+        ((), "holds no photos; put two"),
+        (("a.png",), "holds one photo; put two"),
+        (("a.png", "text.jpg"), r"holds one photo that can be read \(text\.jpg cannot be read, .*not an image\); put"),
+        (
+            ("cut.jpg", "text.png"),
+            r"holds no photos .*\(cut\.jpg cannot be read, .*truncated.*; text\.png cannot .*\);",
+        ),
+        (("a.png", "cut.png"), r"holds one photo that can be read \(cut\.png cannot be read, cut short\); put"),
+        (("cut.png", "cut.jpg", "cut 2.jpg"), r"holds no photos that can be read \(cut 2\.jpg .*; cut\.png .*\); put"),
+    ],
+)
+def test_too_few_photos_are_an_error_that_names_the_damaged(tmp_path: Path, names: tuple[str, ...], message: str):
+    (tmp_path / "photos").mkdir()
+    for name in names:
+        file = tmp_path / "photos" / name
+        write(file, photograph(POSES[0]))
+        if not name.startswith("a"):
+            file.write_bytes(b"no image" if name.startswith("text") else file.read_bytes()[:1000])
+    with pytest.raises(InputError, match=message):
+        prepare(tmp_path / "photos", tmp_path / "out")
+    assert not (tmp_path / "out" / "images").exists()
+
+
+def test_photos_that_share_nothing_are_named_with_what_they_share(tmp_path: Path):
+    for seed in range(2):
+        noise = np.random.default_rng(seed).integers(0, 255, (120, 160, 3), dtype=np.uint8)
+        write(tmp_path / "photos" / f"{seed}.png", noise)
+    with pytest.raises(InputError, match=r"no two photos could be related: .*match.*share more than half"):
+        prepare(tmp_path / "photos", tmp_path / "out")
+
+
+def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
+    (tmp_path / "thesis.txt").write_text("mine")
+    with pytest.raises(InputError, match="holds other files already"):
+        prepare(photos / "photos", tmp_path)
+    with pytest.raises(InputError, match="holds the photos themselves"):
+        prepare(photos / "photos", photos)
+
+
+def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
+    (tmp_path / "masks").mkdir()
+    with pytest.raises(InputError, match=r"cut\.png\.png: is not there; make a mask"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+    write(tmp_path / "masks" / "cut.png", np.zeros((HEIGHT, HEIGHT), np.uint8))
+    with pytest.raises(InputError, match=r"cut\.png: is 240x240, its photo 320x240; make the mask"):
+        prepare(photos / "photos", tmp_path / "out", Options(masks=tmp_path / "masks"))
+
+
+def test_masks_among_the_photos_are_no_photos_and_bitmaps_are(tmp_path: Path):
+    for name in ("a.png", "b.bmp", "c.webp"):
+        write(tmp_path / name, np.zeros((24, 32, 3), np.uint8))
+        write(tmp_path / "masks" / f"{name}.png", np.full((24, 32), 255, np.uint8))
+    found, damaged = find_photos(tmp_path, tmp_path / "masks", 0, tmp_path / "out")
+    assert [photo.name for photo in found] == ["a.png", "b.bmp", "c.webp"]
+    assert not damaged

@@ -1,0 +1,149 @@
+"""Tables along an option."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pandas as pd
+import pytest
+from support.study_rows import csv, followed, noisy, row, words
+
+from sucre_bench.compare.text import left_out
+from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.paper import Study, write
+from sucre_bench.results.rows import frame
+
+
+def test_values_are_read_from_what_rows_say_and_not_from_labels():
+    rows = noisy({2: {"a": [1.0]}, 7: {"a": [2.0]}}, option="within").assign(dataset=["sea,within=9", "sea,within=1"])
+    assert words(followed(rows, "degrade.within")) == ["2", "7"]
+
+
+def test_numbers_come_in_their_order_and_what_is_unlimited_last():
+    one = followed(noisy({10: {"a": [1.0]}, None: {"a": [1.0]}, 2: {"a": [1.0]}}, option="within"), "degrade.within")
+    assert words(one) == ["2", "10", "all"]
+    assert one.reference.word == "all"
+    assert one.title == "sea"
+
+
+def test_no_noise_is_the_number_that_it_is_and_the_reference():
+    one = followed(noisy({0.1: {"a": [1.0]}, None: {"a": [1.0]}, 0.02: {"a": [1.0]}}), "degrade.depth_noise")
+    assert words(one) == ["0", "0.02", "0.1"]
+    assert one.reference.word == "0"
+
+
+def test_words_come_in_the_order_of_the_sweep(tmp_path: Path):
+    seas = ["turbid", "clear", "coastal"]
+    rows = frame(
+        replace(row("a", "v0", 1.0, dataset={"name": "demo", "water": sea}), dataset=f"demo,water={sea}")
+        for sea in sorted(seas)
+    )
+    write(Study("s", along="dataset.water"), rows, tmp_path, datasets=[f"demo,water={sea}" for sea in seas])
+    assert list(csv(tmp_path)["water"]) == seas
+
+
+def test_all_values_are_compared_on_the_images_that_all_have():
+    """v1 failed at .1 for b alone: it counts nowhere."""
+    rows = noisy({None: {"a": [10, 90, 12], "b": [20, 90, 22]}, 0.1: {"a": [9, 90, 9], "b": [18, np.nan, 18]}})
+    one = followed(rows, "degrade.depth_noise", baseline="a")
+    means = {line: cell.mean for (line, _), cell in one.scores.cells.items()}
+    assert means == {
+        "depth_noise=0 · a": 11, "depth_noise=0 · b": 21, "depth_noise=0.1 · a": 9, "depth_noise=0.1 · b": 18,
+    }  # fmt: skip
+    assert one.changes is not None
+    assert one.leads is not None
+    changes = {line: cell.change[0] for (line, _), cell in one.changes.cells.items()}
+    assert changes == pytest.approx({"depth_noise=0.1 · a": -2, "depth_noise=0.1 · b": -3})
+    leads = {line: cell.change[0] for (line, _), cell in one.leads.cells.items()}
+    assert leads == pytest.approx({"depth_noise=0 · b": 10, "depth_noise=0.1 · b": 9})
+
+
+def test_a_change_that_is_steady_is_told_from_chance_where_scores_vary_widely():
+    scores = np.random.default_rng(0).normal(20, 6, 12)
+    less = scores - np.random.default_rng(1).normal(1, 0.2, 12)
+    one = followed(noisy({None: {"a": list(scores)}, 0.1: {"a": list(less)}}), "degrade.depth_noise")
+    assert one.changes is not None
+    (cell,) = one.changes.cells.values()
+    assert cell.change[0] == pytest.approx((less - scores).mean())
+    assert cell.change[2] < 0
+    (column,) = one.scores.columns
+    undegraded, degraded = (one.scores.cells[line, column] for line in one.scores.methods)
+    assert undegraded.low < degraded.mean < undegraded.high  # unpaired, nothing could be said
+
+
+def test_results_on_older_data_are_left_out_and_said():
+    rows = noisy({None: {"a": [10.0, 12.0], "b": [20.0, 22.0]}, 0.1: {"a": [9.0, 9.0], "b": [18.0, 18.0]}})
+    old = (rows["method"] == "b") & (rows["dataset"] == "sea")
+    rows = rows.assign(data_id=rows["data_id"].mask(old, "old"), time=rows["time"].mask(old, "2025-12-31"))
+    one = followed(rows, "degrade.depth_noise")
+    assert one.scores.stale == ("depth_noise=0 · b",)
+    assert "depth_noise=0 · b" not in {line for line, _ in one.scores.cells}
+
+
+def test_repetitions_are_averaged_and_are_no_views_of_their_own():
+    rows = noisy({None: {"a": [10.0, 12.0]}, 0.1: {"a": [8.0, 8.0]}})
+    again = noisy({None: {"a": [20.0, 22.0]}, 0.1: {"a": [8.0, 8.0]}}, scene="reef,replicate=1")
+    one = followed(pd.concat([rows, again], ignore_index=True), "degrade.depth_noise")
+    (column,) = one.scores.columns
+    assert (column.n_views, column.n_scenes) == (2, 1)
+    assert one.scores.cells["depth_noise=0 · a", column].mean == 16
+
+
+@pytest.mark.parametrize("repetitions", [("",), ("", ",replicate=1")])
+def test_scenes_called_after_a_datasets_option_are_paired_by_their_views(repetitions: tuple[str, ...]):
+    rows = frame(
+        replace(
+            row("a", f"v{n}", value + n, dataset={"name": "demo", "water": water}),
+            dataset=f"demo,water={water}", scene=water + repetition, data_id=water,
+        )
+        for water, value in (("clear", 20.0), ("turbid", 15.0))
+        for repetition in repetitions
+        for n in range(3)
+    )  # fmt: skip
+    one = followed(rows, "dataset.water")
+    assert one.changes is not None
+    assert [cell.change for cell in one.changes.cells.values()] == [pytest.approx((-5, -5, -5))]
+
+
+def test_every_dataset_has_tables_of_its_own(tmp_path: Path):
+    both = [noisy({None: {"a": [1.0]}, 0.1: {"a": [2.0]}}, dataset={"name": name}) for name in ("sea", "lake")]
+    write(Study("s", along="degrade.depth_noise"), pd.concat(both, ignore_index=True), tmp_path)
+    assert list(csv(tmp_path)["dataset"]) == ["sea", "sea", "lake", "lake"]
+    assert "**lake**" in (tmp_path / "tables/s.md").read_text()
+
+
+def test_a_method_without_the_option_is_left_out_and_said():
+    rows = frame(
+        [
+            *(replace(row("m", "v0", 1.0, options={"k": k}), method=f"m,k={k}") for k in (1, 2)),
+            row("plain", "v0", 3.0),
+        ]
+    )
+    one = followed(rows, "method.k")
+    assert (words(one), one.methods) == (["1", "2"], ("m",))
+    assert "plain is left out: it has no option k" in left_out(one.scores)
+
+
+def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
+    rows = frame([row("m", "v0", 1.0, options={"steps": 1})])
+    with pytest.raises(NotApplicableError, match="did you mean 'steps'"):
+        followed(rows, "method.step")
+    written = write(Study("s", along="method.step"), rows, tmp_path)
+    assert written.paths == ()
+    assert "no tables" in written.notes[0]
+
+
+def test_added_waters_are_told_by_their_attenuation():
+    waters = [[0.1, 0.2, 0.3, *beta, 0.1, 0.1, 0.1] for beta in ([0.9, 0.3, 0.3], [0.2, 0.1, 0.0])]
+    rows = frame(row("a", "v0", 1.0, {"add_water": water}) for water in waters)
+    assert words(followed(rows, "degrade.add_water")) == ["0.1", "0.5"]
+
+
+def test_different_waters_of_one_attenuation_are_not_mixed():
+    waters = [[B, 0.2, 0.3, 0.2, 0.1, 0.3, 0.1, 0.1, 0.1] for B in (0.1, 0.4)]
+    rows = frame(row("a", "v0", 10 * B[0], {"add_water": B}) for B in waters)
+    one = followed(rows, "degrade.add_water")
+    assert len(set(words(one))) == 2
+    assert sorted(cell.mean for cell in one.scores.cells.values()) == pytest.approx([1, 4])

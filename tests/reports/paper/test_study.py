@@ -1,0 +1,98 @@
+"""What a study may be."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+from support.places import ROOT
+from support.study_rows import followed, words
+
+from sucre_bench import InputError
+from sucre_bench.compare import COSTS
+from sucre_bench.engine.tasks import base_row
+from sucre_bench.jobs import command
+from sucre_bench.reports.paper import Study
+from sucre_bench.results.rows import frame
+
+
+@pytest.mark.parametrize(
+    ("given", "said"),
+    [
+        ({"metric": ["psnr"]}, "metrics"),
+        ({"metrics": ["pnsr"]}, "did you mean 'psnr'"),
+        ({"metrics": ["psnr:maskd"]}, "did you mean 'masked'"),
+        ({"metrics": 3}, r"study\.metrics=\[a,b\]"),
+        ({"figures": ["score"]}, "did you mean 'scores'"),
+        ({"along": "degrade.withn"}, "did you mean 'within'"),
+        ({"along": "within"}, "degrade.NAME"),
+        ({"baseline": ["a"]}, "is not a word"),
+        ({"spread": "yes"}, "is not true or false"),
+        ({"name": "../up"}, "no name for files"),
+        ({"name": ""}, "no name for files"),
+    ],
+)
+def test_what_is_wrong_with_a_study_is_said(given: dict[str, Any], said: str):
+    with pytest.raises(InputError, match=said):
+        Study.of({"name": "s", **given})
+
+
+def test_a_study_takes_one_word_for_a_list_and_null_for_nothing():
+    study = Study.of({"name": "s", "metrics": "psnr", "baseline": None, "figures": ["scores"], "along": None})
+    assert study == Study("s", metrics=("psnr",), figures=("scores",))
+
+
+def test_what_a_restoration_costs_may_be_asked_for():
+    assert Study.of({"name": "s", "metrics": list(COSTS)}).metrics == COSTS
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "conf" / "experiment").glob("*.yaml")), ids=str)
+def test_every_experiment_has_a_study_that_can_be_made(path: Path):
+    experiment = yaml.safe_load(path.read_text())
+    if "study" not in experiment:
+        pytest.skip("only restores")
+    study = Study.of(experiment["study"])
+    computed = {metric.partition(":")[0] for metric in experiment.get("metrics", [])}
+    assert not computed or {metric.partition(":")[0] for metric in study.metrics} <= {*computed, *COSTS}
+    assert path.stem == study.name == Path(experiment["out"]).name
+    assert not study.baseline or study.baseline in experiment["methods"]
+    assert not study.along or study.along in experiment["sweep"]
+
+
+def test_what_an_experiment_sweeps_over_may_be_given():
+    sweep = command.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
+    assert [(job.dataset.label, job.method.label) for job in sweep.jobs] == [
+        ("demo,within=50", "sucre"),
+        ("demo", "sucre"),
+    ]
+    assert all(job.study == Study.of(job.study.__dict__) and job.study.along == "degrade.within" for job in sweep.jobs)
+
+
+def test_the_ablation_varies_where_water_and_colours_come_from():
+    jobs = {job.method.label: job.method.options for job in command.jobs(["experiment=ablation"], False).jobs}
+    chosen = {label: (own["water_from"], own["colours"]) for label, own in jobs.items() if "water_from" in own}
+    assert chosen == {
+        "sucre_multi_view_J": ("seathru", "multi_view"),
+        "sucre_multi_view_water": ("", "single_view"),
+        "sucre": ("", "multi_view"),
+    }
+
+
+@pytest.mark.parametrize(
+    ("swept", "expected"),
+    [
+        ("degrade.bits=3,null,5", ["3", "5", "none"]),
+        ("degrade.depth_noise=0.1,0,0.02", ["0", "0.02", "0.1"]),
+        ("dataset.water=turbid,clear", ["turbid", "clear"]),
+        ("method.prior=true,false", ["True", "False"]),
+    ],
+)
+def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):
+    jobs = command.jobs(["dataset=demo", "method=sucre", swept], True).jobs
+    rows = frame(replace(base_row(job), view="v", value=1.0) for job in jobs)
+    one = followed(rows, swept.partition("=")[0])
+    assert words(one) == expected
+    assert (one.title, one.methods) == ("demo", ("sucre",))
