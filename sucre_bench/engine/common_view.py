@@ -30,7 +30,7 @@ Score = tuple[str, str, str, str]  # method, metric, variant, code
 
 
 class Held(Protocol):
-    """What is there of a restoration. Each raises InputError if it cannot be read."""
+    """The stored parts of a restoration. Each raises InputError if it cannot be read."""
 
     def mask(self) -> Mask:
         """Return which pixels (H, W) have a colour."""
@@ -100,7 +100,7 @@ class CommonView:
     scores: dict[Score, CommonRow] = field(default_factory=dict)
 
     def add(self, whole: Row, held: Held) -> None:
-        """Take a method's restoration. whole: its row; held: what is there of it."""
+        """Take a method's restoration. whole: its row; held: its stored parts."""
         self.whole[whole.method], self.held[whole.method] = whole, held
 
     @property

@@ -58,7 +58,7 @@ def test_all_at_once_is_one_after_the_other_in_the_order_of_light():
 
 @dataclass(frozen=True, eq=False)
 class Counting:
-    """Pixels that tell what is asked of them."""
+    """Pixels that record which planes were asked for."""
 
     asked: list[Plane]
 

@@ -120,7 +120,7 @@ def test_a_name_that_no_output_can_encode_is_written_out():
 
 
 class Lines:
-    """Keeps what is said."""
+    """Keeps every line."""
 
     def __init__(self) -> None:
         self.lines: list[str] = []

@@ -26,7 +26,7 @@ def one_pixel(suffix: str) -> bytes:
     return bytes(cv2.imencode(suffix, np.full((1, 1, 3), 9, np.uint8))[1])
 
 
-# What lies where a view's image, or its depth map, should be; and what is said of it.
+# Odd files in the place of a view's image or depth map, each with the fault that the message names.
 IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "a cut TIFF": (".tif", bad.written(bad.cut_tiff()), "cannot be read"),
     "a PNG of a forged size": (".png", bad.written(bad.png_of_size(30000, 30000)), "is 30000x30000"),

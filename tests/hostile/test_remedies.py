@@ -23,7 +23,7 @@ RESULTS = r"give the folder that `sucre-bench run (out=)\.\.\.` wrote"
 class Case:
     """A command that fails; a pattern of the remedy that it names; the commands that follow it, of which all succeed.
 
-    In these, {1} stands for the pattern's first group. spoil: what is done to the folder before.
+    In these, {1} stands for the pattern's first group. spoil: changes the folder before the command.
     """
 
     fault: str

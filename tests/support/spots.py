@@ -76,7 +76,7 @@ def check_both(a: View, b: View, tolerance: float = 0.1, point: np.ndarray | Non
 
 
 class Saying:
-    """Keeps what is said to whoever watches."""
+    """A watcher that keeps every line."""
 
     def __init__(self, said: list[str]) -> None:
         self._kept = said

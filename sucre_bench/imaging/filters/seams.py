@@ -14,7 +14,7 @@ change. To tell such steps from the photograph's own edges, which a restoration 
    fifths full.
 4. What a smooth function of colour I and log distance s can do to a step is linear in d I, d s and I d s. In each
    eighth of the distances the coefficients are found by least squares over all places and directions; seams are too few
-   to disturb the fit. The excess u is what is left of the picture's step d S.
+   to disturb the fit. The excess u is the rest of the picture's step d S.
 5. It is a seam where |u| and |d S| exceed 0.05, too, and |u| exceeds 5 times what is typical of that distance (1.4826
    medians of |u|, a standard deviation if it were noise), in any channel.
 

@@ -135,7 +135,7 @@ def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path
         "child.stdout.readline(); print(child.pid)\n"
     )
     ended = run_program([sys.executable, "-S", "-c", source])
-    assert ended.seconds < 2  # its own, without what it left behind
+    assert ended.seconds < 2  # of the program alone, without the processes it started
     assert ends_soon(int(ended.said))
 
 

@@ -1,4 +1,4 @@
-"""What the published networks are given, and what is made of it."""
+"""The inputs of published networks, and how their outputs become pictures."""
 
 from __future__ import annotations
 
