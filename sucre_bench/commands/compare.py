@@ -117,18 +117,20 @@ def compare(
 
 def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     """The scores on common pixels: those in the folders, and of methods in several folders those made now."""
-    import pandas as pd
-
-    from sucre_bench.engine.common_folders import score_folders
-    from sucre_bench.machine import terminal
     from sucre_bench.results.common_scores import read_common
 
     known = read_common(*folders)
     if len(folders) < 2:
         return known
+    import pandas as pd
+
+    from sucre_bench.engine.common_folders import score_folders
+    from sucre_bench.machine import terminal
+
     with terminal.live():
         made = score_folders(folders, rows)
-    return pd.concat([known, made], ignore_index=True) if len(made) else known
+    tables = [table for table in (known, made) if len(table)]
+    return pd.concat(tables, ignore_index=True) if tables else known
 
 
 def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:

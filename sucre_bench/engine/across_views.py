@@ -10,7 +10,7 @@ from __future__ import annotations
 import hashlib
 import json
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields, replace
+from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -25,12 +25,11 @@ from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.shard import Shard
 from sucre_bench.machine import progress
 from sucre_bench.machine.log import now
 from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.layout import log_path
-from sucre_bench.results.rows import Row, restorations
+from sucre_bench.results.rows import Row, restorations, row_objects
 from sucre_bench.results.stored_pictures import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene
@@ -87,7 +86,7 @@ def _score_dataset(jobs: Sequence[Job], rows: pd.DataFrame, part: Part) -> None:
 def _by_scene(job: Job, scenes: Sequence[Scene]) -> dict[str, list[Task]]:
     """Every view of each scene, also those that the job was not asked for."""
     found: dict[str, list[Task]] = {}
-    for task in tasks(replace(job, views=None, every=1, first=None, shard=Shard()), scenes):
+    for task in tasks(job.of_all_views(), scenes):
         found.setdefault(task.scene.name, []).append(task)
     return found
 
@@ -115,7 +114,7 @@ class _Restored:
         ]
         of_job = of_job[(of_job["options_id"] == base.options_id) & (of_job["data_id"] == base.data_id)]
         wholes = restorations(of_job[of_job["code"] == base.code])
-        stored = {row.view: Row(**{f.name: getattr(row, f.name) for f in fields(Row)}) for row in wholes.itertuples()}
+        stored = {row.view: row for row in row_objects(wholes)}
         there = [t for t in every if t.view.name in stored and t.place.restored(job.out, job.method.label).is_file()]
         known = of_job[of_job["status"] != "failed"][["view", "metric", "variant", "code"]]
         return cls(

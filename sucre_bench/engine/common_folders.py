@@ -6,127 +6,114 @@ pictures and masks, and from their data, which `config.yaml` names.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
+from collections import Counter
+from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
-from sucre_bench.compare.newest_data import is_fresh
-from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, rows_of
-from sucre_bench.engine.score import scorers
+from sucre_bench.compare import is_fresh
+from sucre_bench.engine.common_view import (
+    CommonView,
+    PixelMetrics,
+    Stored,
+    add_scores,
+    of_views,
+    rows_of,
+)
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.jobs.config_file import config_path, read_config
-from sucre_bench.jobs.job import Job, MetricChoice
-from sucre_bench.jobs.shard import Shard
+from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle
-from sucre_bench.results.common_scores import LEAST_FILLED, common_frame
-from sucre_bench.results.rows import COLUMNS, Row, restorations
+from sucre_bench.results.common_scores import ViewKey, common_frame, differing_views, filled_restorations
+from sucre_bench.results.rows import RESTORATION, Row, restorations, row_objects
 
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["score_folders"]
 
-_Place = tuple[str, str, str]  # dataset, scene, view
+_Restoration = tuple[str, str, str, str, str]  # dataset, scene, view, method, time
 
 
 def score_folders(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     """Return scores on common pixels, as `results.read_common` has them, of views with restorations in several folders.
 
-    rows: of all folders, as `compare.load` reads them. Views that cannot be scored have no row: their data do not open
-    any more, or a restoration lies in a bundle.
+    rows: of all folders, as `compare.load` reads them. A view has no scores if its data do not open any more, or if one
+    of its restorations lies in a bundle.
     """
-    places = [folder for folder in folders if not is_bundle(folder)]
-    whole = restorations(rows[is_fresh(rows)])
-    whole = whole[whole["coverage"] >= LEAST_FILLED]
-    kept = _folders(places)
-    wanted = set(_spread(whole, kept))
-    if not wanted:
+    whole = filled_restorations(rows[is_fresh(rows)])
+    if not (differing := differing_views(whole)):
         return common_frame([])
-    jobs = [job for folder in places for job in _jobs(folder)]
-    opened = _tasks(jobs, {dataset for dataset, _, _ in wanted})
-    metrics = _metrics(jobs)
-    views = {place: CommonView(opened[place].base, opened[place].view) for place in wanted & opened.keys()}
-    for place, row in _of_views(whole, views):
-        if row.data_id == views[place].base.data_id and _key(row) in kept:
-            views[place].add(row, Stored(kept[_key(row)], opened[place].place, row))
-    methods = whole.groupby(["dataset", "scene", "view"])["method"].nunique().to_dict()
-    complete = {place: view for place, view in views.items() if len(view.whole) == methods[place]}
-    scores = rows[(rows["status"] == "ok") & (rows["region"] == "image")]
-    for place, row in _of_views(scores[scores["metric"].isin({name for name, _ in metrics.by_code})], complete):
-        if row.method in complete[place].whole and metrics.of(row):
-            complete[place].own_rows.append(row)
-    made = progress.track(list(complete.values()), "common pixels")
+    places = [folder for folder in folders if not is_bundle(folder)]
+    folder_of = _folders(places)
+    wanted = _in_several_folders(whole, differing, folder_of)
+    jobs = [job for folder in places for job in _jobs(folder)] if wanted else []
+    metrics = PixelMetrics.chosen(metric for job in jobs for metric in job.metrics)
+    views = _views(whole, folder_of, _tasks(jobs, wanted))
+    add_scores(views, rows, metrics)
+    made = progress.track(list(views.values()), "common pixels")
     return common_frame(row for view in made for row in rows_of(view, metrics))
 
 
-_Key = tuple[str, str, str, str, str]
-
-
-def _key(row: Row) -> _Key:
+def _restoration(row: Row) -> _Restoration:
     """What identifies a restoration among those of all folders."""
     return row.dataset, row.scene, row.view, row.method, row.time
 
 
-def _folders(folders: Sequence[Path]) -> dict[_Key, Path]:
+def _folders(folders: Sequence[Path]) -> dict[_Restoration, Path]:
     """The folder of each restoration."""
-    return {_key(row): folder for folder in folders for row in _rows(restorations(results.read(folder)))}
+    tables = ((folder, restorations(results.read(folder, metric=RESTORATION))) for folder in folders)
+    return {_restoration(row): folder for folder, table in tables for row in row_objects(table)}
 
 
-def _spread(whole: pd.DataFrame, kept: Mapping[_Key, Path]) -> Iterator[_Place]:
-    """The views with restorations in several folders, one of them with holes."""
-    lying: dict[_Place, set[Path | None]] = {}
-    with_holes: set[_Place] = set()
-    for row in _rows(whole):
-        place = (row.dataset, row.scene, row.view)
-        lying.setdefault(place, set()).add(kept.get(_key(row)))
-        if row.coverage < 1:
-            with_holes.add(place)
-    return (place for place, those in lying.items() if len(those) > 1 and place in with_holes)
+def _in_several_folders(
+    whole: pd.DataFrame, views: Collection[ViewKey], folder_of: Mapping[_Restoration, Path]
+) -> set[ViewKey]:
+    """Those of some views whose restorations lie in several folders. A bundle counts as a folder."""
+    found: dict[ViewKey, set[Path | None]] = {}
+    for key, row in of_views(row_objects(whole), views):
+        found.setdefault(key, set()).add(folder_of.get(_restoration(row)))
+    return {key for key, folders in found.items() if len(folders) > 1}
 
 
 def _jobs(folder: Path) -> list[Job]:
     """The jobs of a folder's last run, with all views; none if they cannot be read any more."""
     try:
-        return [
-            replace(job, views=None, every=1, first=None, shard=Shard()) for job in read_config(config_path(folder))
-        ]
+        return [job.of_all_views() for job in read_config(config_path(folder))]
     except SucreBenchError:
         return []
 
 
-def _tasks(jobs: Sequence[Job], datasets: set[str]) -> dict[_Place, Task]:
-    """The views of datasets by their labels, as far as their data can be opened."""
-    found: dict[_Place, Task] = {}
-    done: set[str] = set()
+def _tasks(jobs: Sequence[Job], wanted: Collection[ViewKey]) -> dict[ViewKey, Task]:
+    """The tasks of some views, as far as their data can be opened."""
+    found: dict[ViewKey, Task] = {}
+    labels, opened = {dataset for dataset, _, _ in wanted}, set[str]()
     for job in jobs:
-        key = results.fingerprint({**job.dataset.record, **job.degrade.record, "replicate": job.replicate})[1]
-        if job.dataset.label not in datasets or key in done:
+        data = results.fingerprint({**job.dataset.record, **job.degrade.record, "replicate": job.replicate})[1]
+        if job.dataset.label not in labels or data in opened:
             continue
-        done.add(key)
+        opened.add(data)
         try:
             for task in tasks(job, open_scenes(job.dataset)):
-                found.setdefault((job.dataset.label, task.base.scene, task.view.name), task)
+                if (key := (job.dataset.label, task.base.scene, task.view.name)) in wanted:
+                    found.setdefault(key, task)
         except SucreBenchError:
             continue
     return found
 
 
-def _metrics(jobs: Sequence[Job]) -> PixelMetrics:
-    chosen: dict[str, MetricChoice] = {metric.plugin.name: metric for job in jobs for metric in job.metrics}
-    made = scorers(metric for metric in chosen.values() if metric.plugin.is_of_pixels)
-    return PixelMetrics({(scorer.plugin.name, scorer.code): scorer for scorer in made})
-
-
-def _rows(table: pd.DataFrame) -> Iterator[Row]:
-    for values in table[list(COLUMNS)].itertuples(index=False, name=None):
-        yield Row(**dict(zip(COLUMNS, values, strict=True)))
-
-
-def _of_views(table: pd.DataFrame, views: Mapping[_Place, CommonView]) -> Iterator[tuple[_Place, Row]]:
-    for row in _rows(table):
-        if (place := (row.dataset, row.scene, row.view)) in views:
-            yield place, row
+def _views(
+    whole: pd.DataFrame, folder_of: Mapping[_Restoration, Path], opened: Mapping[ViewKey, Task]
+) -> dict[ViewKey, CommonView]:
+    """The views with all their restorations; those that lack one are left out."""
+    views = {key: CommonView(task.base, task.view) for key, task in opened.items()}
+    counts: Counter[ViewKey] = Counter()
+    for key, row in of_views(row_objects(whole), views):
+        counts[key] += 1
+        folder = folder_of.get(_restoration(row))
+        if folder is not None and row.data_id == views[key].base.data_id:
+            views[key].add(row, Stored(folder, opened[key].place, row))
+    return {key: view for key, view in views.items() if len(view.whole) == counts[key]}

@@ -8,29 +8,39 @@ What is there already is not scored again, unless the common mask has changed.
 from __future__ import annotations
 
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
-from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, rows_of, score_of
+from sucre_bench.engine.common_view import (
+    CommonView,
+    PixelMetrics,
+    Stored,
+    add_scores,
+    of_views,
+    rows_of,
+    score_of,
+)
 from sucre_bench.engine.preflight import Planned
-from sucre_bench.engine.score import scorers
 from sucre_bench.engine.tasks import Task
 from sucre_bench.errors import DamagedTableError
 from sucre_bench.machine import progress
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
     COMMON_TABLE,
-    LEAST_FILLED,
     CommonRow,
+    ViewKey,
     common_frame,
+    common_rows,
+    differing_views,
+    filled_restorations,
     read_common,
     write_common,
 )
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.merging import locked as locked_table
-from sucre_bench.results.rows import COLUMNS, Row, restorations
+from sucre_bench.results.rows import row_objects
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -39,8 +49,6 @@ __all__ = ["score_on_common_pixels"]
 
 _FLUSH_S = 30.0
 _VIEW = ["dataset", "scene", "view"]
-
-_Place = tuple[str, str, str]  # dataset, scene, view
 
 
 def score_on_common_pixels(planned: Sequence[Planned], rows: pd.DataFrame, out: Path) -> None:
@@ -53,10 +61,12 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: pd.DataFrame, out: 
         return
     with locked_table(out, COMMON_TABLE):
         rows, before = results.read(out), _before(out)  # other commands may have added to it
-        metrics = _metrics(planned, out)
+        metrics = PixelMetrics.chosen(
+            (metric for plan in planned for metric in plan.job.metrics), log_path(out), planned[0].job.view_timeout_s
+        )
         views = _views(rows, before, _candidates(rows, planned), metrics, out)
         todo = {place: view for place, view in views.items() if not view.is_done}
-        made: dict[_Place, list[CommonRow]] = {}
+        made: dict[ViewKey, list[CommonRow]] = {}
         written = time.monotonic()
         try:
             for place in progress.track(list(todo), "common pixels"):
@@ -77,7 +87,7 @@ def _before(out: Path) -> pd.DataFrame:
         return common_frame([])
 
 
-def _replaced(before: pd.DataFrame, made: Mapping[_Place, Sequence[CommonRow]]) -> pd.DataFrame:
+def _replaced(before: pd.DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]]) -> pd.DataFrame:
     """The table with the new rows of some views."""
     import pandas as pd
 
@@ -87,58 +97,30 @@ def _replaced(before: pd.DataFrame, made: Mapping[_Place, Sequence[CommonRow]]) 
     return pd.concat([table for table in (kept, new) if len(table)] or [new], ignore_index=True)
 
 
-# -- what there is -----------------------------------------------------------------------------------------
+# -- views and their stored scores -------------------------------------------------------------------------
 
 
-def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[_Place, Task]:
+def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[ViewKey, Task]:
     """The views of the jobs that several methods restored, one of them with holes."""
-    whole = _restorations(rows)
-    by_view = whole.groupby(_VIEW, sort=False)
-    several = (by_view["method"].nunique() > 1) & (by_view["coverage"].min() < 1)
-    wanted = set(several.index[several])
+    wanted = differing_views(filled_restorations(rows))
     tasks = {(plan.job.dataset.label, task.base.scene, task.view.name): task for plan in planned for task in plan.tasks}
     return {place: task for place, task in tasks.items() if place in wanted}
 
 
-def _restorations(rows: pd.DataFrame) -> pd.DataFrame:
-    whole = restorations(rows)
-    return whole[whole["coverage"] >= LEAST_FILLED]
-
-
-def _metrics(planned: Sequence[Planned], out: Path) -> PixelMetrics:
-    """The jobs' metrics of pixels."""
-    chosen = {metric.plugin.name: metric for plan in planned for metric in plan.job.metrics}
-    each = scorers(metric for metric in chosen.values() if metric.plugin.is_of_pixels)
-    by_code = {(scorer.plugin.name, scorer.code): scorer for scorer in each}
-    return PixelMetrics(by_code, log_path(out), planned[0].job.view_timeout_s)
-
-
 def _views(
-    rows: pd.DataFrame, before: pd.DataFrame, tasks: Mapping[_Place, Task], metrics: PixelMetrics, out: Path
-) -> dict[_Place, CommonView]:
+    rows: pd.DataFrame, before: pd.DataFrame, tasks: Mapping[ViewKey, Task], metrics: PixelMetrics, out: Path
+) -> dict[ViewKey, CommonView]:
     views = {place: CommonView(task.base, task.view) for place, task in tasks.items()}
-    for place, row in _of_views(_restorations(rows), views):
+    for place, row in of_views(row_objects(filled_restorations(rows)), views):
         if row.data_id == views[place].base.data_id:
             views[place].add(row, Stored(out, tasks[place].place, row))
-    scores = rows[
-        (rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin({m for m, _ in metrics.by_code})
-    ]
-    for place, row in _of_views(scores, views):
-        if row.method in views[place].whole and metrics.of(row):
-            views[place].own_rows.append(row)
-    for place, row in _of_views(before, views):
-        assert isinstance(row, CommonRow)
+    add_scores(views, rows, metrics)
+    for place, common in of_views(common_rows(before), views):
         view = views[place]
-        if row.metric == COMMON_PIXELS:
-            view.before = row
-        elif row.method in view.whole and row.time >= view.whole[row.method].time and row.status != "failed":
-            view.scores[score_of(row)] = row
-    return {place: view for place, view in views.items() if len(view.whole) > 1}
-
-
-def _of_views(rows: pd.DataFrame, views: Mapping[_Place, CommonView]) -> Iterator[tuple[_Place, Row]]:
-    kind, names = (CommonRow, rows.columns) if "pixels" in rows else (Row, COLUMNS)
-    for values in rows[list(names)].itertuples(index=False, name=None):
-        row = kind(**dict(zip(names, values, strict=True)))
-        if (place := (row.dataset, row.scene, row.view)) in views:
-            yield place, row
+        if common.metric == COMMON_PIXELS:
+            view.before = common
+        elif (
+            common.method in view.whole and common.time >= view.whole[common.method].time and common.status != "failed"
+        ):
+            view.scores[score_of(common)] = common
+    return {place: view for place, view in views.items() if view.may_differ}

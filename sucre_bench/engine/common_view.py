@@ -1,36 +1,51 @@
-"""Scores of one view on the pixels that all methods fill, from the pictures and masks that are there of it."""
+"""Scores of one view on the pixels that all methods fill, from the pictures and masks of its restorations."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Protocol
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
 from sucre_bench.arrays import Mask, Picture
-from sucre_bench.engine.score import Scored, Scorer, variant_rows
+from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import InputError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
+from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.log import keep_traceback, now
-from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, CommonRow, Kind
+from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, CommonRow, Kind, ViewKey
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import mask_id
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import Row
+from sucre_bench.results.rows import Row, row_objects
 from sucre_bench.results.stored_pictures import masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["CommonView", "Held", "PixelMetrics", "Score", "Stored", "rows_of", "score_of"]
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = [
+    "CommonView",
+    "PixelMetrics",
+    "RestorationSource",
+    "Score",
+    "Stored",
+    "add_scores",
+    "of_views",
+    "rows_of",
+    "score_of",
+]
 
 Score = tuple[str, str, str, str]  # method, metric, variant, code
+_R = TypeVar("_R", bound=Row)
 
 
-class Held(Protocol):
-    """The stored parts of a restoration. Each raises InputError if it cannot be read."""
+class RestorationSource(Protocol):
+    """The mask and the pictures of a restoration. Each method raises InputError if it cannot read them."""
 
     def mask(self) -> Mask:
         """Return which pixels (H, W) have a colour."""
@@ -41,7 +56,7 @@ class Held(Protocol):
         ...
 
     def restoration(self, mask: Mask) -> Restoration:
-        """Return the restoration with holes outside a mask (H, W); without computed image if that is not there."""
+        """Return the restoration with holes outside a mask (H, W); it has no computed image if none was stored."""
         ...
 
 
@@ -54,21 +69,21 @@ class Stored:
     whole: Row
 
     def mask(self) -> Mask:
-        """See `Held`."""
+        """See `RestorationSource`."""
         return stored_mask(self.out, self.place, self.whole)
 
     def picture(self) -> Picture:
-        """See `Held`."""
+        """See `RestorationSource`."""
         return stored_picture(self.out, self.place, self.whole.method)
 
     def restoration(self, mask: Mask) -> Restoration:
-        """See `Held`."""
+        """See `RestorationSource`."""
         return stored_restoration(self.out, self.place, self.whole, mask)
 
 
 @dataclass(frozen=True)
 class PixelMetrics:
-    """The metrics of pixels that a run asks for.
+    """The requested metrics that score pixels.
 
     by_code: the metrics by name and code; log: keeps tracebacks; limit_s: how long a score may take.
     """
@@ -76,6 +91,14 @@ class PixelMetrics:
     by_code: Mapping[tuple[str, str], Scorer]
     log: Path | None = None
     limit_s: float | None = None
+
+    @classmethod
+    def chosen(
+        cls, metrics: Iterable[MetricChoice], log: Path | None = None, limit_s: float | None = None
+    ) -> PixelMetrics:
+        """Make those of some metrics that score pixels; the last one if several have one name."""
+        by_name = {metric.plugin.name: metric for metric in metrics if metric.plugin.is_of_pixels}
+        return cls({(made.plugin.name, made.code): made for made in scorers(by_name.values())}, log, limit_s)
 
     def of(self, row: Row) -> Scorer | None:
         """The metric that made a score; None if the run asks for another version of it, or for other options."""
@@ -86,22 +109,27 @@ class PixelMetrics:
 class CommonView:
     """A view that several methods restored, one of them with holes.
 
-    base: what its rows say of dataset, scene and view; whole, held: of each method's restoration, the row and what is
-    there of it; own_rows: the scores on own pixels; before: what the folder holds of its common pixels; scores: the
-    same of their scores, as far as these are of the restorations in `whole`.
+    base: a row with its dataset, scene and view; whole, sources: by method, the row of the restoration, and where its
+    mask and pictures come from; own_rows: the scores on own pixels; before: the stored row of its common pixels;
+    scores: the stored scores on common pixels, without those of other restorations than in `whole`.
     """
 
     base: Row
     view: View
     whole: dict[str, Row] = field(default_factory=dict)
-    held: dict[str, Held] = field(default_factory=dict)
+    sources: dict[str, RestorationSource] = field(default_factory=dict)
     own_rows: list[Row] = field(default_factory=list)
     before: CommonRow | None = None
     scores: dict[Score, CommonRow] = field(default_factory=dict)
 
-    def add(self, whole: Row, held: Held) -> None:
-        """Take a method's restoration. whole: its row; held: its stored parts."""
-        self.whole[whole.method], self.held[whole.method] = whole, held
+    def add(self, whole: Row, source: RestorationSource) -> None:
+        """Add the restoration of a method. whole: its row."""
+        self.whole[whole.method], self.sources[whole.method] = whole, source
+
+    @property
+    def may_differ(self) -> bool:
+        """Whether several methods restored the view, one of them with holes."""
+        return len(self.whole) > 1 and any(whole.coverage < 1 for whole in self.whole.values())
 
     @property
     def is_done(self) -> bool:
@@ -113,6 +141,22 @@ class CommonView:
         return is_newest and (
             row.variant != "common" or all(score_of(scored) in self.scores for scored in self.own_rows)
         )
+
+
+def of_views(rows: Iterable[_R], views: Container[ViewKey]) -> Iterator[tuple[ViewKey, _R]]:
+    """Yield the rows of some views, each with the key of its view."""
+    for row in rows:
+        if (key := (row.dataset, row.scene, row.view)) in views:
+            yield key, row
+
+
+def add_scores(views: Mapping[ViewKey, CommonView], rows: pd.DataFrame, metrics: PixelMetrics) -> None:
+    """Add to each view the scores of its restorations on own pixels. rows: of the score table."""
+    names = {name for name, _ in metrics.by_code}
+    scores = rows[(rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin(names)]
+    for key, row in of_views(row_objects(scores), views):
+        if row.method in views[key].whole and metrics.of(row):
+            views[key].own_rows.append(row)
 
 
 def score_of(row: Row) -> Score:
@@ -173,7 +217,7 @@ def _common_mask(view: CommonView) -> tuple[Mask, float]:
     for method, whole in view.whole.items():
         if whole.coverage == 1:
             continue
-        mask = view.held[method].mask()
+        mask = view.sources[method].mask()
         if common is not None and common.shape != mask.shape:
             raise _other_size(f"the mask of {method}", mask, common)
         common = mask if common is None else common & mask
@@ -188,12 +232,12 @@ def _scores(
     metrics: PixelMetrics, view: CommonView, method: str, own_rows: Sequence[Row], common: Mask, pixels: str
 ) -> Iterator[CommonRow]:
     """Score a restored image on the common pixels, by the metrics and variants that it has on its own pixels."""
-    held = view.held[method]
-    picture = held.picture()
+    source = view.sources[method]
+    picture = source.picture()
     if picture.shape[:2] != common.shape:
         raise _other_size(f"the restored image of {method}", picture, common)
     shown = locked(masked(picture / np.float32(255), common))
-    scored, started = Scored(held.restoration(common), shown, view.view), now()
+    scored, started = Scored(source.restoration(common), shown, view.view), now()
     for row in own_rows:
         scorer, base = metrics.of(row), replace(row, time=started)
         for made in variant_rows(scorer.metric, scored, base, metrics.log, metrics.limit_s) if scorer else ():

@@ -8,7 +8,7 @@ views a method restored, and the id of their data. A picture has 8 bits; black i
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -141,7 +141,6 @@ def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:
 def _job(out: Path, dataset: str, scene: str) -> Job:
     """A job of the dataset that the results are of, with all its views."""
     from sucre_bench.jobs.config_file import config_path, read_config
-    from sucre_bench.jobs.shard import Shard
     from sucre_bench.results.rows import unreplicated
 
     _, replicate = unreplicated(scene)
@@ -149,7 +148,7 @@ def _job(out: Path, dataset: str, scene: str) -> Job:
     labels = []
     for job in read_config(path):
         if job.dataset.label == dataset and job.replicate == replicate:
-            return replace(job, views=None, every=1, first=None, shard=Shard())
+            return job.of_all_views()
         labels.append(job.dataset.label)
     told = ", ".join(dict.fromkeys(labels))
     raise InputError(

@@ -44,7 +44,6 @@ def select(overrides: Sequence[str]) -> list[Selection]:
     degrade.within and degrade.keep choose views around one that is restored, and mean nothing here.
     Raises InputError as `config.jobs` does, for data that are not as expected, and for a name that no view has.
     """
-    from sucre_bench.engine.tasks import open_scenes, tasks
     from sucre_bench.jobs import command
 
     job = command.jobs(overrides, False).jobs[0]

@@ -131,6 +131,10 @@ class Job:
         """The degradation with the draws of this replicate."""
         return replace(self.degrade, seed=seed_of(self.degrade.seed, "degrade", self.replicate))
 
+    def of_all_views(self) -> Job:
+        """Return the job with all views of its dataset instead of those that the command chose."""
+        return replace(self, views=None, every=1, first=None, shard=Shard())
+
     @classmethod
     def composed(cls, config: DictConfig, swept: Sequence[str] = ()) -> Job:
         """Read a configuration that Hydra composed. swept: the keys that a sweep varies, see `of`."""

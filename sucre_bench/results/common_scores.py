@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Literal
 from sucre_bench.errors import DamagedTableError, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
-from sucre_bench.results.rows import COLUMNS, Row
+from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -30,7 +30,11 @@ __all__ = [
     "LEAST_FILLED",
     "CommonRow",
     "Kind",
+    "ViewKey",
     "common_frame",
+    "common_rows",
+    "differing_views",
+    "filled_restorations",
     "read_common",
     "write_common",
 ]
@@ -50,6 +54,8 @@ LEAST_DIFFERENCE = 0.01
 # A method that fills a smaller share of an image would leave the others next to nothing: it has no score of this view.
 LEAST_FILLED = 0.01
 
+ViewKey = tuple[str, str, str]  # dataset, scene, view
+
 _COLUMNS = (*COLUMNS, "pixels", "methods")
 
 
@@ -66,11 +72,29 @@ class CommonRow(Row):
         return cls(**{name: getattr(row, name) for name in COLUMNS}, pixels=pixels, methods=json.dumps(sorted(methods)))
 
 
+def filled_restorations(rows: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of restorations that fill enough of their view to take part."""
+    whole = restorations(rows)
+    return whole[whole["coverage"] >= LEAST_FILLED]
+
+
+def differing_views(whole: pd.DataFrame) -> set[ViewKey]:
+    """Return the views that several methods restored, one of them with holes. whole: rows of restorations."""
+    by_view = whole.groupby(["dataset", "scene", "view"], sort=False)
+    may_differ = (by_view["method"].nunique() > 1) & (by_view["coverage"].min() < 1)
+    return set(may_differ.index[may_differ])
+
+
 def common_frame(rows: Iterable[CommonRow]) -> pd.DataFrame:
     """Return rows as a table."""
     import pandas as pd
 
     return pd.DataFrame([asdict(row) for row in rows], columns=list(_COLUMNS))
+
+
+def common_rows(table: pd.DataFrame) -> Iterator[CommonRow]:
+    """Yield each row of a table as a `CommonRow`."""
+    return (CommonRow(*values) for values in values_of(table, *_COLUMNS))
 
 
 def read_common(*folders: Path) -> pd.DataFrame:

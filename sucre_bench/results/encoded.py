@@ -75,5 +75,5 @@ def as_frame(rows: pyarrow.Table) -> pd.DataFrame:
     import pyarrow
 
     text = pyarrow.large_string()
-    columns = [column if name in NUMBERS else column.cast(text) for name, column in zip(COLUMNS, rows, strict=True)]
+    columns = [rows[name] if name in NUMBERS else rows[name].cast(text) for name in COLUMNS]
     return pyarrow.Table.from_arrays(columns, names=list(COLUMNS)).to_pandas().astype(frame([]).dtypes.to_dict())

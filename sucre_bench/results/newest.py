@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.results.rows import _RESTORATION, RESTORATION
+from sucre_bench.results.rows import KEYS, RESTORATION
 
 if TYPE_CHECKING:
     import pyarrow
@@ -30,8 +30,8 @@ def newest(rows: pyarrow.Table) -> pyarrow.Table:
     if not len(rows):
         return rows
     of = _Rows(rows)
-    restoration = of.group(*_RESTORATION)
-    score = of.group(*_RESTORATION, "metric", "variant")
+    restoration = of.group(*KEYS)
+    score = of.group("metric", "variant", within=restoration)
     last = of.last(restoration, np.ones(len(rows), dtype=np.bool_))
     code = of.numbers("code", lambda text: text.split(".")[0])  # of the restoration alone
     kept = np.logical_and.reduce(
@@ -43,7 +43,7 @@ def newest(rows: pyarrow.Table) -> pyarrow.Table:
     kept &= ~of.are("view", "") | (of.time == of.latest(of.group("dataset", "method"), kept))
     kept &= of.time == of.latest(score, kept)
     chosen = np.flatnonzero(kept)
-    _, first = np.unique(of.group(*_RESTORATION, "metric", "variant", "region")[chosen], return_index=True)
+    _, first = np.unique(of.group("region", within=score)[chosen], return_index=True)
     chosen = chosen[np.sort(first)]
     chosen = chosen[np.lexsort([of.places(name)[chosen] for name in ("view", "scene", "method", "dataset")])]
     return rows if np.array_equal(chosen, np.arange(len(rows))) else rows.take(chosen)
@@ -78,11 +78,11 @@ class _Rows:
         column = self.rows[name].combine_chunks()
         return column.dictionary.to_pylist(), column.indices.to_numpy()
 
-    def group(self, *names: str) -> Indices:
-        """A number for each row, below their count, equal where all of these columns are."""
+    def group(self, *names: str, within: Indices | None = None) -> Indices:
+        """A number for each row, below their count, equal where all of these columns are, and `within` if given."""
         import pandas as pd
 
-        group = np.zeros(len(self.rows), dtype=np.int64)
+        group = np.zeros(len(self.rows), dtype=np.int64) if within is None else within
         for name in names:
             texts, numbers = self._texts(name)
             group = pd.factorize(group * len(texts) + numbers)[0]

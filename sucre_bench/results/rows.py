@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 __all__ = [
     "COLUMNS",
     "COSTS",
+    "KEYS",
     "NUMBERS",
     "PREFERENCE",
     "RESTORATION",
@@ -32,6 +33,7 @@ __all__ = [
     "replicated",
     "restoration_rows",
     "restorations",
+    "row_objects",
     "score_rows",
     "tuples",
     "unreplicated",
@@ -100,7 +102,8 @@ def unreplicated(scene: str) -> tuple[str, int]:
 
 
 COLUMNS = tuple(f.name for f in fields(Row))
-_RESTORATION = ["dataset", "scene", "view", "method"]
+# The columns that identify a restoration.
+KEYS = ("dataset", "scene", "view", "method")
 # Columns that are not text, by their type.
 NUMBERS = {
     "value": "float64",
@@ -151,6 +154,11 @@ def tuples(rows: pd.DataFrame, *columns: str) -> Iterator[Any]:
     chosen = columns or tuple(map(str, rows.columns))
     kind = namedtuple("Tuple", chosen, rename=True)  # type: ignore[misc]
     return map(kind._make, values_of(rows, *chosen))
+
+
+def row_objects(rows: pd.DataFrame) -> Iterator[Row]:
+    """Yield each row of a table as a `Row`, without the columns that a `Row` does not have."""
+    return (Row(*values) for values in values_of(rows, *COLUMNS))
 
 
 def restoration_rows(rows: pd.DataFrame) -> pd.DataFrame:

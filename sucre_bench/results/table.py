@@ -41,7 +41,7 @@ _ATTEMPTS = 5  # at reading parts that another process is merging
 def read(out: str | Path, **labels: str) -> pd.DataFrame:
     """Return every row under `out`, table and parts, the newest of each score.
 
-    labels: dataset=, method= for the rows of these alone, which is quicker.
+    labels: a column and its text, for example method= or metric=, for these rows alone, which is quicker.
     Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
     Raises InputError if there are none, DamagedTableError (an InputError) if a file is damaged.
     """

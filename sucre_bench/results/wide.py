@@ -4,12 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
+from sucre_bench.results.rows import KEYS
+
 if TYPE_CHECKING:
     import pandas as pd
 
 __all__ = ["wide"]
 
-_INDEX = ["dataset", "scene", "view", "method"]
+_INDEX = list(KEYS)
 
 
 def wide(rows: pd.DataFrame) -> pd.DataFrame:

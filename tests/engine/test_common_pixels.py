@@ -128,6 +128,13 @@ def test_a_method_that_fails_or_fills_next_to_nothing_leaves_the_others_their_pi
     np.testing.assert_allclose(common["gain"], psnr(slice(0, 30)), rtol=1e-6)
 
 
+def test_a_method_with_holes_on_older_data_takes_no_part(tmp_path: Path, toys: str):
+    sweep(tmp_path, "gain,left_half")
+    sweep(tmp_path, "gain,gain2", "dataset.tag=newer")
+    assert (read_common(tmp_path)["status"] == "ok").all()
+    np.testing.assert_allclose(scores(tmp_path, "common")["gain2"], psnr(slice(0, 60)), rtol=1e-3)
+
+
 def test_methods_that_share_no_pixel_have_no_score_and_this_is_said(tmp_path: Path, toys: str, bench):
     sweep(tmp_path, "left_half,right_half")
     assert scores(tmp_path, "common").isna().all(axis=None)

@@ -23,7 +23,7 @@ from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
 from sucre_bench.programs.verify.pictures import Held, held, picture, restoration_of
 from sucre_bench.results.bundle_format import Bundle
-from sucre_bench.results.rows import COSTS, Row, restorations
+from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
 
 if TYPE_CHECKING:
@@ -110,8 +110,7 @@ def _by_restoration(rows: pd.DataFrame) -> Iterator[pd.DataFrame]:
     """The rows of each restoration that ended well: first the one that stands for it, then its scores."""
     whole = restorations(rows).index
     is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
-    keys = ["dataset", "scene", "view", "method"]
-    for _, of_restoration in rows[is_score | rows.index.isin(whole)].groupby(keys, sort=False):
+    for _, of_restoration in rows[is_score | rows.index.isin(whole)].groupby(list(KEYS), sort=False):
         yield of_restoration
 
 
