@@ -26,7 +26,8 @@ def merge(out: Path) -> pd.DataFrame:
     """Join the parts into the table, and return it. Safe beside jobs at work and other processes that do the same.
 
     A part is renamed before it is read: what its job writes from then on is in new parts. The lock spares work. Without
-    it, on a file system that has none, no row is lost: no file is removed before another one holds its rows.
+    it, on a file system that has none, no row is lost: no file is removed before another one holds its rows. If the
+    file system has no hard links either, two processes that replace the table at the same moment may lose rows.
     """
     if not out.is_dir():
         return frame([])
@@ -109,6 +110,8 @@ def _link(new: Path, table: Path) -> None:
     except (FileExistsError, FileNotFoundError):
         raise
     except OSError:  # no links on this file system
+        if table.exists():
+            raise FileExistsError(table) from None
         new.replace(table)
 
 
