@@ -216,7 +216,7 @@ def _size(plane: Array | None) -> int:
 @cached(LRUCache(_KEPT_BYTES, getsizeof=_size), lock=threading.Lock())
 def _plane(pixels: Pixels, plane: Plane) -> Array | None:
     values = pixels.load(plane)
-    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # unknown
+    if values is not None and plane == "depth" and not hasattr(pixels, "levels"):  # no distance: unknown
         values = np.where(np.isfinite(values) & (values > 0), values, 0).astype(np.float32)
     if values is not None:
         values.setflags(write=False)  # so that no method changes the input of the next

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
+import shlex
 import sys
 from collections.abc import Collection, Sequence
 from pathlib import Path
@@ -63,9 +64,8 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
             say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
         _print(found, tolerance)
         if not data and any(reason.endswith("of the data") for reason in found.unchecked):
-            echo_wrapped(
-                f"more     sucre-bench verify {file} --data DIR; any folder for data that are made, as demo", 9
-            )
+            words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
+            echo_wrapped(f"more     {words}; for the dataset demo, DIR may be any folder", 9)
         echo_wrapped(_verdict(found, is_other))
     sys.exit(0 if found.holds and not is_other else 1)
 

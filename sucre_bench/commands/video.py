@@ -56,7 +56,7 @@ def video(
     sucre-bench video results dive.webm --methods sucre --split --fps 5
 
     RESULTS is a results folder of `sucre-bench run`. The video shows its views in capture order. The
-    numbers lie beside it, for example to dive.mp4.json.
+    command writes the numbers beside the video, for example into dive.mp4.json.
     """
     from sucre_bench.engine.reopen import revisit
     from sucre_bench.errors import InputError

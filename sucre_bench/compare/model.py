@@ -17,9 +17,9 @@ __all__ = [
     "NO_DIFFERENCE",
     "Cell",
     "Column",
+    "ColumnScores",
     "Comparison",
     "Difference",
-    "Measured",
     "Note",
     "NoteKind",
     "Verdict",
@@ -108,7 +108,7 @@ class Cell:
 
 
 @dataclass(frozen=True)
-class Measured:
+class ColumnScores:
     """The numbers behind one column's cells.
 
     methods: (M,) labels; views: (V, M) means per view, no holes; std: (M,) over units; holes: (M,) units that others
@@ -121,9 +121,9 @@ class Measured:
     holes: Array
     independent: Units | None
 
-    def of(self, methods: Sequence[int]) -> Measured:
-        """The same of some of the methods, by their numbers."""
-        return Measured(
+    def of(self, methods: Sequence[int]) -> ColumnScores:
+        """Return the scores of some methods, by their numbers."""
+        return ColumnScores(
             tuple(self.methods[m] for m in methods),
             self.views[:, methods],
             self.std[methods],
@@ -207,7 +207,7 @@ class Comparison:
     stale: tuple[str, ...] = ()
     baseline: str = ""
     notes: tuple[Note, ...] = ()
-    measured: Mapping[Column, Measured] = field(default_factory=dict, repr=False, compare=False)
+    measured: Mapping[Column, ColumnScores] = field(default_factory=dict, repr=False, compare=False)
     photographs: tuple[str, ...] = ()
 
     @property

@@ -144,7 +144,10 @@ def _known(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _St
 def _replaced(
     rows: pd.DataFrame, scored: pd.DataFrame, common: pd.DataFrame, states: Mapping[_Place, _State]
 ) -> pd.DataFrame:
-    """Put common scores in the place of own ones. own: the scores of views whose methods fill different pixels."""
+    """Put common scores in the place of own ones.
+
+    scored: the own scores of views whose methods fill different pixels.
+    """
     import pandas as pd
 
     of = [states[place] for place in _places(scored)]

@@ -12,12 +12,12 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
 from sucre_bench.compare.leads import changes, leads
-from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, Difference, Measured, may_be_chance
+from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, ColumnScores, Difference, may_be_chance
 
 __all__ = ["against", "cells"]
 
 
-def cells(column: Column, measured: Measured, apart: Collection[str] = ()) -> list[Cell]:
+def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -> list[Cell]:
     """Return the cell of each method of `measured`, compared with the best.
 
     apart: methods that are not compared, unless all are: their cells have no place.
@@ -37,7 +37,7 @@ def cells(column: Column, measured: Measured, apart: Collection[str] = ()) -> li
     return made
 
 
-def _ranked(column: Column, measured: Measured, made: Sequence[Cell]) -> list[Cell]:
+def _ranked(column: Column, measured: ColumnScores, made: Sequence[Cell]) -> list[Cell]:
     views, sign = measured.views, _sign(column)
     size = _size(views)
     pairs = _Pairs.of(_means(views) * sign, size, measured.independent)
@@ -58,7 +58,7 @@ def _ranked(column: Column, measured: Measured, made: Sequence[Cell]) -> list[Ce
     ]
 
 
-def against(column: Column, measured: Measured, cells: Sequence[Cell], baseline: int) -> list[Cell]:
+def against(column: Column, measured: ColumnScores, cells: Sequence[Cell], baseline: int) -> list[Cell]:
     """Return the cells with change, wins and effect against the baseline, the method of that number in `measured`.
 
     The methods of `measured` are judged together.
@@ -92,11 +92,14 @@ def _sign(column: Column) -> int:
 def _means(views: Array) -> Array:
     """(M,) of (V, M), each summed without rounding: no order of views changes it."""
     return np.array(
-        [math.fsum(of_view) / len(of_view) if np.isfinite(of_view).all() else np.mean(of_view) for of_view in views.T]
+        [
+            math.fsum(of_method) / len(of_method) if np.isfinite(of_method).all() else np.mean(of_method)
+            for of_method in views.T
+        ]
     )
 
 
-def _interval(column: Column, measured: Measured) -> tuple[Array, Array]:
+def _interval(column: Column, measured: ColumnScores) -> tuple[Array, Array]:
     """The 95 % interval of each mean, within the range of the metric: with few views it would leave that."""
     if measured.independent is None:
         return (np.full(len(measured.methods), np.nan),) * 2

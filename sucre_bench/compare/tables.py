@@ -15,7 +15,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.compare import ranks
 from sucre_bench.compare.bootstrap import Units, pseudo_values
 from sucre_bench.compare.missing import notes
-from sucre_bench.compare.model import Cell, Column, Comparison, Measured, Note
+from sucre_bench.compare.model import Cell, Column, ColumnScores, Comparison, Note
 from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
@@ -250,7 +250,7 @@ def _range(metric: str) -> tuple[float, float]:
     return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
 
 
-def _measured(column: Column, values: pd.DataFrame) -> Measured:
+def _measured(column: Column, values: pd.DataFrame) -> ColumnScores:
     """The numbers of a column. values: units x methods, both sorted, NaN = a hole."""
     complete = values.dropna()
     with np.errstate(invalid="ignore"):  # infinity minus infinity
@@ -258,7 +258,7 @@ def _measured(column: Column, values: pd.DataFrame) -> Measured:
     per_view = complete.groupby(level=_VIEW).mean()
     views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
     independent = _independent(column, views, scenes)
-    return Measured(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)
+    return ColumnScores(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)
 
 
 def _independent(column: Column, views: Array, scenes: list[int]) -> Units | None:

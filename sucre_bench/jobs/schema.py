@@ -76,7 +76,7 @@ def _store_settings(store: ConfigStore) -> None:
     from sucre_bench.jobs.slurm_settings import Settings
 
     Plugins.instance()  # Hydra's own plugins store their settings first; ours replace some
-    for name, settings in (("basic", OneByOne), ("slurm", Settings), ("submitit_slurm", Settings)):
+    for name, settings in (("basic", OneByOneSettings), ("slurm", Settings), ("submitit_slurm", Settings)):
         store.store(group="hydra/launcher", name=name, node=settings, provider="sucre_bench")
     store.store(name="base_run", node=_run_schema())
 
@@ -131,7 +131,7 @@ T = TypeVar("T")
 
 
 @dataclass
-class OneByOne:
+class OneByOneSettings:
     """Options of the launcher that runs the jobs of a sweep in this process: none."""
 
     _target_: str = "sucre_bench.engine.launch.OneByOne"

@@ -94,7 +94,7 @@ def along(rows: pd.DataFrame, study: Study) -> list[Along]:
     rows = without_replicates(rows.assign(data_id=rows["data_id"].mask(is_fresh(rows), "")))
     rows = rows.assign(_value=rows["options"].map(values_of), **{label: rows[label].map(plain)})
     lacking = rows.loc[rows["_value"].isna(), label].unique()
-    notes = tuple(Note("no option", (str(of_dataset),), option=name) for of_dataset in lacking)
+    notes = tuple(Note("no option", (str(each),), option=name) for each in lacking)
     rows = rows[rows["_value"].notna()]
     if group == "dataset" and (rows.groupby("_value", sort=False)["scene"].nunique() == 1).all():
         rows = rows.assign(scene="")  # a scene may be called after the value: views are told apart by name

@@ -59,8 +59,8 @@ def _with_same_patches(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]
     patches = {chart: frozenset(of_chart) for chart, of_chart in hues.groupby("chart")["patch"]}
     of_rows = hues["chart"].map(patches)
     for same in dict.fromkeys(of_rows):
-        of_chart = hues[of_rows == same]
-        yield file_name(of_chart["chart"].iloc[0]), of_chart
+        charts = hues[of_rows == same]
+        yield file_name(charts["chart"].iloc[0]), charts
 
 
 def _pages(hues: pd.DataFrame) -> list[list[str]]:
