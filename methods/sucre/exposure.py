@@ -123,7 +123,10 @@ def differing_exposure(observations: Observations, water: WaterParameters) -> tu
     if gains.max() < (1 + _DIFFERENT) * gains.min():
         return ()
     spread = f"{gains.min():.2f} to {gains.max():.2f}"
-    return (f"exposure seems to differ between views (gains {spread}); exposure=per_view fits it",)
+    return (
+        f"exposure seems to differ between views (gains {spread}); exposure=per_view fits it, "
+        "lamp=true a lamp on the camera",
+    )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

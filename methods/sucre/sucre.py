@@ -187,6 +187,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
                     return with_gains
         if not self.lamp and is_guess(solution):
             solution = photograph_as_colours(observations, self._intensities(view), solution, self.backend, self.device)
+            limits = ()  # no exposure is known without a water
         uncertainty = replace(solution.uncertainty, limits=(*solution.uncertainty.limits, *limits))
         return observations, replace(solution, uncertainty=uncertainty, about=solution.about | about)
 

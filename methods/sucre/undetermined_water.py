@@ -23,7 +23,10 @@ _BETTER = 0.3
 # A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
 _LOST = 1.0
 
-_LIMIT = "these views do not determine the water; the colours are those of the photograph"
+_LIMIT = (
+    "these views do not determine the water; the colours are those of the photograph, and the display stretches them; "
+    "if a lamp on the camera lights the scene, use lamp=true; otherwise take views from more distances"
+)
 
 
 def gains_explain_better(with_gains: Solution, without: Solution) -> bool:
