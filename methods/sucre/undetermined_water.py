@@ -17,7 +17,7 @@ from sucre_bench.multiview.observations import Observations
 __all__ = ["gains_explain_better", "is_guess", "photograph_as_colours"]
 
 # Gains count if they remove at least this share of the residuals, and attenuation falls: the fit without gains took
-# gains for attenuation. Under a lamp that moves with the camera, gains remove residuals too, but attenuation rises.
+# gains for attenuation. A lamp that moves with the camera can pass for gains.
 _BETTER = 0.3
 
 # A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.

@@ -5,8 +5,7 @@ Methods that differ by more than chance leave, and the others are judged anew by
 
 Which method is the best is seen only in the scores, so the family of its leads is all pairs of the methods that are
 left. But if the best method beats every other one by the pair's own Student's interval, it leads them all, however many
-they are (Hung and Fithian 2019). If its lead over the best of the others is chance, few of the others can be far
-behind.
+they are (Hung and Fithian 2019): to do this by chance, it must beat a method that is as good as itself.
 """
 
 from __future__ import annotations
