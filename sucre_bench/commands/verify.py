@@ -63,7 +63,7 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
         if is_other:
             say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
         _print(found, tolerance)
-        if not data and any(reason.endswith("of the data") for reason in found.unchecked):
+        if not data and found.needs_data:
             words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
             echo_wrapped(f"more     {words}; for the dataset demo, DIR may be any folder", 9)
         echo_wrapped(_verdict(found, is_other))

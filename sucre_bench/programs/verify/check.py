@@ -53,8 +53,8 @@ class Verified:
 
     id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
     each; differing: scores that differ; n_agree: number of scores that were computed again and agree; unchecked: scores
-    that were not computed again, by reason; other_versions: metrics whose code here is not the code that made the
-    scores.
+    that were not computed again, by reason; needs_data: whether some of them need the data; other_versions: metrics
+    whose code here is not the code that made the scores.
     """
 
     id: str
@@ -64,6 +64,7 @@ class Verified:
     differing: tuple[Differing, ...]
     n_agree: int
     unchecked: Mapping[str, int]
+    needs_data: bool
     other_versions: tuple[str, ...]
 
     @property
@@ -102,6 +103,7 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
         tuple(check.differing),
         check.n_agree,
         dict(check.unchecked.most_common()),
+        check.needs_data,
         tuple(sorted(check.other_versions)),
     )
 
@@ -141,6 +143,7 @@ class _Check:
         self.faults: list[str] = []
         self.differing: list[Differing] = []
         self.unchecked: Counter[str] = Counter()
+        self.needs_data = False
         self.other_versions: set[str] = set()
         self.n_agree = 0
         self._bundle, self._opened, self._tolerance, self._sizes = bundle, opened, tolerance, sizes
@@ -175,9 +178,10 @@ class _Check:
         for score in scores.itertuples():
             scorer = chosen[score.metric, score.variant]
             doubt = "" if kept.is_sure else "black pixels and holes look alike"
-            if scene is None and isinstance(scorer, Scorer) and "reference" in scorer.plugin.needs:
+            is_inexact = scene is None and isinstance(scorer, Scorer) and "reference" in scorer.plugin.needs
+            if is_inexact:
                 doubt = f"{score.metric} needs the exact reference of the data"  # the bundle has it as a JPEG
-            self._judge(score, scorer, found, pictured, doubt)
+            self._judge(score, scorer, found, pictured, doubt, is_inexact)
 
     def _view(self, row: Any, names: Held, scene: Scene | None, restoration: Restoration) -> View:
         """The view from the data, or else from the bundle's pictures, as far as they go."""
@@ -191,9 +195,18 @@ class _Check:
         return View(row.view, Arrays(pixels, reference=reference))
 
     def _judge(
-        self, score: Any, scorer: Scorer | str, found: Mapping[Key, Row], pictured: Pictured, doubt: str
+        self,
+        score: Any,
+        scorer: Scorer | str,
+        found: Mapping[Key, Row],
+        pictured: Pictured,
+        doubt: str,
+        is_inexact: bool,
     ) -> None:
-        """Count a score as agreeing, differing or not checked. doubt: why a difference would prove nothing."""
+        """Count a score as agreeing, differing or not checked.
+
+        doubt: why a difference would prove nothing; is_inexact: the reason is that the data are not there.
+        """
         again = found.get((score.metric, score.variant, score.region))
         if isinstance(scorer, str):
             self.unchecked[scorer] += 1
@@ -206,6 +219,7 @@ class _Check:
             self.n_agree += 1
         elif doubt:
             self.unchecked[doubt] += 1
+            self.needs_data |= is_inexact
         else:
             self._count_version(score, scorer)
             self.differing.append(_differing(score, again.value))
@@ -217,6 +231,7 @@ class _Check:
             lack = Lack.read(alone.reason)
             assert lack is not None
             self.unchecked[f"{score.metric} {lack.brief} of the data"] += 1
+            self.needs_data = True
         else:
             self.differing.append(_differing(score, math.nan))
 
