@@ -28,13 +28,12 @@ from sucre_bench.arrays import Array
 
 __all__ = ["LEAST_SPREAD", "LEAST_SPREAD_LINEAR", "ImagePrior", "posterior", "prior_of"]
 
-# Least deviation of reflectances. Of .14, .17 and .2 the largest with which no water of the demo loses more than .1 dB
-# to one common noise and .25, as fitted or as shown.
-LEAST_SPREAD = 0.17
+# Least deviation of reflectances. Less of it helps made scenes as shown, more of it charts: docs/sucre.md has figures.
+LEAST_SPREAD = 0.2
 
-# The same in linear light, chosen on a photograph: 2.4 times .2: sRGB's curve raises bright
-# intensities to nearly the power 2.4, which multiplies relative deviations.
-LEAST_SPREAD_LINEAR = 0.48
+# The same in linear light: sRGB's curve raises bright intensities to nearly the power 2.4, which multiplies relative
+# deviations by as much. A photograph agreed.
+LEAST_SPREAD_LINEAR = 2.4 * LEAST_SPREAD
 
 _ROUNDS, _ROUNDS_OF_S = 30, 4
 

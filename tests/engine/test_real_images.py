@@ -31,7 +31,7 @@ def by_chart(rows: pd.DataFrame, method: str) -> dict[str, list[float]]:
     return {str(v): own.sort_values("region")["value"].tolist() for v, own in charts.groupby("view")}
 
 
-SCALE = 0.5  # a third of the time; the angles differ by 0.3 degrees at most
+SCALE = 0.5  # a third of the time; psi of `sucre_plus` is a degree smaller than at full size
 SUCRE = ("sucre_paper", "sucre", "sucre_plus", "sucre_photo")
 
 
