@@ -71,7 +71,7 @@ def rescaled_to_noise(uncertainty: WaterUncertainty, noise: Array) -> WaterUncer
 
 def for_known_water(uncertainty: WaterUncertainty) -> WaterUncertainty:
     """Return the uncertainty when the water is known from elsewhere: colours have noise, the water has no error."""
-    kept = tuple(limit for limit in uncertainty.limits if limit == _TOO_FEW)
+    kept = (_TOO_FEW,) if np.isnan(uncertainty.noise).any() else ()
     error = WaterParameters.of_channels(np.full((3, 3), np.nan))
     return replace(uncertainty, covariance=np.zeros((3, 3, 3)), standard_error=error, limits=kept)
 
