@@ -44,7 +44,7 @@ def test_tiles_of_an_unchanged_image_add_up_to_the_image(shape: tuple[int, int],
 
 
 def test_tiles_join_without_a_step():
-    """Each tile has a value of its own: between two, what is left of them changes over half of the overlap."""
+    """Each tile has a value of its own. Between two tiles the result changes over half of their overlap."""
     value = iter(range(100))
     image = tiled([np.zeros((1, 300, 3), np.float32)], lambda x: np.full_like(x, next(value)), 100, 40)
     steps = np.diff(image[0, :, 0])
