@@ -214,10 +214,11 @@ def test_ctrl_c_cancels_the_jobs_and_keeps_what_they_did(user: Bench):
 def test_jobs_whose_command_was_killed_are_not_doubled(user: Bench):
     overrides = ("dataset.views=2", "shard.count=2", "shard.index=0,1", "method.waits=[v1.png]")
     command = user.start(*overrides)
-    user.until((user.notes / "v1.png.waited").exists, command)
+    waiting = user.job_at("v1.png", command)
+    user.until(lambda: user.at_work() == [waiting], command)  # the other shard's job has stored its view and ended
     command.kill()
     command.communicate()
-    (left,) = {job.partition("_")[0] for job in user.at_work()}
+    left = waiting.partition("_")[0]
     code, said = user.run(*overrides)
     assert code == 1
     assert f"SLURM job {left} of an earlier command is not done" in said
