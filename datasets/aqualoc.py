@@ -35,8 +35,6 @@ from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
 
-__all__ = ["Aqualoc"]
-
 _SEQUENCE = re.compile(r"(harbor_|archaeo_)?images_sequence_0*(\d+)")
 _SIZES = {"harbor": (640, 512), "archaeo": (968, 608)}
 

@@ -25,8 +25,6 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
 
-__all__ = ["Colmap"]
-
 
 @dataset(
     requires=("cv2", "PIL", "tifffile"),

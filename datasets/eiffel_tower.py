@@ -26,8 +26,6 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
-__all__ = ["EiffelTower"]
-
 _YEARS = ("2015", "2016", "2018", "2020")
 
 

@@ -33,8 +33,6 @@ from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
 
-__all__ = ["Flsea"]
-
 _SIZE = (968, 608)
 _CALIBRATIONS = ("*camchain*.yaml", "*results-imucam*.txt")
 

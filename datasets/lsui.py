@@ -21,8 +21,6 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
-__all__ = ["Lsui"]
-
 
 @dataset(
     requires=("cv2", "PIL", "tifffile"),

@@ -37,8 +37,6 @@ from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["Nerfstudio"]
-
 _USUAL = ("transforms.json",), ("transforms_train.json", "transforms_val.json", "transforms_test.json")
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "PERSPECTIVE")
 _FISHEYE = ("OPENCV_FISHEYE",)

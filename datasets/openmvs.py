@@ -28,8 +28,6 @@ from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["Openmvs"]
-
 
 @dataset(
     requires=("cv2", "PIL", "tifffile"),

@@ -19,8 +19,6 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
 
-__all__ = ["Photos"]
-
 
 @dataset(
     requires=("cv2", "PIL", "tifffile"),

@@ -26,8 +26,6 @@ from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Scene
 
-__all__ = ["SeathruNerf"]
-
 _HELD_OUT = 8  # every eighth image by name, from the first, tests what was learned of the others
 
 

@@ -39,8 +39,6 @@ from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["Squid"]
-
 _SIZE = (2737, 1827)  # of the images and maps, which the calibration was made at
 _METRES = {"m": 1.0, "meters": 1.0, "cm": 0.01, "centimeters": 0.01, "mm": 0.001, "millimeters": 0.001}
 

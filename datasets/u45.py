@@ -18,8 +18,6 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
-__all__ = ["U45"]
-
 
 @dataset(
     requires=("cv2", "PIL", "tifffile"),

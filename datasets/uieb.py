@@ -23,8 +23,6 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
-__all__ = ["Uieb"]
-
 _RAW = ("raw-890", "raw890", "raw")
 _REFERENCES = ("reference-890", "reference890", "reference")
 _CHALLENGING = ("challenging-60", "challengingset-60", "challenging")

@@ -38,8 +38,6 @@ from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
 
-__all__ = ["Varos"]
-
 _FAR_M = 25.0
 _FAR_VALUE = 65535
 _CAMERA = "camM0.yaml"

@@ -24,8 +24,6 @@ from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding
 
-__all__ = ["DiveGrayWorld", "RangeStatistics", "pooled"]
-
 Along = Literal["distance", "depth"]
 
 _ROWS = 512  # of an image, counted at once: memory holds a band and never a dive

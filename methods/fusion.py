@@ -30,8 +30,6 @@ from sucre_bench.imaging.filters.white_balance import (
 )
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["Fusion2012", "Fusion2018", "blend", "sharpened", "weight_2012", "weight_2018"]
-
 _EXPOSED = 0.25  # sigma of the exposedness weight (2012)
 _REGULARISER = 0.1  # delta (2018): every input contributes a little everywhere
 

@@ -18,8 +18,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.fill import FillOption, with_filled
 from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
 
-__all__ = ["GaussianSeathru", "Parameters", "negative_log_likelihood"]
-
 Kind = Literal["constant", "two_term"]
 
 # Starts of B, gamma and beta (1/m); the first is the authors' own. On the made scenes, each start ends in a worse

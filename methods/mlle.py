@@ -19,8 +19,6 @@ from sucre_bench.imaging.filters.lab import from_lab, to_lab
 from sucre_bench.imaging.filters.white_balance import stretched_together
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["Mlle", "balanced_chroma", "colour_transfer", "corrected", "enhanced_lightness"]
-
 _DETAIL_PX = 1.0  # standard deviation of the Gaussian that separates detail; not published
 _ZERO = 128.0  # gray's a and b in 8 bits, in which the publication's means are positive
 

@@ -18,8 +18,6 @@ from sucre_bench.imaging.charts.reading import image_from_chart
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View
 
-__all__ = ["ChartDistance", "DistanceVariance"]
-
 Indices = npt.NDArray[np.int64]
 
 

@@ -12,8 +12,6 @@ from sucre_bench.imaging.once import coloured_pixels
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Coverage", "Negative"]
-
 _CHANNELS = {"red": 0, "green": 1, "blue": 2}
 
 

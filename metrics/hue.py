@@ -21,8 +21,6 @@ from sucre_bench.metrics.psi_and_de00 import chart_scores, patch_region
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Hue", "HueError", "expected_hue_deg", "hue_deg", "turn_deg"]
-
 _LOST_DEG = 90.0  # the mean error of a hue at random
 
 

@@ -14,8 +14,6 @@ from sucre_bench.metrics.psi_and_de00 import chart_scores
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Neutral"]
-
 
 @metric(
     symbol=r"chroma of grays $C^*_{ab}$",

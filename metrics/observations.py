@@ -9,8 +9,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Observations"]
-
 _KEYS = {"all": "n_observations", "repeated": "n_repeated", "views": "n_views"}
 
 

@@ -11,8 +11,6 @@ from sucre_bench.metrics.psi_and_de00 import patch_region
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["CHANNELS", "PatchColour"]
-
 CHANNELS = ("red", "green", "blue")
 
 

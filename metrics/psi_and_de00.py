@@ -21,8 +21,6 @@ from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View
 
-__all__ = ["De00", "Psi", "angle_deg", "chart_scores", "patch_region"]
-
 
 @metric(
     role="chart-error",

@@ -13,8 +13,6 @@ from sucre_bench.imaging.once import coloured_pixels
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["SaturatedRed"]
-
 # Half the width of the hues that count as red, degrees; the least saturation and value of HSV.
 _HUE_DEG, _SATURATION, _VALUE = 25.0, 0.5, 0.1
 

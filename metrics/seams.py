@@ -19,8 +19,6 @@ from sucre_bench.imaging.filters.seams import find_seams
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Seams"]
-
 
 @metric(
     role="seams",

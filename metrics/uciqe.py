@@ -33,8 +33,6 @@ from sucre_bench.imaging.once import locked, once
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Uciqe", "uciqe"]
-
 _VARIANTS = {
     "yang2015": "8-bit Lab / 255 with the offset 128 kept, sigma_c = sqrt(mean |1 - (mean c / c)^2|),"
     " s = c / sqrt(c^2 + L^2), as in UCIQE.m (bilityniu/underwater_image_fusion and others), with OpenCV's Lab (D65)",

@@ -13,8 +13,6 @@ from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 from sucre_bench.scene import Water as TrueWater
 
-__all__ = ["Water"]
-
 
 @metric(
     role="diagnosis",

@@ -11,8 +11,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["WaterParameters"]
-
 _CHANNELS = ("red", "green", "blue")
 _PARAMETERS = {
     "veiling_light": "B, in the intensities that the method explains",

@@ -7,8 +7,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["Array", "Mask", "Picture", "coloured", "evenly"]
-
 
 def evenly(count: int, most: int) -> list[int]:
     """Return the places of at most so many of `count` things, in order; all of them where they are no more."""

@@ -15,8 +15,6 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Camera", "depth_at", "distance_map", "pixel_rays", "project", "relative_pose", "scaled_camera", "unproject"]
-
 
 def pixel_rays(camera: Camera) -> Array:
     """Return K^-1 (u + .5, v + .5, 1) of every pixel: (H, W, 3) float32, third component 1."""

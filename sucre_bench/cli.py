@@ -18,8 +18,6 @@ from sucre_bench.machine.shown import escaped_output, with_fewer_letters
 from sucre_bench.machine.standard_streams import open_closed_streams
 from sucre_bench.machine.supervisor import supervised
 
-__all__ = ["SECTIONS", "cli", "main"]
-
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 _QUOTE = "'"
 _LOOP = "Symlink loop from "

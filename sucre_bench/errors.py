@@ -9,29 +9,6 @@ from dataclasses import dataclass
 from numbers import Integral, Real
 from typing import Any, Literal
 
-__all__ = [
-    "ANY_FAULT",
-    "DamagedTableError",
-    "Death",
-    "DiedError",
-    "InputError",
-    "Lack",
-    "NotApplicableError",
-    "OutputError",
-    "PluginError",
-    "SolveError",
-    "StopRequest",
-    "SucreBenchError",
-    "UnknownPluginError",
-    "check_number",
-    "did_you_mean",
-    "in_one_line",
-    "is_number_in",
-    "one_line",
-    "raise_if_stop",
-    "unknown_name",
-]
-
 
 class SucreBenchError(Exception):
     """The base class of all errors that the user can mend. The command line prints their message as one line.

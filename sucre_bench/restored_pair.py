@@ -13,8 +13,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.scene import View
 
-__all__ = ["CommonPoints", "RestoredPair", "RestoredView"]
-
 Indices = npt.NDArray[np.integer[Any]]
 
 

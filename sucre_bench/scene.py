@@ -22,8 +22,6 @@ from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.shown import counted
 
-__all__ = ["Arrays", "Chart", "Encoding", "Pixels", "Plane", "Restoration", "Scene", "Score", "View", "Water"]
-
 Encoding = Literal["gamma", "linear"]
 
 

@@ -17,8 +17,6 @@ from sucre_bench.machine.files import user_cache
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 
-__all__ = ["VERSION", "Demo"]
-
 VERSION = 1  # to be raised whenever equal options make another scene than before
 
 

@@ -23,8 +23,6 @@ from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Chart
 
-__all__ = ["make_once", "write"]
-
 _LAST = "water.json"  # written after all else: a folder without it is not finished
 
 

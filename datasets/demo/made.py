@@ -20,8 +20,6 @@ from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Chart, Water
 
-__all__ = ["MadeScene", "make"]
-
 # Texels are as large as a pixel at 2 m, where the cameras come near; elsewhere coarser, on the boards finer, so that
 # patches have straight edges.
 _NEAR_M = 2.0

@@ -9,8 +9,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Grid", "Noise", "smoothstep"]
-
 _LATTICE = 1024
 _FINER = 2  # the lattice is interpolated to this much finer once, and linearly from then on
 # What a step along z, an octave and a field move the lattice by, so that none of them repeats another.

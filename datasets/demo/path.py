@@ -7,8 +7,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 
-__all__ = ["make_camera", "make_path"]
-
 _RANGE_M = (8.5, 2.2)  # camera to the place looked at, first and last view
 _PITCH_DEG = (45.0, 28.0)  # below the horizon
 _SWAY_DEG = 15.0

@@ -20,8 +20,6 @@ from sucre_bench.datasets.demo.texture import Texture, sample
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Chart
 
-__all__ = ["Surfaces", "build", "render", "visible_charts"]
-
 _GRAZING = 0.2  # cosine; at flatter angles a footprint is not drawn out any longer
 _PATCH_PX = 4.0  # a chart with smaller patches is not worth listing
 _TOLERANCE = 0.01  # of the depth, between a chart and what the ray meets

@@ -12,8 +12,6 @@ from sucre_bench.datasets.demo.terrain import Terrain
 from sucre_bench.datasets.demo.texture import Texture, make_texture
 from sucre_bench.machine.cores import usable_cores
 
-__all__ = ["paint_seabed"]
-
 # Albedos, gamma-encoded sRGB: natural seabed colours, chosen by eye.
 _SAND, _SHELL = (0.72, 0.65, 0.53), (0.90, 0.87, 0.80)
 _ROCK_DARK, _ROCK_LIGHT = (0.34, 0.29, 0.26), (0.66, 0.59, 0.50)

@@ -13,8 +13,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.noise import Grid, Noise, smoothstep
 
-__all__ = ["GROUND", "Terrain", "height_at", "make_terrain", "triangles"]
-
 # What the cameras see of the ground, and a little more; a ray must never miss it.
 GROUND = Grid(x0=-10.0, y0=-5.5, width=20.0, length=16.0, cell=0.025)
 

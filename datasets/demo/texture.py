@@ -14,8 +14,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Texture", "make_texture", "sample"]
-
 _SAMPLES = 3  # a pixel is the mean of 3 x 3 samples
 _LEVELS = 7
 

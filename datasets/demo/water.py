@@ -14,8 +14,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.scene import Water
 
-__all__ = ["LAMP", "WATERS", "Lamp", "Preset", "apply", "lamp_light", "underwater"]
-
 Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
 
 

@@ -31,8 +31,6 @@ from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["Metashape"]
-
 
 @dataset(
     requires=("cv2", "PIL", "tifffile"),

@@ -30,8 +30,6 @@ from sucre_bench.loading.photograph import is_rigid
 from sucre_bench.loading.view_files import scaled_pose
 from sucre_bench.machine.progress import say
 
-__all__ = ["Aligned", "Component", "read_components"]
-
 _REMEDY = "export it again: File > Export > Export Cameras, Agisoft XML"
 _UNDISTORT = "use File > Export > Undistort Photos and dataset.undistorted=true"
 

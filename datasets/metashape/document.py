@@ -20,8 +20,6 @@ from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.loading.find_folders import inside
 from sucre_bench.machine.files import regular
 
-__all__ = ["Chunk", "find_document", "read_chunk"]
-
 _SUFFIXES = (".xml", ".psx", ".psz")
 _LARGEST = 256 << 20  # bytes of XML that are read; a dive of 10,000 photographs has about 20 MB
 _EXPORT = "export it again: File > Export > Export Cameras, Agisoft XML"

@@ -39,8 +39,6 @@ from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Chart, Encoding, Plane, Scene
 
-__all__ = ["Seathru"]
-
 _SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
 _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the images' size first
 

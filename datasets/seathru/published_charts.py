@@ -17,8 +17,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.scene import Chart
 
-__all__ = ["FULL_SIZE", "published_charts"]
-
 FULL_SIZE = (7360, 4912)
 
 

@@ -17,8 +17,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import same_shape
 
-__all__ = ["RAW_SUFFIXES", "raw_size", "read_raw"]
-
 RAW_SUFFIXES = (".arw", ".nef", ".dng")
 
 

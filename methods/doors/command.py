@@ -33,8 +33,6 @@ from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, wate
 from sucre_bench.methods.doors.process import Ended, run_program
 from sucre_bench.methods.doors.template import placeholders
 
-__all__ = ["Command"]
-
 _PER_SCENE = ("input", "depth", "distance", "output")
 _PER_VIEW = (*_PER_SCENE, "name", "width", "height")
 

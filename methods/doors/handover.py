@@ -18,8 +18,6 @@ from sucre_bench.methods.doors.pattern import inside
 from sucre_bench.methods.doors.picture import FileEncoding, encoding_of
 from sucre_bench.scene import View
 
-__all__ = ["DepthFormat", "Handover", "names_for"]
-
 DepthFormat = Literal["png", "npy", "tif"]
 
 # What 16 bits of millimetres can say.

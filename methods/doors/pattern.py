@@ -19,8 +19,6 @@ from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.imaging import image_files
 from sucre_bench.methods.doors.template import placeholders
 
-__all__ = ["SUFFIXES", "ImageFolder", "check_pattern", "inside"]
-
 _ByName = dict[str, list[PurePosixPath]]
 
 SUFFIXES = (*image_files.SUFFIXES, ".npy", ".npz")

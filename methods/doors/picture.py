@@ -21,8 +21,6 @@ from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding, View, Water
 
-__all__ = ["FileEncoding", "Holes", "Reading", "encoding_of", "water_beside"]
-
 FileEncoding = Literal["view", "gamma", "linear"]
 Holes = Literal["alpha", "black", "none"]
 

@@ -11,8 +11,6 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.methods.doors.pattern import ImageFolder, check_pattern
 from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
 
-__all__ = ["Precomputed"]
-
 
 @method(reads=("folder",))
 @dataclass(frozen=True)

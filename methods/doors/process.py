@@ -22,8 +22,6 @@ import numpy as np
 from sucre_bench.errors import InputError
 from sucre_bench.machine.children import environment_of_programs
 
-__all__ = ["Ended", "run_program"]
-
 _KEPT_BYTES = 16_384
 _GRACE_S = 3.0
 _SAMPLE_S = 0.1

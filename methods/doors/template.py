@@ -7,8 +7,6 @@ from collections.abc import Collection
 
 from sucre_bench.errors import InputError, did_you_mean
 
-__all__ = ["placeholders"]
-
 
 def placeholders(template: str, known: Collection[str], option: str) -> frozenset[str]:
     """Return the names of the placeholders in a template, which `str.format` then fills.

@@ -22,8 +22,6 @@ from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_are
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Water
 
-__all__ = ["HazeLines"]
-
 
 @method(
     requires=("cv2", "scipy"),

@@ -12,8 +12,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["WATER_TYPES", "WaterType"]
-
 
 @dataclass(frozen=True)
 class WaterType:

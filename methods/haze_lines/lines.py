@@ -16,8 +16,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.guided_filter import guided_filter
 from sucre_bench.methods.haze_lines.jerlov import WaterType
 
-__all__ = ["along_lines", "channel_transmission", "compensated", "directions", "least_transmission", "transmission"]
-
 _HAZE_FREE = 0.9  # transmission of a line's farthest pixel: it, too, has water before it
 _BAND = 256  # rows at once
 

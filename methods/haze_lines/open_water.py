@@ -12,8 +12,6 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.filters.dark_channel import window_max
 
-__all__ = ["OpenWater", "textureless_area"]
-
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
 _QUANTISATION = 1e-5  # variance added to each channel's, about that of 8 bits: a flat area has none of its own
 

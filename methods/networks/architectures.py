@@ -11,8 +11,6 @@ from collections import OrderedDict
 import torch
 from torch import nn
 
-__all__ = ["FunieGenerator", "TaclGenerator", "WaterNet"]
-
 
 class WaterNet(nn.Module):
     """Gated fusion (Li et al. 2020, sec. V): the sum of three refined images, each times its confidence map.

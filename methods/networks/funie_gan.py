@@ -13,8 +13,6 @@ from sucre_bench.methods.networks.sizes import tiled
 from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
 
-__all__ = ["MULTIPLE", "OVERLAP", "TILE", "FunieGan"]
-
 # Pixels: sides of tiles, what neighbours share, and what sides are multiples of. A pixel sees 90 others to each side at
 # most, fewer than a quarter of the overlap: tiles leave no trace.
 TILE, OVERLAP, MULTIPLE = 1024, 384, 32

@@ -16,8 +16,6 @@ from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.cores import Device, usable_cores
 from sucre_bench.methods.networks.weights import check_file
 
-__all__ = ["Layout", "OnnxNetwork", "model_file", "opened"]
-
 Layout = Literal["auto", "nchw", "nhwc"]
 
 _TYPES = {

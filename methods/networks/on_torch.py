@@ -18,8 +18,6 @@ from sucre_bench.methods.networks.weights import fill
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Architecture", "TorchNetwork", "loaded"]
-
 Architecture = Literal["WaterNet", "FunieGenerator", "TaclGenerator"]
 
 

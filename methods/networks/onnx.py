@@ -19,8 +19,6 @@ from sucre_bench.methods.networks.sizes import resized, tiled
 from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["Onnx"]
-
 Range = Literal["unit", "symmetric", "bytes", "imagenet"]
 
 # ImageNet's mean and standard deviation of RGB in [0, 1]: networks pretrained on it expect (pixel - mean) / deviation.

@@ -9,8 +9,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.machine.progress import track
 
-__all__ = ["limited", "resized", "tiled"]
-
 
 def limited(height: int, width: int, longest: int | None) -> tuple[int, int]:
     """Return the height and width, scaled down so that neither exceeds `longest`; None limits nothing."""

@@ -14,8 +14,6 @@ from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["Tacl"]
-
 
 @method(
     requires=("torch", "PIL"),

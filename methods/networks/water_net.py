@@ -18,8 +18,6 @@ from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.methods.networks.working import restored_at
 from sucre_bench.plugins.ranges import check_ranges
 
-__all__ = ["OVERLAP", "TILE", "WaterNet"]
-
 # Pixels: sides of tiles, and what neighbours share. A pixel sees 13 others to each side, fewer than a quarter of the
 # overlap: tiles leave no trace.
 TILE, OVERLAP = 512, 64

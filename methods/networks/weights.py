@@ -18,8 +18,6 @@ from sucre_bench.machine.files import regular
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["check_file", "fill", "read_state"]
-
 _WRAPPERS = ("state_dict", "model_state_dict", "params", "model", "net", "network", "generator", "netG", "netG_A", "G")
 
 _REMEDY = "give weights of that architecture, or export the network and use method=onnx"

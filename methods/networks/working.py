@@ -8,8 +8,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.methods.networks.sizes import resized
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["restored_at"]
-
 
 def restored_at(view: View, at: tuple[int, int], device: str, run: Callable[[Array], Array]) -> Restoration:
     """Return the whole image of a view, restored by `run` at another size and brought back to the view's.

@@ -13,8 +13,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.water_column import TwoTerm
 
-__all__ = ["Kind", "amplified", "at_bound", "constant_attenuation", "fit_attenuation", "illuminant_by_distance"]
-
 Kind = Literal["two_term", "constant"]
 
 _STEPS = 100  # of distance, a median each

@@ -14,8 +14,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Backscatter", "dark_pixels", "fit_backscatter"]
-
 # Starts of the two rates, 1/m, for each pair of which the two factors follow linearly; as many as are worth refining.
 _RATES = (0.05, 0.2, 0.8, 3.0)
 _REFINED = 3

@@ -17,8 +17,6 @@ from sucre_bench.arrays import Array, Mask
 if TYPE_CHECKING:
     from scipy.sparse import csr_array
 
-__all__ = ["local_average"]
-
 _ROUNDS = 100
 _CONVERGED = 1e-5
 

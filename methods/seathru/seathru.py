@@ -32,8 +32,6 @@ from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
 from sucre_bench.methods.seathru.illuminant import local_average
 from sucre_bench.scene import Encoding
 
-__all__ = ["Seathru"]
-
 _GREY_LEVEL = 1 / 255
 
 

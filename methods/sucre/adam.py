@@ -32,8 +32,6 @@ from sucre_bench.multiview.observations import Observations
 if TYPE_CHECKING:
     import torch
 
-__all__ = ["Fit", "Objective", "minimise"]
-
 # Pixels in a block. CPU: 0.5 MB an array; 200 evaluations of 3.15 M observations on 2 cores took 11.5 s with 2^15,
 # where calls dominate, 8.2 s with 2^16, 8.5 s with 2^17, 9.3 s with 2^18; larger ones suffer less on a busy machine.
 # GPU: launches dominate until a block fills the device.

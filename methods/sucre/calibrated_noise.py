@@ -27,8 +27,6 @@ from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["calibrated", "noise_parts"]
-
 # Pixels that the noise is estimated on, the fewest that tell it, and classes of transmission.
 _SAMPLE, _FEWEST, _CLASSES = 30_000, 200, 12
 

@@ -16,16 +16,6 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
-__all__ = [
-    "CHANNELS",
-    "ROUNDING",
-    "WaterUncertainty",
-    "for_known_water",
-    "is_determined",
-    "rescaled_to_noise",
-    "uncertainty_of",
-]
-
 CHANNELS = ("red", "green", "blue")
 _PARAMETERS = ("veiling light", "attenuation", "backscatter")
 

@@ -27,8 +27,6 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Indices, Observations
 
-__all__ = ["even_deviation", "evened"]
-
 # Side of the window of a mean, the largest gap that is closed, and the width of a field's rim, pixels.
 _WINDOW, _GAP, _RIM = 9, 7, 12.0
 

@@ -32,8 +32,6 @@ from sucre_bench.methods.sucre.starting_points import bounds_for, promising
 from sucre_bench.methods.sucre.weak_priors import has_veil, undetermined, with_priors
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["SAMPLE", "WaterFit", "fit", "sampled"]
-
 # Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
 SAMPLE = 20_000
 

@@ -24,8 +24,6 @@ from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Indices, Observations
 
-__all__ = ["Exposure", "corrected", "differing_exposure", "estimate"]
-
 # Pixels that the gains are fitted to.
 _SAMPLE = 5_000
 

@@ -12,8 +12,6 @@ from sucre_bench.imaging.fill import deviation_of_guess, fill_distances, filled_
 from sucre_bench.methods.sucre.shrink_noisy_colours import ImagePrior
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["guessed"]
-
 
 def guessed(restoration: Restoration, view: View, prior: ImagePrior | None = None) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.

@@ -15,8 +15,6 @@ from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
-__all__ = ["check_source", "water_by", "water_of"]
-
 # Largest values that are accepted. Adam has no bounds and may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
 

@@ -23,8 +23,6 @@ from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Indices, Observations
 
-__all__ = ["Lamp", "LampFit", "Sample", "estimate", "lit", "reduced_system", "residuals", "starting_point"]
-
 # Pixels that the starts are tried on, and that the best is refined on.
 _SCREEN, _SAMPLE = 400, 10_000
 

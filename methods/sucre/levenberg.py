@@ -17,8 +17,6 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
-__all__ = ["Bounds", "Minimum", "minimise"]
-
 _FIRST_DAMPING = 1e-3
 
 # With so much damping no step of any length lowers the cost: it is at its rounding, or at a kink.

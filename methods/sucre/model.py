@@ -17,8 +17,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["WaterParameters", "derivatives", "predict", "transmission", "veil"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class WaterParameters:

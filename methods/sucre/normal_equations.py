@@ -18,8 +18,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["ReducedSystem"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class ReducedSystem:

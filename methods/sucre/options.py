@@ -23,8 +23,6 @@ from sucre_bench import InputError
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.kernels import Backend
 
-__all__ = ["ColourOptions", "ComputeOptions", "FitOptions", "PairingOptions", "WaterOptions", "Way", "check", "way_of"]
-
 
 class Way(enum.Enum):
     """How the water is found. The value holds the options that go with it and no other way."""

@@ -26,8 +26,6 @@ from sucre_bench.methods.sucre.diagnostics import CHANNELS
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Indices, Observations
 
-__all__ = ["residuals"]
-
 # Number of observations used, and the largest leverage.
 _SAMPLE, _DECISIVE = 200_000, 0.9
 

@@ -29,8 +29,6 @@ from sucre_bench.multiview.observations import Observations
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
 
-__all__ = ["LEAST_NOISE", "fit_robustly", "reweighted", "robust_noise"]
-
 # c^2, in the misfit's units: a good observation has s^2 about 3, one for each channel. On clean data with normal noise
 # colours lose .1 dB to the weights; a third of it would lose .6 dB.
 _C2 = 30.0

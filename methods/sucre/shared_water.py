@@ -15,8 +15,6 @@ from sucre_bench.methods.sucre.exact import SAMPLE, sampled
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
-__all__ = ["samples"]
-
 
 def samples(
     scene: Scene,

@@ -26,8 +26,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["LEAST_SPREAD", "LEAST_SPREAD_LINEAR", "ImagePrior", "posterior", "prior_of"]
-
 # Least deviation of reflectances. Less of it helps made scenes as shown, more of it charts: docs/sucre.md has figures.
 LEAST_SPREAD = 0.2
 

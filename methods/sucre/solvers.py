@@ -22,8 +22,6 @@ from sucre_bench.methods.sucre.kernels import Backend, Kernel, backend_for, open
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["Solution", "colours_for_water", "solve_adam", "solve_adam_closed_form", "solve_exact", "start_of"]
-
 # The paper's start: J = I and B = beta = gamma = 0.1.
 _INITIAL_WATER = WaterParameters.of_channels(np.full((3, 3), 0.1))
 

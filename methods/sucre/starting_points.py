@@ -16,8 +16,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.levenberg import Bounds
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
-__all__ = ["bounds_for", "promising"]
-
 # Attenuation and backscatter over the typical distance: a twentieth of the light lost, to nearly all.
 _GRID = (0.05, 0.2, 0.7, 2.0, 6.0)
 

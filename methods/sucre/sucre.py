@@ -36,8 +36,6 @@ if TYPE_CHECKING:
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
-__all__ = ["Sucre"]
-
 # Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
 _MATCHED, _FEWEST_MATCHED = 20_000, 200
 

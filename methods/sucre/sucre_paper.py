@@ -10,8 +10,6 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.machine.cores import Device
 
-__all__ = ["CITES", "SucrePaper"]
-
 CITES = (
     "Boittiaux, Marxer, Dune, Arnaubec, Ferrera & Hugel 2024, SUCRe: Leveraging Scene Structure for Underwater "
     "Color Restoration, 3DV"

@@ -8,8 +8,6 @@ from sucre_bench import method
 from sucre_bench.methods.sucre.sucre import Sucre
 from sucre_bench.methods.sucre.sucre_paper import CITES
 
-__all__ = ["SucrePlus"]
-
 
 @method(
     needs={"depth", "poses"},

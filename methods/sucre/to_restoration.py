@@ -20,8 +20,6 @@ from sucre_bench.scene import Encoding, Restoration, View, Water
 # The share of an image's colours from which on a fault is reported.
 _MANY = 0.1
 
-__all__ = ["named", "restoration", "with_residuals"]
-
 
 @contextmanager
 def named(view: View) -> Iterator[None]:

@@ -14,8 +14,6 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, start_of
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["gains_explain_better", "is_guess", "photograph_as_colours"]
-
 # Gains count if they remove at least this share of the residuals, and attenuation falls: the fit without gains took
 # gains for attenuation. A lamp that moves with the camera can pass for gains.
 _BETTER = 0.3

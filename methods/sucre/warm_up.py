@@ -12,8 +12,6 @@ from sucre_bench.multiview.footprints import matched_footprints
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Arrays, View
 
-__all__ = ["compile_for"]
-
 _PX = 8
 
 

@@ -23,8 +23,6 @@ from sucre_bench.methods.sucre.diagnostics import WaterUncertainty
 from sucre_bench.methods.sucre.model import veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 
-__all__ = ["has_veil", "undetermined", "with_priors"]
-
 # Deviations of the priors, as optical depths.
 _ALIKE, _DEPTH = 0.5, 3.0
 

@@ -18,8 +18,6 @@ from sucre_bench.plugins.decorators import metric
 from sucre_bench.restored_pair import RestoredPair
 from sucre_bench.scene import Score
 
-__all__ = ["Consistency", "PointContrast"]
-
 # Upper ends of the ranges of |difference in distance| that have a region of their own, metres.
 _STEPS = (0.25, 0.5, 1.0, 2.0, 4.0, 8.0, 16.0)
 

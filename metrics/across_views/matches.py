@@ -26,8 +26,6 @@ from sucre_bench.plugins.decorators import metric
 from sucre_bench.restored_pair import CommonPoints, RestoredPair
 from sucre_bench.scene import Encoding, Score, View
 
-__all__ = ["Matches"]
-
 # Keypoints are sought in images of at most so many pixels a side, and so many are kept, the strongest.
 _SIDE_PX, _MOST = 1280, 4000
 

@@ -25,8 +25,6 @@ from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.reasons import Reason
 from sucre_bench.scene import Score
 
-__all__ = ["RangeSlope", "RangeSlopeError"]
-
 # Half of the smallest step of 8 bits, in linear light: less counts as this much.
 _DARKEST = 0.5 / 255 / 12.92
 

@@ -24,8 +24,6 @@ from sucre_bench.metrics.similarity.loops import RADIUS, mean_ssim, squared_erro
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
-__all__ = ["Psnr", "Ssim"]
-
 _GRAY = Resizing(256)
 
 

@@ -13,8 +13,6 @@ from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.machine.cores import usable_cores
 
-__all__ = ["RADIUS", "mean_ssim", "squared_error"]
-
 Image = npt.NDArray[Any]
 RADIUS = 5  # the widest window reaches so far
 _BAND, _TILE = 128, 512  # rows a thread takes at a time; columns whose sums stay in the processor's cache

@@ -16,8 +16,6 @@ from sucre_bench.imaging.eight_bit import eight_bit
 from sucre_bench.imaging.once import once
 from sucre_bench.machine.compiling import compiled
 
-__all__ = ["Extremes", "edge_extremes", "level_extremes", "resized_extremes", "whole_blocks", "whole_resized_blocks"]
-
 Plane = npt.NDArray[np.uint8]
 
 

@@ -12,8 +12,6 @@ from sucre_bench.imaging.counted import Counted
 from sucre_bench.imaging.eight_bit import palette
 from sucre_bench.imaging.once import once
 
-__all__ = ["Colourfulness", "uicm"]
-
 _ALPHA = 0.1  # the share trimmed at each end
 
 

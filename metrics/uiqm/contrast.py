@@ -18,8 +18,6 @@ from sucre_bench.metrics.uiqm.blocks import (
     whole_resized_blocks,
 )
 
-__all__ = ["Contrast", "uiconm", "uiconm_blocks"]
-
 _PLIP = 1026.0  # gamma and k
 _LUMA, _REC709 = (299, 587, 114), (2125, 7154, 721)  # thousandths, ten-thousandths
 

@@ -18,8 +18,6 @@ from sucre_bench.metrics.uiqm.blocks import (
     whole_resized_blocks,
 )
 
-__all__ = ["Sharpness", "eme", "uism", "uism_blocks"]
-
 Zero = Literal["nothing", "one", "almost"]
 
 

@@ -11,8 +11,6 @@ import click
 
 from sucre_bench.machine.notices import say
 
-__all__ = ["bundle"]
-
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))

@@ -12,8 +12,6 @@ from sucre_bench.machine.shown import counted
 if TYPE_CHECKING:
     from sucre_bench.programs.mark_charts.session import Session
 
-__all__ = ["charts"]
-
 _DATASET = "colmap"  # reads images that are given without dataset=
 
 

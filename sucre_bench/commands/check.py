@@ -13,8 +13,6 @@ from sucre_bench.commands.complete import complete_words
 if TYPE_CHECKING:
     from sucre_bench.programs.contract.contract import Outcome, Subject
 
-__all__ = ["check"]
-
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument("plugin")

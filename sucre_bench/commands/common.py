@@ -8,16 +8,6 @@ from typing import Any, TypeVar
 
 import click
 
-__all__ = [
-    "KINDS",
-    "echo_wrapped",
-    "json_option",
-    "labels_of",
-    "plugin_files_option",
-    "plugin_option",
-    "refuse_options",
-]
-
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 # As `plugins.KINDS`, which would import numpy for every --help.

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.compare import Comparison, Gated
 
-__all__ = ["compare"]
-
 
 @click.command()
 @click.argument("folders", nargs=-1, required=True, type=click.Path(path_type=Path))

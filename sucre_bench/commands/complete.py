@@ -15,8 +15,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.plugins.options import Option
 
-__all__ = ["complete_datasets", "complete_metrics", "complete_run", "complete_views", "complete_words", "places"]
-
 # Words of `sucre-bench run` whose values are these alone; booleans are known by their type.
 _VALUES = {
     "hydra/launcher": ("joblib", "slurm"),

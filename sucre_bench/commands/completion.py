@@ -17,8 +17,6 @@ from click.shell_completion import CompletionItem, ShellComplete, add_completion
 
 from sucre_bench.commands.complete import places
 
-__all__ = ["completion", "install"]
-
 _VARIABLE, _PROGRAM = "_SUCRE_BENCH_COMPLETE", "sucre-bench"
 _OPEN = ("=", ".", "/")  # the end of a word that goes on
 

@@ -9,8 +9,6 @@ import click
 from sucre_bench.commands import complete
 from sucre_bench.commands.common import json_option, plugin_option, refuse_options
 
-__all__ = ["describe"]
-
 _SUFFIXES = (".png", ".jpg", ".jpeg")
 
 

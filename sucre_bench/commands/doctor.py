@@ -10,8 +10,6 @@ import click
 
 from sucre_bench.commands.common import json_option
 
-__all__ = ["doctor"]
-
 
 @click.command("doctor")
 @click.option(

@@ -9,8 +9,6 @@ import click
 from sucre_bench.commands.common import plugin_option
 from sucre_bench.machine.notices import say
 
-__all__ = ["lineup"]
-
 
 @click.command()
 @click.argument("folder", metavar="RESULTS", type=click.Path(path_type=Path))

@@ -18,8 +18,6 @@ from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Plugin
 
-__all__ = ["list_"]
-
 
 @click.command("list")
 @click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))

@@ -9,8 +9,6 @@ import click
 
 from sucre_bench.commands.common import KINDS
 
-__all__ = ["new"]
-
 
 @click.command()
 @click.argument("kind", type=KINDS)

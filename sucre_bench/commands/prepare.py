@@ -8,8 +8,6 @@ from typing import Any
 
 import click
 
-__all__ = ["prepare"]
-
 _CAMERAS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
 _MOST_NAMED = 5  # left-out photos of a kind that are named
 

@@ -12,8 +12,6 @@ import click
 from sucre_bench.commands import complete
 from sucre_bench.commands.common import json_option, plugin_files_option, refuse_options
 
-__all__ = ["run"]
-
 
 @click.command(context_settings={"ignore_unknown_options": True})
 @click.argument(

@@ -15,8 +15,6 @@ from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.measured_rates import rates_path
 from sucre_bench.machine.pace import duration
 
-__all__ = ["as_json", "show"]
-
 
 def show(found: Forecast) -> None:
     """Print a line for each dataset and method, their sum, and what the numbers rest on."""

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from sucre_bench.compare import Comparison
     from sucre_bench.engine.outcome import Fault
 
-__all__ = ["as_object", "compared", "show", "track"]
-
 _EVERYTHING = ("--intervals", "--all-metrics")
 
 

@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.programs.match_published import PublishedTable
 
-__all__ = ["score"]
-
 
 @click.command()
 @click.argument("images", type=click.Path(path_type=Path))

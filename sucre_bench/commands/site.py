@@ -18,8 +18,6 @@ from sucre_bench.machine.shown import counted
 if TYPE_CHECKING:
     from sucre_bench.programs.site.board import Entry
 
-__all__ = ["site"]
-
 
 @click.command()
 @click.argument("bundles", type=click.Path(path_type=Path))

@@ -16,8 +16,6 @@ from sucre_bench.machine.notices import say
 if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated
 
-__all__ = ["study"]
-
 _LARGE = 20_000_000  # bytes; many mail servers refuse more
 
 

@@ -9,8 +9,6 @@ import click
 
 from sucre_bench.commands.common import plugin_option
 
-__all__ = ["texture"]
-
 
 @click.command()
 @click.argument("results", type=click.Path(path_type=Path))

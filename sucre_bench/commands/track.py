@@ -9,8 +9,6 @@ import click
 
 from sucre_bench.machine.shown import counted
 
-__all__ = ["track"]
-
 
 @click.command()
 @click.argument("folder", type=click.Path(path_type=Path))

@@ -20,8 +20,6 @@ from sucre_bench.programs.verify import TOLERANCE
 if TYPE_CHECKING:
     from sucre_bench.programs.verify.check import Verified
 
-__all__ = ["data_folders", "verify"]
-
 _MOST = 20  # scores that are listed
 
 

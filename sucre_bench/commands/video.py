@@ -16,8 +16,6 @@ from sucre_bench.machine.json_text import json_text
 if TYPE_CHECKING:
     from sucre_bench.programs.video.flicker import Flicker
 
-__all__ = ["video"]
-
 
 @click.command()
 @click.argument("results", type=click.Path(path_type=Path))

@@ -15,8 +15,6 @@ from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.words import listed
 from sucre_bench.machine.shown import counted
 
-__all__ = ["answer", "blind", "over_views", "rough"]
-
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
     """Return one or two sentences by the chosen columns; none where there is nothing to decide."""

@@ -30,8 +30,6 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Pair", "Units", "differences", "mean_intervals", "pseudo_values"]
-
 # With 5000 resamples, half an interval differs between seeds by 2 %, with 2000 by 3 %: enough for its two figures.
 _RESAMPLES, _FEWEST = 5000, 2000
 _DRAWS = 10_000_000  # more than these only for the fewest resamples

@@ -14,8 +14,6 @@ from sucre_bench.compare.pixels import says_filled
 from sucre_bench.plugins.plugin import Plugin, Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
-__all__ = ["Deciding", "deciding", "decisive"]
-
 _MOST = 4
 # Roles of scores that know the true colours, and how many metrics of each are taken.
 _TRUE_COLOURS: tuple[tuple[Role, int], ...] = (("similarity", 2), ("chart-error", 1), ("colour-difference", 1))

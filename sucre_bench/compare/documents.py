@@ -15,8 +15,6 @@ from sucre_bench.compare.words import Shown, blocks, left_out, legend, shown, ti
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.results.csv_text import csv_text
 
-__all__ = ["Format", "as_text"]
-
 _PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points
 
 Format = Literal["md", "latex", "html", "csv", "json"]

@@ -18,8 +18,6 @@ from sucre_bench.errors import InputError, did_you_mean
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Gate", "Gated", "gated"]
-
 _WORST = 5
 
 

@@ -12,8 +12,6 @@ from sucre_bench.compare.words import Shown, blocks, shown
 if TYPE_CHECKING:
     from rich.text import Text
 
-__all__ = ["LaidOut", "aligned"]
-
 _STYLE = {"best": "bold green", "second": "underline", "better": "green", "worse": "red"}
 _SHORTEST_NAMES = 20  # characters that the names of methods have at least
 

@@ -18,8 +18,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Pair, Units, differences
 
-__all__ = ["changes", "leads"]
-
 
 def leads(units: Units, best: int) -> Array:
     """Return half the length of the interval of the best method's lead over each other one (M,).

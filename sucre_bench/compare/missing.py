@@ -14,8 +14,6 @@ from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuple
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["notes"]
-
 _REPETITION = ["scene", "view", "_replicate"]
 
 _View = tuple[str, str]  # scene and view

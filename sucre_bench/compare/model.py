@@ -11,21 +11,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units
 from sucre_bench.results.rows import COSTS
 
-__all__ = [
-    "EQUAL",
-    "FEWEST_VIEWS",
-    "NO_DIFFERENCE",
-    "Cell",
-    "Column",
-    "ColumnScores",
-    "Comparison",
-    "Difference",
-    "Note",
-    "NoteKind",
-    "Verdict",
-    "may_be_chance",
-]
-
 # A difference and the ends of its 95 % interval.
 Difference = tuple[float, float, float]
 NO_DIFFERENCE: Difference = (math.nan, math.nan, math.nan)

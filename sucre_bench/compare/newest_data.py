@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["is_fresh"]
-
 
 def is_fresh(rows: pd.DataFrame) -> pd.Series:
     """Return which rows come from the newest data of their scene."""

@@ -5,8 +5,6 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 
-__all__ = ["NUMBERS", "NumberRule", "number", "signed"]
-
 
 @dataclass(frozen=True)
 class NumberRule:

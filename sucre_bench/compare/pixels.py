@@ -24,16 +24,6 @@ from sucre_bench.results.rows import restoration_rows, restorations, values_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "FILLED",
-    "NOT_SCORED",
-    "Pixels",
-    "filled_rows",
-    "on_pixels",
-    "pixel_notes",
-    "says_filled",
-]
-
 Pixels = Literal["own", "common"]
 
 # The column that says which share of the image each method fills, beside scores of which this matters.

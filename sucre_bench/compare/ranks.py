@@ -14,8 +14,6 @@ from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
 from sucre_bench.compare.leads import changes, leads
 from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, ColumnScores, Difference, may_be_chance
 
-__all__ = ["against", "cells"]
-
 
 def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -> list[Cell]:
     """Return the cell of each method of `measured`, compared with the best.

@@ -19,8 +19,6 @@ from sucre_bench.results.rows import COSTS, values_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["load", "refuse"]
-
 T = TypeVar("T")
 
 _SCORE = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score

@@ -25,8 +25,6 @@ from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["against", "asked_for", "compare", "only", "without_replicates"]
-
 _VIEW = ["scene", "view"]
 _UNIT = [*_VIEW, "region"]
 _REPETITION = [*_UNIT, "_replicate"]

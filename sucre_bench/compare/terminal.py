@@ -25,8 +25,6 @@ if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
 
-__all__ = ["as_blocks", "as_table"]
-
 _MOST_NOTES = 3
 _MOST_BLOCKS = 3  # datasets with a block of their own
 

@@ -7,8 +7,6 @@ from collections.abc import Iterator
 
 from sucre_bench.compare.model import Column, Comparison, Verdict, may_be_chance
 
-__all__ = ["verdicts"]
-
 
 def verdicts(comparison: Comparison) -> list[Verdict]:
     """Return the best method's lead over the second for each score; none for scores in which nobody leads.

@@ -12,9 +12,6 @@ from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Note, Ve
 from sucre_bench.compare.numbers import number, signed
 from sucre_bench.machine.shown import counted
 
-__all__ = ["ARROW", "Shown", "blocks", "left_out", "legend", "listed", "shown", "title", "verdict_text"]
-
-
 _MOST_NAMES = 4
 
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}

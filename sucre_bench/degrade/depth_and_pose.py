@@ -7,8 +7,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.degrade.draws import random_field
 
-__all__ = ["noisy_depth", "noisy_pose", "with_holes"]
-
 
 def noisy_depth(depth: Array, relative_sd: float, grain_px: float, rng: np.random.Generator) -> Array:
     """Return depth d (1 + sd n), (H, W) float32 metres, n a Gaussian random field; negative values become 0.

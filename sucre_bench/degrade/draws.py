@@ -8,8 +8,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["generator", "random_field"]
-
 
 def generator(seed: int, *names: str) -> np.random.Generator:
     """Return the generator of a seed and names: of the scene, the view and the quantity."""

@@ -14,8 +14,6 @@ from sucre_bench.errors import unknown_name
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Water
 
-__all__ = ["VIEWS", "Degradation", "hashed"]
-
 _VERSION = 1  # increase this when equal degradations give other data than before
 
 _RANGES = {

@@ -11,8 +11,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.scene import Encoding
 
-__all__ = ["blurred", "noisy", "quantised", "shrunk", "through_jpeg"]
-
 
 def blurred(image: Array, sd_px: float, encoding: Encoding) -> Array:
     """Return an image blurred by a Gaussian in linear light, like a lens."""

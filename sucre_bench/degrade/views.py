@@ -6,8 +6,6 @@ from collections.abc import Sequence
 
 import numpy as np
 
-__all__ = ["kept_views"]
-
 
 def kept_views(
     names: Sequence[str], target: str, within: int | None, keep: int | None, rng: np.random.Generator

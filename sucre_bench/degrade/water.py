@@ -11,8 +11,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.scene import Water
 
-__all__ = ["read_water", "under_water"]
-
 _PLACE = "degrade.add_water"
 
 

@@ -37,8 +37,6 @@ from sucre_bench.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["score_across_views"]
-
 
 def score_across_views(planned: Sequence[Planned]) -> None:
     """Score what the jobs' metrics of pairs lack, and write the rows. Raises OutputError if they cannot be written."""

@@ -33,8 +33,6 @@ from sucre_bench.results.rows import RESTORATION, Row, restorations, row_objects
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["score_folders"]
-
 _Restoration = tuple[str, str, str, str, str]  # dataset, scene, view, method, time
 
 

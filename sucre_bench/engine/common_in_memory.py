@@ -26,8 +26,6 @@ from sucre_bench.scene import Restoration, View
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["InMemory", "score_in_memory"]
-
 _Of = tuple[str, str]  # view, label
 
 

@@ -45,8 +45,6 @@ from sucre_bench.results.rows import row_objects
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["score_on_common_pixels"]
-
 _FLUSH_S = 30.0
 _VIEW = ["dataset", "scene", "view"]
 

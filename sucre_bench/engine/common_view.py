@@ -28,18 +28,6 @@ from sucre_bench.scene import Restoration, View
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "CommonView",
-    "PixelMetrics",
-    "RestorationSource",
-    "Score",
-    "Stored",
-    "add_scores",
-    "of_views",
-    "rows_of",
-    "score_of",
-]
-
 Score = tuple[str, str, str, str]  # method, metric, variant, code
 _R = TypeVar("_R", bound=Row)
 

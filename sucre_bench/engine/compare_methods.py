@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from PIL.Image import Image
 
-__all__ = ["Compared", "compare_methods"]
-
 Methods = Sequence[Any] | Mapping[str, Any]
 _GAP = 4  # pixels between the pictures of a plot
 

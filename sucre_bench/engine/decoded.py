@@ -12,8 +12,6 @@ from sucre_bench.jobs.job import Job
 from sucre_bench.machine.array_store import ArrayStore, storing
 from sucre_bench.results.layout import decoded_path
 
-__all__ = ["remove_decoded", "share_decoded", "sharing_decoded"]
-
 
 def share_decoded(planned: Sequence[Planned]) -> None:
     """Make the folder that tells jobs to share, where anything would be decoded twice. No disk for it is no fault."""

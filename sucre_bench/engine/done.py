@@ -17,8 +17,6 @@ from sucre_bench.results.stored_files import are_as_written
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Done"]
-
 
 @dataclass(slots=True)
 class _Kept:

@@ -34,8 +34,6 @@ from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.results.rows import fingerprint
 from sucre_bench.scene import Scene, View
 
-__all__ = ["Expected", "Forecast", "forecast"]
-
 # The measured views have so many megapixels, so many neighbours on each side, and are restored so many times.
 _MEGAPIXELS, _NEIGHBOURS, _TIMES = (0.1, 0.8), 3, 2
 # A process with the libraries of the numerics, and the planes of a view in memory, MB and MB a megapixel.

@@ -15,8 +15,6 @@ from pathlib import Path
 
 from sucre_bench.errors import PluginError
 
-__all__ = ["limited", "unharmed"]
-
 _GRACE_S = 5.0  # for code that does not return to Python
 _STREAMS = ("stdout", "stderr")
 

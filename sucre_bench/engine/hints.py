@@ -9,8 +9,6 @@ from contextlib import contextmanager
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 
-__all__ = ["hints_of"]
-
 _NUMBER = re.compile(r"\d+(\.\d+)?")
 _OPTION = re.compile(r"\bmethod\.(?=\w+=)")
 

@@ -34,8 +34,6 @@ if TYPE_CHECKING:
     from hydra.plugins.launcher import Launcher as HydraLauncher
     from omegaconf import DictConfig
 
-__all__ = ["Ended", "Launcher", "OneByOne", "launch", "rescue", "run_text"]
-
 
 class Ended(Enum):
     """How a launcher came back; what each job did is in the rows."""

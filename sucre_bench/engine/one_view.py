@@ -27,18 +27,6 @@ from sucre_bench.scene import Encoding, Restoration, Scene, View
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "Restored",
-    "list_datasets",
-    "list_experiments",
-    "list_methods",
-    "list_metrics",
-    "load_scenes",
-    "restore",
-    "score",
-]
-
-
 # Methods with their options that have imported and compiled what they need.
 _ready: set[str] = set()
 

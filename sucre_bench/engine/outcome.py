@@ -13,8 +13,6 @@ from sucre_bench.results.rows import values_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Fault", "Outcome"]
-
 
 @dataclass(frozen=True)
 class Fault:

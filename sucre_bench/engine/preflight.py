@@ -29,8 +29,6 @@ from sucre_bench.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Planned", "ProblemsError", "State", "check", "states"]
-
 
 class ProblemsError(SucreBenchError):
     """Everything the check before the work found, a line each."""

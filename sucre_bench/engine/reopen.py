@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     from sucre_bench.results.layout import Place
     from sucre_bench.scene import View
 
-__all__ = ["INPUT", "Frame", "Revisited", "revisit"]
-
 # What stands for the view itself where a method's label is asked for.
 INPUT = "input"
 

@@ -11,8 +11,6 @@ from sucre_bench.plugins.calling import restored, with_truth
 from sucre_bench.results.restorations import Measured
 from sucre_bench.scene import Scene, View
 
-__all__ = ["make_ready", "measured_restore"]
-
 
 def make_ready(method: Any) -> None:
     """Let a method import and compile, so that the first view's time is not that of imports.

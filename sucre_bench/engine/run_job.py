@@ -32,8 +32,6 @@ from sucre_bench.results.restorations import Measured, read_full, write_full, wr
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import FLUSH_S, Part
 
-__all__ = ["failed_row", "run_job"]
-
 
 def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float = FLUSH_S) -> None:
     """Restore and score every selected view that is not done yet, writing rows and pictures under job.out.

@@ -28,17 +28,6 @@ from sucre_bench.results.rows import Row, Status, fingerprint
 from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
 
-__all__ = [
-    "Scored",
-    "Scorer",
-    "metric_code",
-    "row_without_value",
-    "score_code",
-    "score_rows",
-    "scorers",
-    "variant_rows",
-]
-
 
 @dataclass(frozen=True)
 class Scorer:

@@ -23,8 +23,6 @@ from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Scene, Score, View
 
-__all__ = ["Entrant", "pair_rows"]
-
 # Pairs whose points are in memory at once, 2 MB each at most.
 _AT_ONCE = 200
 

@@ -30,8 +30,6 @@ from sucre_bench.results.layout import pairs_path
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["run"]
-
 
 def run(overrides: Sequence[str], multirun: bool) -> Outcome:
     """Run what the overrides ask for.

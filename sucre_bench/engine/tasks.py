@@ -25,8 +25,6 @@ from sucre_bench.results.layout import Place, places
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Scene, View
 
-__all__ = ["Selection", "Task", "base_row", "open_scenes", "opening_once", "select", "tasks"]
-
 
 @dataclass(frozen=True)
 class Selection:

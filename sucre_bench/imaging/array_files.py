@@ -14,8 +14,6 @@ from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
 from sucre_bench.imaging.pixel_limit import check_array
 from sucre_bench.machine.files import regular
 
-__all__ = ["read_array"]
-
 
 def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> np.ndarray:
     """Return the array of an .npy, or with `choose` that of an .npz whose name it returns, of all names there.

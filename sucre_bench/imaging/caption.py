@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Picture
 
-__all__ = ["captioned"]
-
 
 def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
     """Return a picture (H, W, 3) uint8 with a word on a dark ground in its upper left corner, or the right one.

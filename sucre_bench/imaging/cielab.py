@@ -17,8 +17,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 
-__all__ = ["ciede2000", "colour_science", "contrast", "lab_d50", "lab_d50_from", "lab_d50_of_linear", "srgb_of_lab_d50"]
-
 _XYZ_OF_RGB = np.array([[0.4124, 0.3576, 0.1805], [0.2126, 0.7152, 0.0722], [0.0193, 0.1192, 0.9505]])
 _RGB_OF_XYZ = np.array([[3.2406, -1.5372, -0.4986], [-0.9689, 1.8758, 0.0415], [0.0557, -0.2040, 1.0570]])
 _BRADFORD = np.array([[0.8951, 0.2664, -0.1614], [-0.7502, 1.7135, 0.0367], [0.0389, -0.0685, 1.0296]])

@@ -14,8 +14,6 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 
-__all__ = ["Counted"]
-
 Counts = npt.NDArray[np.integer[Any]]
 
 

@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["depth_colours"]
-
 
 def depth_colours(depth: Array, near: float, far: float, unknown: int) -> np.ndarray:
     """Return a picture (h, w, 3) uint8 RGB of a map (h, w), 0 = unknown.

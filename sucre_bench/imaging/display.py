@@ -38,8 +38,6 @@ from sucre_bench.scene import Encoding, Restoration, Water
 # Before the name of a normalisation that takes the veil's place.
 _VEIL_OR = "veil-or-"
 
-__all__ = ["check_display", "display", "displayed", "gray_world_gain", "is_of_scene", "stretch"]
-
 
 def display(
     image: Array, how: str, encoding: Encoding = "gamma", *, water: Water | None = None, over: Array | None = None

@@ -12,8 +12,6 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.once import locked, once
 from sucre_bench.machine.compiling import compiled
 
-__all__ = ["EightBit", "Palette", "eight_bit", "palette"]
-
 Bytes = npt.NDArray[np.uint8]
 
 

@@ -7,8 +7,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.scene import Encoding
 
-__all__ = ["converted", "srgb_decode", "srgb_encode", "to_8bit"]
-
 
 def srgb_decode(encoded: Array) -> Array:
     """sRGB transfer function inverted, [0, 1] -> linear [0, 1] (IEC 61966-2-1); the curve goes on beyond."""

@@ -22,16 +22,6 @@ from sucre_bench.imaging.filters.guided_filter import guided_filter
 from sucre_bench.imaging.filters.water_column import distances, without_water
 from sucre_bench.scene import Restoration, View, Water
 
-__all__ = [
-    "FillOption",
-    "completed_distance",
-    "deviation_of_guess",
-    "fill_distances",
-    "filled_by_water",
-    "own_colours",
-    "with_filled",
-]
-
 # The longest side of the grid in cells, the contrast that counts as an edge, and the least link across one.
 _CELLS, _EDGE, _WEAKEST = 200, 0.05, 1e-3
 

@@ -18,20 +18,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
 from sucre_bench.machine.files import regular, write_atomically
 
-__all__ = [
-    "SUFFIXES",
-    "decode",
-    "decode_bytes",
-    "encode_png",
-    "image_size",
-    "read_rgb",
-    "read_tiff",
-    "same_shape",
-    "size_of_only_page",
-    "write_image",
-    "write_png",
-]
-
 _MOST_BYTES_A_PIXEL = 16  # four channels of 32 bits
 SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of what is taken for an image in a folder
 

@@ -11,8 +11,6 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import coloured
 
-__all__ = ["coloured_pixels", "locked", "once"]
-
 P = ParamSpec("P")
 T = TypeVar("T")
 Key = tuple[Any, ...]

@@ -12,8 +12,6 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compiling import compiled
 
-__all__ = ["channel_percentiles"]
-
 _BINS = 1 << 16  # floats that share their upper 16 bits differ by less than 1 %
 
 

@@ -10,8 +10,6 @@ from math import prod
 
 from sucre_bench.errors import InputError
 
-__all__ = ["VARIABLE", "check_array", "check_pixels", "most_pixels"]
-
 VARIABLE = "SUCRE_BENCH_MAX_MEGAPIXELS"
 _MEGAPIXELS = 250.0  # two of the largest cameras' pictures
 _CHANNELS = 4

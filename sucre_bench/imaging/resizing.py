@@ -17,8 +17,6 @@ from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, View
 
-__all__ = ["Resizing", "resized", "resized_picture", "resized_restoration", "split_variant"]
-
 Filter = Literal["bicubic", "bilinear", "nearest"]
 
 

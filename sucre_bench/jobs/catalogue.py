@@ -11,8 +11,6 @@ from sucre_bench.jobs.presets import presets
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
-__all__ = ["entries", "entry", "option_entry", "preset_entries"]
-
 
 def entries(kind: Kind) -> list[dict[str, Any]]:
     """Return what is known of each plugin of a kind, and after them the presets of conf/ for that kind."""

@@ -31,8 +31,6 @@ if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
     from omegaconf import DictConfig
 
-__all__ = ["Command", "jobs"]
-
 
 @dataclass(frozen=True)
 class Command:

@@ -11,8 +11,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine.files import regular
 
-__all__ = ["config_path", "config_text", "read_config"]
-
 
 def config_path(out: Path) -> Path:
     """The file in a results folder."""

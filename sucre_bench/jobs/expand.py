@@ -26,8 +26,6 @@ from sucre_bench.plugins.options import options_of
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
 
-__all__ = ["Combination", "combinations"]
-
 
 @dataclass(frozen=True)
 class Combination:

@@ -19,8 +19,6 @@ from sucre_bench.plugins.plugin import Broken
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
 
-__all__ = ["check_names", "in_our_words", "not_an_override", "unknown_word"]
-
 _SINGLE = ("method", "dataset")
 # The types that OmegaConf names in a refusal, in the words of the field.
 _TYPES = {"Integer": "a whole number", "Float": "a number", "valid bool": "true or false"}

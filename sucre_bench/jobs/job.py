@@ -23,8 +23,6 @@ from sucre_bench.plugins.plugin import Kind, Plugin
 if TYPE_CHECKING:
     from omegaconf import DictConfig
 
-__all__ = ["Choice", "Job", "MetricChoice", "metric_choices"]
-
 
 @dataclass(frozen=True)
 class Choice:

@@ -9,8 +9,6 @@ from typing import Any
 from sucre_bench.degrade import Degradation
 from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["plain_value", "swept_label", "undegraded_label"]
-
 
 def swept_label(plugin: Plugin, given: str, values: Mapping[str, Any], swept: Sequence[str]) -> str:
     """Return the given label, or the plugin's name, with the swept options: "sucre,pairing=depth".

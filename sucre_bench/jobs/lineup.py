@@ -21,8 +21,6 @@ from typing import Any, Literal
 
 from sucre_bench.jobs.quoting import value_of
 
-__all__ = ["KINDS", "Entry", "Kind", "LineUp"]
-
 Kind = Literal["dataset", "method"]
 KINDS: tuple[Kind, ...] = ("dataset", "method")
 

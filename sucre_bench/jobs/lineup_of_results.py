@@ -24,8 +24,6 @@ from sucre_bench.jobs.study import Study
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Found", "line_up_of"]
-
 # Settings of the last command that a line-up has where they are not as by default.
 _SETTINGS: dict[str, Any] = {"views": None, "every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}
 

@@ -9,8 +9,6 @@ from sucre_bench.jobs.presets import presets
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["chosen_variants", "words_for_hydra"]
-
 
 def chosen_variants(names: Sequence[str]) -> dict[str, list[str]]:
     """Return each metric's named variants, its default ones included where its bare name is among the names.

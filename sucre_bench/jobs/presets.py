@@ -12,8 +12,6 @@ from sucre_bench.jobs.schema import CONF_FOLDER
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Preset", "default_choice", "given_paths", "option_names", "plugin_of", "presets"]
-
 # What the bench adds to the options of a plugin.
 _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label", "display"), "metric": ("variants",)}
 

@@ -6,8 +6,6 @@ import re
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["quoted", "value_of"]
-
 # Words that Hydra does not read as text, in any case.
 _NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
 

@@ -22,8 +22,6 @@ from sucre_bench.jobs.recognise import is_path, recognised
 from sucre_bench.jobs.schema import CONF_FOLDER, RunConfig
 from sucre_bench.plugins.options import options_of
 
-__all__ = ["read_experiment", "read_line_up"]
-
 _LISTS = ("datasets", "methods", "metrics", "sweep")
 _SETTINGS = tuple(o.name for o in options_of(RunConfig) if o.name not in ("dataset", "method", "metrics", "tracking"))
 _NOT_SWEPT = ("dataset", "method", "metrics", "hydra", "out", "plugins", "study", "baseline")

@@ -13,8 +13,6 @@ from sucre_bench.jobs.quoting import quoted
 from sucre_bench.machine import progress
 from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["is_path", "recognised"]
-
 _MOST_FOLDERS = 100  # that are looked into for a hint
 
 

@@ -13,8 +13,6 @@ from sucre_bench.jobs.quoting import value_of
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 
-__all__ = ["Rerun", "given", "metric_words", "shell"]
-
 
 @dataclass(frozen=True)
 class Rerun:

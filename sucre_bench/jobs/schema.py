@@ -21,8 +21,6 @@ from sucre_bench.plugins.ranges import check_ranges
 if TYPE_CHECKING:
     from hydra.core.config_store import ConfigStore
 
-__all__ = ["CONF", "CONF_FOLDER", "GROUPS", "Overwrite", "RunConfig", "Save", "Tracking", "register"]
-
 CONF = "sucre_bench.conf"
 CONF_FOLDER = Path(__file__).parent.parent / "conf"
 # Hydra's groups of plugins.

@@ -11,8 +11,6 @@ from typing import Literal
 
 import numpy as np
 
-__all__ = ["seed_of"]
-
 
 def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate: int) -> int:
     """Return the seed that an axis draws with in a replicate, at most 32 bits."""

@@ -8,8 +8,6 @@ from typing import TypeVar
 
 from sucre_bench.errors import InputError
 
-__all__ = ["Shard"]
-
 T = TypeVar("T")
 
 

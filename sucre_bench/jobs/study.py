@@ -14,8 +14,6 @@ from sucre_bench.plugins.options import check_values, options_of
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import COSTS, By
 
-__all__ = ["FIGURES", "Study"]
-
 # Each is a module of `reports.paper.figures`.
 Figure = Literal[
     "against", "between_views", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",

@@ -17,8 +17,6 @@ from sucre_bench.jobs.quoting import quoted
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
 
-__all__ = ["expand_home", "line_up_file", "parse", "refuse_bare_words"]
-
 
 def expand_home(override: str) -> str:
     """Expand a leading ~ of the value; the shell does so only at the start of a word."""

@@ -18,8 +18,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.loading.lens import Lens
 
-__all__ = ["BrownLens", "lens_of"]
-
 
 def lens_of(
     camera: Camera, model: Literal["perspective", "fisheye"], k: tuple[float, ...], p: tuple[float, ...]

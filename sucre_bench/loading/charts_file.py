@@ -24,8 +24,6 @@ from sucre_bench.imaging.charts.reading import check_corners
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Chart
 
-__all__ = ["chart_of", "read_charts"]
-
 
 def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, tuple[Chart, ...]]:
     """Return the charts of each image that has some; none if the file does not exist.

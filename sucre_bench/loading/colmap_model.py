@@ -26,8 +26,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import regular
 
-__all__ = ["Posed", "read_model"]
-
 # By their number in cameras.bin. From the third on, the name is for messages only.
 _CAMERA_MODELS = (
     *("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV", "FOV"),

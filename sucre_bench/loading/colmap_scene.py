@@ -17,8 +17,6 @@ from sucre_bench.machine.files import fault_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["registered_scene"]
-
 
 def registered_scene(
     name: str,

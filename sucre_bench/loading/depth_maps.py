@@ -20,8 +20,6 @@ from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_
 from sucre_bench.loading.exr import read_exr
 from sucre_bench.loading.find_folders import walk
 
-__all__ = ["check_header", "find_depths", "fitted", "read_16_bit", "read_depth"]
-
 _FARTHEST_M = 1000.0
 
 

@@ -15,8 +15,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.pixel_limit import check_array
 from sucre_bench.machine.files import regular
 
-__all__ = ["read_exr"]
-
 _DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
 
 

@@ -8,8 +8,6 @@ from pathlib import Path
 
 from sucre_bench.errors import InputError
 
-__all__ = ["existing", "folders_below", "inside", "scene_name", "walk"]
-
 
 def existing(root: Path, holds: str = "the data") -> Path:
     """Return `root` with ~ expanded. Raises InputError, naming the expected content, if it is no folder."""

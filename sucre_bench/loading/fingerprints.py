@@ -13,8 +13,6 @@ from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import View
 
-__all__ = ["data_id_of", "fingerprint"]
-
 _WHOLE = 1 << 20  # bytes; larger files are hashed in blocks
 
 

@@ -16,8 +16,6 @@ from sucre_bench.loading.photograph import Photograph, view_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
 
-__all__ = ["image_folder_scene", "image_names", "innermost", "paired_folders"]
-
 
 def image_names(folder: Path, subfolders: bool = False, but: Path | None = None) -> list[str]:
     """Return the images in a folder, relative to it, in order of name; hidden files and the folder `but` left out."""

@@ -7,8 +7,6 @@ from typing import Any
 
 from sucre_bench.errors import check_number
 
-__all__ = ["ImageScaleOption"]
-
 
 @dataclass(frozen=True, kw_only=True)
 class ImageScaleOption:

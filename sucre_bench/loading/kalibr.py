@@ -26,8 +26,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import regular
 
-__all__ = ["read_kalibr"]
-
 _MODELS: dict[str, Literal["perspective", "fisheye"]] = {
     "radtan": "perspective",
     "none": "perspective",

@@ -18,8 +18,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 
-__all__ = ["Lens"]
-
 # The least ratio of the pinhole's focal length to the photograph's. A quarter is a fisheye of 160 degrees; it shows the
 # middle of the photograph at a quarter of its resolution.
 _STRETCH = 4.0

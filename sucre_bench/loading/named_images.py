@@ -13,8 +13,6 @@ from pathlib import Path, PurePosixPath
 from sucre_bench.imaging.image_files import SUFFIXES
 from sucre_bench.loading.find_folders import walk
 
-__all__ = ["ImageFolder", "inner_path", "without_suffix"]
-
 
 class ImageFolder:
     """The images in a folder and its sub-folders."""

@@ -25,8 +25,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.photograph import is_rigid
 from sucre_bench.machine.files import regular
 
-__all__ = ["Header", "read_dmap_depth", "read_header"]
-
 _REMEDY = "copy it again, or run DensifyPointCloud again"
 _MOST_VIEWS = 100_000
 

@@ -19,8 +19,6 @@ from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Files
 from sucre_bench.scene import Chart, Encoding, Plane, View
 
-__all__ = ["Photograph", "is_rigid", "straight_lens", "view_of"]
-
 
 @dataclass(frozen=True, eq=False)
 class Photograph:

@@ -15,8 +15,6 @@ from sucre_bench.machine.code import engine_hash
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Plane, Scene
 
-__all__ = ["SharedPixels", "with_shared_pixels"]
-
 _FULL = np.float32(255)
 
 

@@ -13,8 +13,6 @@ from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.scene import Plane
 
-__all__ = ["Files", "scaled_pose"]
-
 
 @dataclass(frozen=True, eq=False)
 class Files:

@@ -19,8 +19,6 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-__all__ = ["ArrayStore", "current", "storing"]
-
 Values = npt.NDArray[Any]
 
 # A smaller array is made as fast as its file is found.

@@ -13,8 +13,6 @@ from sucre_bench.machine.files import user_cache
 from sucre_bench.machine.kept_digests import KeptDigests
 from sucre_bench.machine.provenance import distribution_of, version_of
 
-__all__ = ["engine_hash", "hash_of"]
-
 # The rooms whose code decides a result, each with all its files. A hash adds the code of the plugins.
 _NUMERICS = ("arrays", "camera", "degrade", "imaging", "loading", "multiview", "restored_pair", "scene")
 

@@ -9,8 +9,6 @@ import sys
 from pathlib import Path
 from typing import Literal
 
-__all__ = ["Device", "may_have_gpu", "usable_cores"]
-
 # Where networks and kernels compute; auto takes a GPU when there is one.
 Device = Literal["auto", "cpu", "cuda"]
 

@@ -15,8 +15,6 @@ from typing import IO
 
 from sucre_bench.errors import InputError, OutputError
 
-__all__ = ["fault_of", "is_file", "not_writable", "open_atomically", "regular", "user_cache", "write_atomically"]
-
 _UNFINISHED = ".writing-"
 _DAY_S = 86_400
 _KINDS = {

@@ -7,8 +7,6 @@ import math
 from collections.abc import Mapping
 from typing import Any
 
-__all__ = ["json_text", "plain"]
-
 
 def json_text(value: Any) -> str:
     """Return a value as indented JSON, with null for NaN and infinity."""

@@ -12,8 +12,6 @@ from typing import Any
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["KeptDigests"]
-
 # A file that changed less than so many seconds ago may change again without a new time stamp.
 _SETTLED_S = 2.0
 

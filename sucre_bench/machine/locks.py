@@ -13,8 +13,6 @@ from pathlib import Path
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 
-__all__ = ["waited_lock"]
-
 _SILENT_S = 3.0
 _NO_LOCKS = (errno.ENOLCK, errno.ENOSYS, errno.EOPNOTSUPP, errno.EINVAL)
 

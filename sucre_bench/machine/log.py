@@ -10,8 +10,6 @@ from pathlib import Path
 
 from sucre_bench.machine.secrets import masked
 
-__all__ = ["keep_traceback", "not_before", "now"]
-
 _lock = threading.Lock()
 _latest = datetime.min.replace(tzinfo=UTC)
 

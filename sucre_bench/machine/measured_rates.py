@@ -12,8 +12,6 @@ from typing import Any
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import user_cache, write_atomically
 
-__all__ = ["MeasuredRates", "Rates", "rates_path"]
-
 
 @dataclass(frozen=True)
 class Rates:

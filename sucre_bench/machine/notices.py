@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-__all__ = ["say"]
-
 
 def say(text: str, colour: str) -> None:
     """Print a line on stderr, in colour if stderr is a terminal that wants colours."""

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-__all__ = ["Pace", "duration"]
-
 # A step that is done sooner was stored before: it says nothing of those to come.
 _WORK_S = 1e-3
 

@@ -13,8 +13,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import Protocol, TypeVar
 
-__all__ = ["Watcher", "is_watched", "line", "said_through", "say", "track", "watched_by"]
-
 T = TypeVar("T")
 
 

@@ -13,8 +13,6 @@ from typing import Any
 
 from sucre_bench.machine.cores import usable_cores
 
-__all__ = ["PACKAGES", "distribution_of", "environment", "gpu", "read", "source_commit", "version_of", "write"]
-
 PACKAGES = (
     "colour-science",
     "hydra-core",

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import re
 
-__all__ = ["masked"]
-
 _IN_ADDRESS = re.compile(r"(?<=://)([^\s/@:'\"]*):[^\s/'\"]*@")
 _IN_QUERY = re.compile(r"([?&](?:password|passwd|pwd|token|secret|api_?key)=)[^\s&'\"]+", re.IGNORECASE)
 

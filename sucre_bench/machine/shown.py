@@ -13,8 +13,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any, TextIO
 
-__all__ = ["counted", "escaped_output", "shown", "with_fewer_letters"]
-
 # C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
 _UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
 

@@ -8,8 +8,6 @@ import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 
-__all__ = ["stop_at_signals", "terminated_as_interrupt"]
-
 _REPEATED_S = 0.5
 _last = -_REPEATED_S
 

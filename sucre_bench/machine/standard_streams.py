@@ -5,8 +5,6 @@ from __future__ import annotations
 import os
 import sys
 
-__all__ = ["open_closed_streams"]
-
 
 def open_closed_streams() -> None:
     """Lead each closed standard stream to nowhere: else the next file that is opened would take its number."""

@@ -17,8 +17,6 @@ from pathlib import Path
 from sucre_bench.errors import Death, DiedError
 from sucre_bench.machine.files import not_writable
 
-__all__ = ["Note", "NoteFile", "at_work", "earlier_start", "needed_step", "note_start", "step"]
-
 _TRIES = 3  # processes that may end at a step without a word, where nobody saw how
 
 

@@ -16,8 +16,6 @@ from contextlib import suppress
 from sucre_bench.machine.sigterm import stop_at_signals
 from sucre_bench.machine.steps import Note, NoteFile, at_work
 
-__all__ = ["how_it_ended", "supervised"]
-
 _GRACE_S = 5  # for threads that a plugin has left behind
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _STOPPED = (*_STOPS, signal.SIGHUP, signal.SIGQUIT)

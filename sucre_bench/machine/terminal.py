@@ -29,8 +29,6 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.pace import Pace, duration
 from sucre_bench.machine.shown import shown
 
-__all__ = ["err", "has_styles", "live", "out", "plain"]
-
 _PLAIN_SECONDS = 10.0
 _WORTH_A_LINE = 1.0
 

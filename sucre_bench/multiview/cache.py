@@ -30,8 +30,6 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
 from sucre_bench.scene import Scene, View
 
-__all__ = ["paired", "sharing"]
-
 _PER_OBSERVATION = ("distance", "colour", "view", "ray")
 _PER_PIXEL = ("pixels", "counts", "starts")
 

@@ -21,8 +21,6 @@ from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, v
 from sucre_bench.restored_pair import CommonPoints
 from sucre_bench.scene import View
 
-__all__ = ["Overlap", "SharedPoints", "matched", "surface_of"]
-
 Indices = npt.NDArray[np.integer[Any]]
 
 # The side of a patch, px. A mean over 64 pixels has an eighth of the noise; wrong pixels at its border weigh little.

@@ -39,8 +39,6 @@ from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, o
 from sucre_bench.multiview.sampling import rays_at
 from sucre_bench.scene import View
 
-__all__ = ["matched_footprints"]
-
 # k: standard deviation of the common Gaussian, in pixels of the coarsest view. From .5 to 1.5 the water of made scenes
 # changes by less than 1 %; less leaves differences between square pixels, more rejects points near outlines.
 _K = 1.0

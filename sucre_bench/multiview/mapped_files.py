@@ -13,8 +13,6 @@ import numpy.typing as npt
 
 from sucre_bench.multiview.observations import Seen
 
-__all__ = ["Spool", "new_file"]
-
 
 def new_file(folder: Path, name: str, shape: tuple[int, ...], dtype: npt.DTypeLike) -> npt.NDArray[Any]:
     """Return a new, unfilled array in FOLDER/NAME.npy. Raises OSError if the disk has no room for it."""

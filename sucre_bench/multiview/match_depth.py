@@ -21,8 +21,6 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera
 from sucre_bench.machine.compiling import compiled
 
-__all__ = ["agreeing"]
-
 Indices = npt.NDArray[np.integer[Any]]
 
 

@@ -19,8 +19,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.machine.compiling import compiled
 
-__all__ = ["mutual"]
-
 Indices = npt.NDArray[np.integer[Any]]
 _CHUNK = 2048
 

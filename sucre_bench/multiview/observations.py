@@ -19,8 +19,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.multiview.slots import Slots
 
-__all__ = ["Observations", "Seen", "arrange", "compact", "in_memory"]
-
 Indices = npt.NDArray[np.integer[Any]]
 
 

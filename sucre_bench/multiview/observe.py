@@ -29,8 +29,6 @@ from sucre_bench.multiview.pairing import Rule, Surface, lift, match, own_matche
 from sucre_bench.multiview.sampling import colours_at, rays_at
 from sucre_bench.scene import View
 
-__all__ = ["Kept", "Options", "observe"]
-
 T = TypeVar("T")
 
 # The encoding of stored colours: the view's own, or linear light.

@@ -23,8 +23,6 @@ from sucre_bench.multiview.match_depth import agreeing
 from sucre_bench.multiview.match_mutual import mutual
 from sucre_bench.scene import View
 
-__all__ = ["Matches", "Rule", "Surface", "lift", "match", "own_matches", "visible_pixels"]
-
 Indices = npt.NDArray[np.integer[Any]]
 Rule = Literal["mutual", "depth"]
 

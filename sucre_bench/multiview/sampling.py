@@ -16,8 +16,6 @@ from sucre_bench.machine.compiling import compiled
 from sucre_bench.multiview.observations import compact
 from sucre_bench.multiview.pairing import Matches
 
-__all__ = ["colours_at", "rays_at"]
-
 Indices = npt.NDArray[np.integer[Any]]
 
 

@@ -14,8 +14,6 @@ from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.machine.cores import usable_cores
 
-__all__ = ["Slots"]
-
 Indices = npt.NDArray[np.integer[Any]]
 
 # Observations that are worth a thread.

@@ -12,8 +12,6 @@ from sucre_bench.errors import PluginError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
-__all__ = ["restored", "with_truth"]
-
 
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
     """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""

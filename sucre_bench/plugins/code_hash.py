@@ -9,8 +9,6 @@ from pathlib import Path
 from sucre_bench.machine.code import hash_of
 from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["source_hash"]
-
 
 def source_hash(*used: Plugin, files: Iterable[Path] = ()) -> str:
     """Return a hash of what makes a result: the code of the plugins and of the engine's numerics, and further files.

@@ -11,8 +11,6 @@ from sucre_bench.errors import PluginError, did_you_mean
 from sucre_bench.imaging.display import check_display
 from sucre_bench.plugins.plugin import NEEDS, Better, Kind, Plugin, Role
 
-__all__ = ["dataset", "method", "metric", "snake_case"]
-
 _C = TypeVar("_C", bound=type[Any])
 
 

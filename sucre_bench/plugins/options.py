@@ -19,9 +19,6 @@ from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, one_line, un
 if TYPE_CHECKING:
     from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["RESERVED", "Option", "check_options", "check_values", "create", "options_of", "typed", "unusable"]
-
-
 # Set by the bench beside a plugin's own options.
 RESERVED = frozenset({"name", "label", "display", "variants"})
 

@@ -12,8 +12,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.restored_pair import RestoredPair
 from sucre_bench.scene import Restoration, Scene, Score, View
 
-__all__ = ["Better", "Broken", "Dataset", "Method", "Metric", "PairMetric", "Plugin", "Role"]
-
 Better = Literal["higher", "lower", "none"]
 
 # What figures and the page show of a metric beside its table: none knows a metric by its name.

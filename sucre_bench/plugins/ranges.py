@@ -7,8 +7,6 @@ from typing import Any, get_args, get_origin
 from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.plugins.options import options_of
 
-__all__ = ["check_ranges"]
-
 
 def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> None:
     """Raise InputError for the first option outside of its range: one line with its name, its value and the range.

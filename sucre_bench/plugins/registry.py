@@ -22,8 +22,6 @@ from sucre_bench.machine.steps import step
 from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
-__all__ = ["Registry", "current", "discover", "find", "load_file", "set_aside", "unknown", "using"]
-
 
 class Registry:
     """The plugins that can be chosen by name: those of this package, of installed packages, and of files.

@@ -10,8 +10,6 @@ from sucre_bench.errors import Lack
 from sucre_bench.machine.provenance import distribution_of
 from sucre_bench.plugins.plugin import Plugin
 
-__all__ = ["missing_needs", "missing_packages"]
-
 
 def missing_packages(plugin: Plugin) -> str:
     """Return the line that installs what a plugin requires and this machine lacks; empty when nothing is missing."""

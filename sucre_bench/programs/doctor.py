@@ -23,8 +23,6 @@ from sucre_bench.machine.children import python
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.plugins.plugin import Broken
 
-__all__ = ["OPEN3D_LIBRARIES", "Examined", "Feature", "as_object", "examine", "show"]
-
 # Shared libraries that open3d's wheel expects of the system, and the Debian/Ubuntu packages that bring them.
 # scripts/setup.sh reads this table.
 OPEN3D_LIBRARIES = {

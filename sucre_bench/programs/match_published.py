@@ -27,17 +27,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-__all__ = [
-    "Candidate",
-    "Column",
-    "PublishedTable",
-    "as_table",
-    "compare",
-    "read_table",
-    "variants_to_try",
-    "verdict",
-]
-
 # Words that a column is headed by whose cells name images, or folders of them.
 _NAMES = frozenset(
     ["image", "img", "images", "name", "file", "filename", "picture", "view", "method", "folder", "model"]

@@ -26,8 +26,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from rich.table import Table
 
-__all__ = ["images_in", "score_folder", "summary"]
-
 
 @dataclass(frozen=True)
 class _Files:

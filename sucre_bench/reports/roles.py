@@ -5,8 +5,6 @@ from __future__ import annotations
 from sucre_bench import plugins
 from sucre_bench.plugins.plugin import Plugin, Role
 
-__all__ = ["metrics_of", "roles", "symbol"]
-
 
 def metrics_of(*wanted: Role) -> list[str]:
     """Return the names of the installed metrics that have one of these roles, in order of name."""

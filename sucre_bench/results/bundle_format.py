@@ -38,20 +38,6 @@ from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "COMMON",
-    "LIMITS",
-    "MANIFEST",
-    "SCORES",
-    "Bundle",
-    "FileHash",
-    "Limits",
-    "hash_of",
-    "is_bundle",
-    "open_bundle",
-    "write_bundle",
-]
-
 MANIFEST, SCORES, COMMON = "bundle.json", "scores.csv", "common.csv"
 _FORMAT, _VERSION = "sucre_bench bundle", 1
 _DATE = (1980, 1, 1, 0, 0, 0)  # the earliest that ZIP knows

@@ -15,8 +15,6 @@ from sucre_bench.results.rows import COLUMNS, NUMBERS, Status
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["check_columns", "check_values", "damaged"]
-
 _MOST_ROWS = 50_000_000  # a few bytes of parquet may stand for any number of equal rows
 _KINDS = {"string": "text", "int64": "whole numbers", "float64": "numbers"}
 _WORDS: Mapping[str, tuple[str, ...]] = {"status": get_args(Status), "better": ("higher", "lower", "none")}

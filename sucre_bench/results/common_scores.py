@@ -23,22 +23,6 @@ from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = [
-    "COMMON_PIXELS",
-    "COMMON_TABLE",
-    "LEAST_DIFFERENCE",
-    "LEAST_FILLED",
-    "CommonRow",
-    "Kind",
-    "ViewKey",
-    "common_frame",
-    "common_rows",
-    "differing_views",
-    "filled_restorations",
-    "read_common",
-    "write_common",
-]
-
 COMMON_TABLE = "common.parquet"
 
 # The metric of the row that stands for a view.

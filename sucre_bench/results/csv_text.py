@@ -7,8 +7,6 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["csv_text"]
-
 
 def csv_text(table: pd.DataFrame) -> str:
     """Return a table as CSV without its index, lines ending in one newline. NaN: an empty cell.

@@ -15,8 +15,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = ["TEXTS", "as_frame", "encoded", "joined", "of_label", "texts_of"]
-
 TEXTS = tuple(name for name in COLUMNS if name not in NUMBERS)
 
 

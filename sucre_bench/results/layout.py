@@ -24,19 +24,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.results.rows import unreplicated
 from sucre_bench.scene import Scene
 
-__all__ = [
-    "Place",
-    "at_work_path",
-    "decoded_path",
-    "file_name",
-    "find",
-    "log_path",
-    "pairs_path",
-    "places",
-    "possible_places",
-    "stems_of",
-]
-
 
 def file_name(text: str) -> str:
     """Return a label as a file or folder name: special characters become '_'.

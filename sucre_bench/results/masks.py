@@ -15,8 +15,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["mask_id", "read_mask", "write_mask"]
-
 
 def write_mask(path: Path, mask: Mask) -> None:
     """Write the mask (H, W) of a restoration; remove an older one if every pixel has a colour.

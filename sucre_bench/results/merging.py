@@ -17,8 +17,6 @@ from sucre_bench.results.table import PARTS, TABLE, read_any, write_part
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["locked", "merge"]
-
 _TAKEN = "taken-"
 
 

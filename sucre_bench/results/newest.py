@@ -15,8 +15,6 @@ from sucre_bench.results.rows import KEYS, RESTORATION
 if TYPE_CHECKING:
     import pyarrow
 
-__all__ = ["newest"]
-
 Indices = npt.NDArray[np.int64]
 Mask = npt.NDArray[np.bool_]
 

@@ -6,8 +6,6 @@ from enum import Enum
 
 from sucre_bench.errors import Death, Lack
 
-__all__ = ["Reason", "brief", "with_remedy"]
-
 
 class Reason(Enum):
     """Kinds of reasons. The value is the text that rows store, except where the text says more: see `of`."""

@@ -29,16 +29,6 @@ from sucre_bench.results.stored_files import FILES, described
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
-__all__ = [
-    "Measured",
-    "read_full",
-    "read_full_arrays",
-    "read_record",
-    "write_arrays",
-    "write_full",
-    "write_pictures",
-]
-
 
 @dataclass(frozen=True)
 class Measured:

@@ -17,29 +17,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = [
-    "COLUMNS",
-    "COSTS",
-    "KEYS",
-    "NUMBERS",
-    "PREFERENCE",
-    "RESTORATION",
-    "By",
-    "Row",
-    "Status",
-    "as_arrow",
-    "fingerprint",
-    "frame",
-    "replicated",
-    "restoration_rows",
-    "restorations",
-    "row_objects",
-    "score_rows",
-    "tuples",
-    "unreplicated",
-    "values_of",
-]
-
 Status = Literal["ok", "failed", "skipped"]
 
 # The metric of the row that stands for a restoration.

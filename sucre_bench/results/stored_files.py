@@ -12,8 +12,6 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-__all__ = ["FILES", "are_as_written", "described"]
-
 FILES = "files"  # the name in the record
 
 

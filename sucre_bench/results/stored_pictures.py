@@ -17,8 +17,6 @@ from sucre_bench.results.restorations import read_full
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration
 
-__all__ = ["PictureOnly", "masked", "stored_mask", "stored_picture", "stored_restoration"]
-
 
 class PictureOnly(Restoration):
     """A restoration of which the folder holds picture and mask, but not the computed image.

@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
 
-__all__ = ["FLUSH_S", "PARTS", "TABLE", "Part", "read", "read_any", "write_part"]
-
 TABLE = "scores.parquet"
 PARTS = "parts"
 FLUSH_S = 1.0

@@ -22,8 +22,6 @@ from sucre_bench.imaging.array_files import read_array
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Encoding, Water
 
-__all__ = ["read_water", "water_of"]
-
 _ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "gamma", "linear": "linear"}
 
 

@@ -9,8 +9,6 @@ from sucre_bench.results.rows import KEYS
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["wide"]
-
 _INDEX = list(KEYS)
 
 

@@ -13,8 +13,6 @@ from typing import Any
 
 from playwright.sync_api import sync_playwright
 
-__all__ = ["Browser", "chromium"]
-
 _PATIENCE_MS = 30_000  # for a busy machine
 _LOCAL = ("file:", "data:", "blob:", "about:")
 

@@ -7,8 +7,6 @@ from pathlib import Path
 
 from support.places import ROOT
 
-__all__ = ["write_line_ups"]
-
 
 def write_line_ups(folder: Path) -> None:
     """Write the documented line-up by the names that examples give it."""

@@ -14,8 +14,6 @@ import numpy as np
 
 from sucre_bench import Water
 
-__all__ = ["in_water", "photographed", "seen_through"]
-
 
 def seen_through(J: float, z: float, B: float, beta: float, gamma: float) -> float:
     """One intensity of one pixel."""

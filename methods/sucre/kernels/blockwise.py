@@ -17,8 +17,6 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["BlockKernel", "Library", "open_blockwise"]
-
 T = TypeVar("T")
 
 

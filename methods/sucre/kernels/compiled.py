@@ -31,8 +31,6 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["compiled", "power_minus_1"]
-
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
 _FAST = {"reassoc", "contract", "nsz", "arcp"}

@@ -22,8 +22,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.model import transmission, veil
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["DARKEST", "WALL", "Block", "blocks", "colours", "fill", "products"]
-
 # How much more a colour below zero counts than a residual of that size: enough to keep all but a few above.
 WALL = 10.0
 

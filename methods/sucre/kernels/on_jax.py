@@ -22,8 +22,6 @@ from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, pro
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["on_jax"]
-
 # Places in a block. CPU: temporaries stay in the cache. GPU: launches dominate until a block fills it.
 _PLACES = {"cpu": 1 << 16, "cuda": 1 << 23}
 

@@ -13,8 +13,6 @@ from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, pro
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["on_numpy"]
-
 _PLACES = 1 << 14  # in a block: temporaries stay in the cache
 
 

@@ -19,8 +19,6 @@ from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, pro
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["on_torch"]
-
 T = TypeVar("T")
 
 # Places in a block. CPU: temporaries of 0.25 MB stay in the cache. GPU: launches dominate until a block fills it.

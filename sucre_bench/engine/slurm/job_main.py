@@ -8,8 +8,6 @@ from collections.abc import Callable
 from sucre_bench.engine.slurm.waiting import WORDS
 from sucre_bench.errors import StopRequest
 
-__all__ = ["work"]
-
 
 class _TimeIsUp(StopRequest):
     """The queue's warning before it ends a job; no fault of a method, so nothing may take it for one."""

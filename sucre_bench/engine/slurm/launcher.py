@@ -28,8 +28,6 @@ from sucre_bench.results.layout import file_name
 if TYPE_CHECKING:
     from submitit import Executor
 
-__all__ = ["Launcher"]
-
 # Named alike by submitit for every kind of queue; what else there is of sbatch's gets a prefix.
 _COMMON = {"timeout_min", "cpus_per_task", "mem_gb", "gpus_per_node", "name"}
 # What starts threads, and reads how many when it is loaded.

@@ -11,8 +11,6 @@ from collections.abc import Collection
 
 from sucre_bench.errors import InputError
 
-__all__ = ["ENDED", "array_of", "at_work", "cancel", "check_is_there", "largest_array", "states"]
-
 # The final states of squeue(1). A job in any other state may still give a result.
 ENDED = {
     "BOOT_FAIL",

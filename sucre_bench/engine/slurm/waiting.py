@@ -14,8 +14,6 @@ from sucre_bench import results
 from sucre_bench.engine.slurm.squeue import ENDED
 from sucre_bench.machine import progress
 
-__all__ = ["WORDS", "Counts", "Submitted", "Teller", "wait"]
-
 _SAY_S = 30.0  # between two lines
 
 

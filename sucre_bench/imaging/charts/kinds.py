@@ -35,8 +35,6 @@ from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.imaging.cielab import colour_science, lab_d50_from, srgb_of_lab_d50
 from sucre_bench.machine.files import is_file, regular
 
-__all__ = ["KINDS", "ChartKind", "Patch", "Triple", "chart_kind", "colorchecker_sg", "kind_id", "read_kind"]
-
 _CHROMATIC = 5.0  # chroma in Lab: the "neutral" patches of sold charts stay below 2, their dark skin is at 19
 
 

@@ -16,8 +16,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.charts.reading import measure
 from sucre_bench.scene import Chart
 
-__all__ = ["Order", "reading_order"]
-
 # On eight charts of Sea-thru's D5, 1.5 to 10 m away, the right order explains .69 to .93, any other at most .15.
 _LEAST, _CLEARLY = 0.4, 0.2
 

@@ -27,8 +27,6 @@ from sucre_bench.imaging.once import locked, once
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Chart
 
-__all__ = ["PatchReading", "chart_mask", "check_corners", "image_from_chart", "measure", "scaled_chart"]
-
 
 @dataclass(frozen=True, slots=True, eq=False)
 class PatchReading:

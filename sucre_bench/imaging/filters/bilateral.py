@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["denoised"]
-
 _ACROSS, _SPACE = 5, 3.0  # pixels: of the window, and the spatial standard deviation
 
 

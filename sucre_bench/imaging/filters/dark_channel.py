@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["dark_channel", "window_max"]
-
 
 def dark_channel(channels: Array, size: int) -> Array:
     """Return (H, W): the least value of any of the channels (H, W, C) in a window of size x size pixels, size odd.

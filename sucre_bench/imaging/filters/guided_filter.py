@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["box_mean", "guided_filter"]
-
 
 def guided_filter(guide: Array, plane: Array, radius: int, eps: float, *, rows: int = 512) -> Array:
     """Return a plane (H, W) float32 that is, in each window, the linear function of the guide nearest to `plane`.

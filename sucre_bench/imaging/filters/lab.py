@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["equalised", "from_lab", "to_lab"]
-
 
 def to_lab(rgb: Array) -> Array:
     """Return L in [0, 100], a and b about [-110, 110], (H, W, 3) float32, of RGB in [0, 1], clipped."""

@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["luma"]
-
 
 def luma(rgb: Array) -> Array:
     """Return 0.299 R + 0.587 G + 0.114 B, (H, W) float32; rgb: (H, W, 3) float32. A gray pixel keeps its value."""

@@ -8,8 +8,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["blended", "most_levels"]
-
 
 def blended(images: Sequence[Array], weights: Iterable[Array], levels: int) -> Array:
     """Return the images' weighted mean (H, W, 3), taken in each band of a pyramid: R_l = sum_k G_l(W_k) L_l(I_k).

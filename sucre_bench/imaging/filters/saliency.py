@@ -7,8 +7,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.lab import to_lab
 
-__all__ = ["binomial", "saliency"]
-
 
 def saliency(rgb: Array) -> Array:
     """Return (H, W) float32: how far each pixel's smoothed colour is from the image's mean colour, in L*a*b* / 100.

@@ -34,8 +34,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.display import stretch
 
-__all__ = ["VISIBLE", "Seams", "find_seams"]
-
 # Pixels: of the longer side, of a strip along and across; how many directions; how full a strip must be.
 _SIDE, _LONG, _WIDE, _DIRECTIONS, _FULL = 512, 31, 5, 6, 0.8
 

@@ -14,17 +14,6 @@ import numpy as np
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.scene import Restoration, Water
 
-__all__ = [
-    "brightest",
-    "highest",
-    "nearest_depth",
-    "recovered",
-    "reduced",
-    "restoration",
-    "stretched_plane",
-    "transmissions",
-]
-
 
 def highest(plane: Array, share: float) -> Mask:
     """Return (H, W): the pixels that hold the highest `share` of values, at least one, and all that equal the last."""

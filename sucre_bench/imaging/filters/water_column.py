@@ -15,8 +15,6 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.scene import View
 
-__all__ = ["TwoTerm", "channels", "distances", "is_flat", "trusted", "without_water"]
-
 _DEEPEST = 20.0  # optical depth: exp(20) is 5e8, which makes a picture of no camera's noise, and is no overflow
 # Below this share of the distance, a range of distances says nothing about how light changes with it.
 _FLAT = 0.02

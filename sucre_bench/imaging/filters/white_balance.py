@@ -7,15 +7,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.display import gray_world_gain
 
-__all__ = [
-    "gray_world",
-    "mid_gray_gain",
-    "red_from_green",
-    "shifted_to_gray",
-    "stretched_by_weakness",
-    "stretched_together",
-]
-
 _FLAT = 1e-6  # a range of intensities below this is no contrast
 _CUT = 0.005  # share of the strongest channel's pixels that the simplest colour balance cuts at each end
 

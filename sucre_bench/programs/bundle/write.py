@@ -21,8 +21,6 @@ from sucre_bench.results.rows import COSTS, restorations
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["PICTURES", "Bundled", "Pictures", "bundle_results"]
-
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
 Pictures = Literal["none", "restored", "all"]
 PICTURES: tuple[Pictures, ...] = get_args(Pictures)

@@ -23,22 +23,6 @@ from sucre_bench.errors import ANY_FAULT, NotApplicableError, SucreBenchError, o
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
-__all__ = [
-    "Finding",
-    "Level",
-    "Outcome",
-    "Rule",
-    "Status",
-    "Subject",
-    "breach",
-    "breaches",
-    "check",
-    "doubt",
-    "note",
-    "raised",
-    "rules",
-]
-
 Level = Literal["breach", "doubt", "note"]
 Status = Literal["kept", "broken", "doubtful", "skipped"]
 

@@ -29,8 +29,6 @@ from sucre_bench.programs.contract.contract import Subject
 from sucre_bench.programs.contract.made_scenes import TARGET, submerged
 from sucre_bench.programs.contract.process_state import changed, snapshot
 
-__all__ = ["HEAVY", "Imported", "imported", "restored"]
-
 # Packages that take long to import; they belong inside the functions that use them.
 HEAVY = frozenset(
     [

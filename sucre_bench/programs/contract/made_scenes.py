@@ -13,8 +13,6 @@ from sucre_bench.camera import Camera
 from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.scene import Arrays, Chart, Scene, View, Water
 
-__all__ = ["HARD", "NOISE", "TARGET", "WATER", "charted", "least", "submerged", "wall"]
-
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall
 WATER = Water(np.array([0.1, 0.3, 0.4]), np.array([0.4, 0.15, 0.1]), np.array([0.3, 0.17, 0.13]))
 

@@ -17,8 +17,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.plugins.plugin import Kind
 from sucre_bench.programs.contract.text import shown_path
 
-__all__ = ["Written", "checkout_of", "write_new"]
-
 _TEMPLATES = Path(__file__).with_name("templates")
 
 

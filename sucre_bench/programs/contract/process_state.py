@@ -18,8 +18,6 @@ import numpy as np
 
 from sucre_bench.programs.contract.contract import Finding, breach, doubt
 
-__all__ = ["changed", "snapshot", "watched"]
-
 
 def _torch_state(torch: Any) -> dict[str, object]:
     return {

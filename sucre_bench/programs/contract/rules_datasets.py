@@ -25,8 +25,6 @@ from sucre_bench.programs.contract.contract import Finding, Subject, breach, dou
 from sucre_bench.programs.contract.process_state import watched
 from sucre_bench.scene import Arrays, Encoding, Scene, View
 
-__all__: list[str] = []
-
 _MANY = 30  # views of a scene that are checked
 
 

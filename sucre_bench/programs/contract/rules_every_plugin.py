@@ -11,8 +11,6 @@ from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Broken, Plugin
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
 
-__all__: list[str] = []
-
 _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
 
 

@@ -17,8 +17,6 @@ from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER
 from sucre_bench.programs.contract.process_state import watched
 from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
 
-__all__ = ["alike"]
-
 _PLANES: tuple[Plane, ...] = ("rgb", "depth", "reference")
 _LASTING = 60.0  # seconds for one view of the made scene, .3 megapixels: a dive of 500 views then takes a night
 _CLIPPED = 0.05  # share of values

@@ -21,8 +21,6 @@ from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Chart, Restoration, View, Water
 
-__all__ = ["faults"]
-
 _JUDGED = frozenset({"reference", "charts", "truth"})  # needs that define a perfect restoration
 
 

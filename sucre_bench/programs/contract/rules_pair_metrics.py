@@ -24,8 +24,6 @@ from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Scene, Score, View
 
-__all__: list[str] = []
-
 
 def _is_of_pairs(plugin: Plugin) -> bool:
     return plugin.is_of_pairs

@@ -13,8 +13,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 from sucre_bench.programs.contract.contract import Subject
 
-__all__ = ["subjects"]
-
 
 def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = "") -> list[Subject]:
     """Return the plugin of a name, or those of a .py file, with options as `sucre-bench run` takes them.

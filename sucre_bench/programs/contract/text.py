@@ -12,8 +12,6 @@ from rich.text import Text
 
 from sucre_bench.programs.contract.contract import Outcome, Status, Subject
 
-__all__ = ["as_json", "lines", "shown_path", "summary", "title"]
-
 _SIGNS: dict[Status, tuple[str, str]] = {
     "kept": ("✓", "green"),
     "broken": ("✗", "red"),

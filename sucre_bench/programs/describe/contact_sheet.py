@@ -11,8 +11,6 @@ from sucre_bench.arrays import evenly
 from sucre_bench.imaging.depth_colours import depth_colours
 from sucre_bench.programs.describe.facts import Look, ViewFacts
 
-__all__ = ["contact_sheet"]
-
 _MOST = 60  # views on a sheet, evenly chosen
 _WIDE, _GAP, _TEXT, _HEAD = 300, 8, 20, 64  # pixels
 _GRAY = 128

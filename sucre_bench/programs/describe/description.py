@@ -19,8 +19,6 @@ from sucre_bench.programs.describe.overlaps import Overlap, overlaps
 from sucre_bench.programs.describe.scale_note import ScaleNote
 from sucre_bench.scene import Scene, View, Water
 
-__all__ = ["Described", "as_json", "described", "show"]
-
 _BINS = 12
 _ROWS = 30  # of a table in the terminal
 _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")

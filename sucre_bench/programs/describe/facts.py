@@ -22,8 +22,6 @@ from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import View
 
-__all__ = ["ChartFacts", "Look", "ViewFacts", "look_at"]
-
 _LONG_SIDE = 480  # pixels of a reduced view
 _FULL = 0.998  # a channel at or above this counts as saturated
 

@@ -12,8 +12,6 @@ import numpy as np
 from sucre_bench.programs.describe.facts import Look, ViewFacts
 from sucre_bench.programs.describe.overlaps import Overlap, suspect
 
-__all__ = ["Fault", "find_faults"]
-
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing
 _SATURATED, _COVERED = 0.05, 0.5  # shares of pixels

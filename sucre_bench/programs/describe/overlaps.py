@@ -20,8 +20,6 @@ from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.programs.describe.facts import Look
 from sucre_bench.scene import Arrays, View
 
-__all__ = ["Overlap", "Suspicion", "overlaps", "suspect"]
-
 _AGREES = 0.05
 _FIRM, _LOOSE = 0.01, 0.06  # relative tolerance in the search for mistakes: of one, and of scales on a coarse grid
 _PARTNER = 0.05  # share of a view's points that another one must see to overlap

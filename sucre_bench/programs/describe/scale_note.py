@@ -8,8 +8,6 @@ from pathlib import Path
 
 from sucre_bench.engine.tasks import Selection
 
-__all__ = ["ScaleNote", "noted_scale"]
-
 
 @dataclass(frozen=True, slots=True)
 class ScaleNote:

@@ -18,8 +18,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.reading import check_corners, image_from_chart
 from sucre_bench.scene import Chart, View
 
-__all__ = ["Proposal", "corner_points", "overlap", "propose"]
-
 _AGREES = 0.05  # greatest |Z - d| / Z on the chart: photogrammetry rounds a chart's edges
 _FLAT = 0.03  # greatest median |residual| of a chart's plane, relative to depth
 _LEAST_PIXELS = 12  # pixels with depth that a plane needs

@@ -21,8 +21,6 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.mark_charts.carry_over import Proposal
 from sucre_bench.scene import Chart
 
-__all__ = ["ChartsFile"]
-
 
 class ChartsFile:
     """The charts of a scene's images, and their file.

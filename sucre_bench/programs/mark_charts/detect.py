@@ -15,8 +15,6 @@ from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.scene import Chart
 
-__all__ = ["DETECTABLE", "detect"]
-
 DETECTABLE = ("colorchecker24",)
 
 _MOST = 4  # charts in an image; more take more time

@@ -16,8 +16,6 @@ from sucre_bench.programs.mark_charts.charts_json import ChartsFile
 from sucre_bench.programs.mark_charts.session import Session
 from sucre_bench.scene import View
 
-__all__ = ["open_session"]
-
 _AS_STORED = "corners are kept in pixels of the images as they are stored"
 
 

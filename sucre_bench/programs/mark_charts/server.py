@@ -19,8 +19,6 @@ from urllib.parse import parse_qs, urlsplit
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
 from sucre_bench.programs.mark_charts.session import Session
 
-__all__ = ["PageServer"]
-
 _FILES = {
     "": ("page.html", "text/html"),
     "page.js": ("page.js", "text/javascript"),

@@ -25,8 +25,6 @@ from sucre_bench.programs.mark_charts.charts_json import ChartsFile
 from sucre_bench.programs.mark_charts.detect import DETECTABLE, detect
 from sucre_bench.scene import Chart, View
 
-__all__ = ["Session"]
-
 _PREVIEW = 300  # pixels, the longer side of a rectified chart
 
 

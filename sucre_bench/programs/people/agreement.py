@@ -10,8 +10,6 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.programs.people.bradley_terry import Preferences, Votes
 
-__all__ = ["Agreement", "MetricAgreement", "kendall_tau", "krippendorff", "metric_agreement", "observer_agreement"]
-
 
 @dataclass(frozen=True)
 class Agreement:

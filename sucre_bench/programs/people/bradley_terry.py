@@ -21,8 +21,6 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
 
-__all__ = ["FEWEST_OBSERVERS", "Preferences", "Votes", "fit", "preferences"]
-
 Numbers = npt.NDArray[np.intp]
 
 FEWEST_OBSERVERS = 6  # to draw whole observers

@@ -24,8 +24,6 @@ from sucre_bench.results.rows import restorations
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Key", "Shown", "design", "keys", "write_key"]
-
 _FORMAT, _VERSION = "sucre_bench people's study", 1
 
 

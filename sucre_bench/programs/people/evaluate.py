@@ -22,8 +22,6 @@ from sucre_bench.results.rows import COSTS, PREFERENCE, Row, restorations
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["METRIC", "Evaluated", "evaluate", "store"]
-
 METRIC, _VARIANT, _UNIT = PREFERENCE, "bradley-terry", "log-odds"
 _VERSION = 1
 

@@ -19,8 +19,6 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.people.design import Key, picture_path
 
-__all__ = ["QUESTION", "write_page"]
-
 QUESTION = "Which picture shows the scene better?"
 _QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
 

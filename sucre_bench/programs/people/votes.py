@@ -16,8 +16,6 @@ from sucre_bench.machine.files import regular
 from sucre_bench.programs.people.bradley_terry import Votes
 from sucre_bench.programs.people.design import Key, Shown
 
-__all__ = ["Ballots", "Vote", "as_numbers", "read_votes"]
-
 _FORMAT, _VERSION = "sucre_bench votes", 1
 _MOST_BYTES = 16 << 20
 

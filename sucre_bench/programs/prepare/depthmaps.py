@@ -23,8 +23,6 @@ from sucre_bench.programs.prepare.plane_sweep import agreeing, planes_of, sweep
 from sucre_bench.programs.prepare.relief import Relief
 from sucre_bench.programs.prepare.sparse_points import Shot, neighbours
 
-__all__ = ["Dense", "DepthMaps", "Sparse", "write_depth"]
-
 _SOURCES = 4
 _FEWEST_POINTS = 6  # sparse points of a photo that a sweep needs
 _SMOOTH = 0.01  # a larger relative difference between neighbours is a border

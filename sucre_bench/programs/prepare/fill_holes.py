@@ -6,8 +6,6 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 
-__all__ = ["without_small_holes"]
-
 _LARGEST = 0.01  # share of the image
 _RIM = 3  # pixels: width of the rim around a hole
 _FEWEST = 12  # fewest pixels of a rim

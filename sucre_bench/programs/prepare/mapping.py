@@ -24,8 +24,6 @@ from sucre_bench.machine.steps import needed_step
 from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
-__all__ = ["PAIRS_A_STEP", "Mapped", "Rules", "map_photos", "read_mapped"]
-
 Matching = Literal["auto", "exhaustive", "sequential"]
 Cameras = Literal["single", "folder", "image"]
 

@@ -18,8 +18,6 @@ from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, 
 from sucre_bench.programs.prepare.record import Prepared, write_record
 from sucre_bench.programs.prepare.sparse_points import Shot
 
-__all__ = ["write"]
-
 _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
 
 

@@ -16,8 +16,6 @@ from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size, same_s
 from sucre_bench.loading.find_folders import walk
 from sucre_bench.machine.progress import track
 
-__all__ = ["Photo", "find_photos", "read_photo", "too_few", "write_gray"]
-
 
 @dataclass(frozen=True, slots=True)
 class Photo:

@@ -24,8 +24,6 @@ from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
 from sucre_bench.programs.prepare.sparse_points import Shot, read_shots
 from sucre_bench.programs.prepare.undistort import undistort
 
-__all__ = ["Options", "prepare"]
-
 T = TypeVar("T")
 
 _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores

@@ -20,8 +20,6 @@ from sucre_bench.camera import Camera, depth_at, pixel_rays, project, relative_p
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.programs.prepare.sparse_points import Shot
 
-__all__ = ["Planes", "agreeing", "planes_of", "sweep"]
-
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5
 _LEAST_VARIANCE = 0.6**2  # standard deviation of 8-bit gray levels in a window; below it is rounding

@@ -6,8 +6,6 @@ from types import ModuleType
 
 from sucre_bench.errors import InputError
 
-__all__ = ["load_pycolmap"]
-
 
 def load_pycolmap() -> ModuleType:
     """Return pycolmap with its log switched off. Raises InputError if it is too old."""

@@ -21,8 +21,6 @@ from sucre_bench.programs.prepare.sparse_points import Shot
 if TYPE_CHECKING:
     from sucre_bench.programs.prepare.record import Prepared
 
-__all__ = ["quality_of", "shown", "thumbnails", "write_page"]
-
 _THUMBNAIL = 420  # pixels wide
 
 

@@ -13,8 +13,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.prepare.scale import Known, Length, Scale
 
-__all__ = ["Prepared", "Quality", "Settled", "given", "read_record", "settled_by", "write_record"]
-
 _FILE = "prepare.json"
 
 

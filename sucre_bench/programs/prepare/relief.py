@@ -17,8 +17,6 @@ from sucre_bench.camera import pixel_rays
 from sucre_bench.errors import InputError
 from sucre_bench.programs.prepare.sparse_points import Shot
 
-__all__ = ["Relief", "relief_of"]
-
 _LEAST_TRACK = 3
 _NEAREST = 8
 _ODD = 6.0  # in median absolute deviations of a height from its neighbours

@@ -9,8 +9,6 @@ from pathlib import Path
 
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["Stage", "stage"]
-
 
 @dataclass(frozen=True, slots=True)
 class Stage:

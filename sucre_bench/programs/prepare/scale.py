@@ -19,8 +19,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.files import regular
 from sucre_bench.programs.prepare.sparse_points import Shot
 
-__all__ = ["Known", "Length", "Scale", "find_scale"]
-
 _USUAL_DEPTH = 3.0  # the median depth if no scale is known
 _LARGEST_ERROR = 0.1  # greatest relative value of two standard errors of a scale from a depth track
 

@@ -13,8 +13,6 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, project
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
-__all__ = ["Shot", "neighbours", "read_shots"]
-
 Indices = npt.NDArray[np.int64]
 
 _TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance

@@ -20,8 +20,6 @@ from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.photos import Photo, read_photo
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
-__all__ = ["undistort", "write_pinhole"]
-
 
 def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Path, pinhole: Path) -> None:
     """Write the undistorted images, PNG of the photos' own bit depth, their masks, and the model of them.

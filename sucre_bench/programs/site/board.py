@@ -22,8 +22,6 @@ from sucre_bench.results.rows import RESTORATION
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Board", "Entry", "Line", "State", "Table", "board"]
-
 
 class State(Enum):
     """What `verify` found; the value is what the page says."""

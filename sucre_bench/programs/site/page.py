@@ -14,8 +14,6 @@ from sucre_bench.compare.text import legend, shown, title
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.site.board import Board, Line, Table
 
-__all__ = ["write_page"]
-
 
 @dataclass(frozen=True)
 class _Shown:

@@ -17,8 +17,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.caption import captioned
 from sucre_bench.programs.surface.surface import Model
 
-__all__ = ["rendered", "side_by_side", "vantage"]
-
 _SIZE = (960, 720)  # size of a picture in pixels
 _FOCAL = 0.8  # focal length by width: 64 degrees
 _FINER = 2  # rays a pixel, along each side

@@ -23,8 +23,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import View
 
-__all__ = ["Cells", "Model", "choose_cells", "fuse"]
-
 _BYTES_PER_CELL = 1000  # measured at the peak
 _TRUNCATION = 8.0  # voxels, Open3D's own
 _BLOCK = 16

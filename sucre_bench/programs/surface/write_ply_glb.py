@@ -19,8 +19,6 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.surface.surface import Model
 from sucre_bench.scene import View
 
-__all__ = ["SUFFIXES", "mean_up", "write_model"]
-
 SUFFIXES = (".ply", ".glb")
 
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125  # glTF's names of types

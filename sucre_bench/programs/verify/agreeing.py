@@ -17,8 +17,6 @@ from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["Key", "Pictured", "agrees", "computed"]
-
 Key = tuple[str, str, str]  # metric, variant, region
 
 _HALF_STEP = np.float32(0.5 / 255)

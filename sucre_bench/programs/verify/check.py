@@ -29,8 +29,6 @@ from sucre_bench.scene import Arrays, Restoration, Scene, View
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Differing", "Verified", "verify"]
-
 
 @dataclass(frozen=True)
 class Differing:

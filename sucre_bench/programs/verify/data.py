@@ -20,8 +20,6 @@ from sucre_bench.scene import Scene
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Opened", "open_data"]
-
 _ROOT = "root"  # the option of datasets that names their folder
 
 

@@ -22,9 +22,6 @@ from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Restoration, View
 
-__all__ = ["Metrics"]
-
-
 _CONFIG = "config.yaml"
 _MOST_BYTES = 4_000_000  # of a stranger's YAML that is read
 

@@ -18,8 +18,6 @@ from sucre_bench.results.layout import Place, possible_places
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration
 
-__all__ = ["Held", "held", "picture", "restoration_of"]
-
 _PNG, _JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 _TRUTH = "true_water"  # in a record it is what the bundle says; metrics get that of the data
 _MOST_PIXELS = 400_000_000

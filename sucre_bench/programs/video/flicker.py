@@ -27,8 +27,6 @@ from sucre_bench.machine.progress import track
 from sucre_bench.multiview.common_points import matched, surface_of
 from sucre_bench.scene import View
 
-__all__ = ["FORMULAE", "Flicker", "flicker", "gain_of"]
-
 FORMULAE = {
     "gain": "mean over channels of |ln(restored / input)(t+1) - ln(restored / input)(t)|, of means in linear light",
     "points": "mean CIEDE2000 of the same scene points in views t and t+1",

@@ -12,8 +12,6 @@ from sucre_bench.engine.reopen import INPUT, Frame
 from sucre_bench.imaging.caption import captioned
 from sucre_bench.machine.progress import track
 
-__all__ = ["composed", "panel_size"]
-
 _SWEEP_SECONDS = 6.0  # of the divider, there and back
 _REACH = 0.42  # of the width, to either side of the middle
 _GAP = 4  # pixels between panels

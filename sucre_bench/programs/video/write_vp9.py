@@ -21,8 +21,6 @@ from sucre_bench.arrays import Picture
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
 
-__all__ = ["SUFFIXES", "write_video"]
-
 SUFFIXES = (".mp4", ".webm")
 
 

@@ -20,8 +20,6 @@ from sucre_bench.results.rows import fingerprint
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-__all__ = ["connect", "default_uri", "resolved", "said_of", "sqlite_path"]
-
 _PATIENCE_S = 60  # for other processes that open the same store
 
 _SQLITE = "sqlite:///"

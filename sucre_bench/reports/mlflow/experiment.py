@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     import pandas as pd
     from mlflow import MlflowClient
 
-__all__ = ["Experiment", "rows_hash", "stamp"]
-
 
 @dataclass(frozen=True)
 class Experiment:

@@ -12,8 +12,6 @@ from sucre_bench.reports.mlflow.connection import sqlite_path
 from sucre_bench.results import TABLE
 from sucre_bench.results.rows import fingerprint
 
-__all__ = ["is_logged", "remember"]
-
 
 def is_logged(out: Path, uri: str, experiment: str) -> bool:
     """Whether the score table of `out`, as it is now, was logged there."""

@@ -21,8 +21,6 @@ from sucre_bench.reports.mlflow.connection import connect, resolved, said_of
 if TYPE_CHECKING:
     from sucre_bench.compare import Column, Comparison
 
-__all__ = ["VIEW_TAG", "check_port", "open_ui", "runs_page", "view_of"]
-
 # mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
 _KEY = "sucre_bench"
 VIEW_TAG = f"mlflow.sharedViewState.{_KEY}"

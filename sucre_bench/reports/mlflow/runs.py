@@ -30,8 +30,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.compare import Comparison
 
-__all__ = ["log"]
-
 _LONGEST_PARAM = 6000
 _MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its artifacts
 _PICTURE_SIZE = (640, 640)

@@ -17,8 +17,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.provenance import version_of
 
-__all__ = ["check", "make"]
-
 _PATIENCE_S = 10
 
 

@@ -37,8 +37,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.compare import Comparison
 
-__all__ = ["write"]
-
 # Later styles override earlier ones.
 _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
 _HUGE = 1e308  # what JSON has for infinity

@@ -27,8 +27,6 @@ from sucre_bench.results.rows import restoration_rows, tuples
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Section", "cell_of", "column_of", "key_of"]
-
 _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command

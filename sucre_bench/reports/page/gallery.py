@@ -22,8 +22,6 @@ from sucre_bench.reports.page.hole_maps import Block, maps, narrowed, webp
 from sucre_bench.results.masks import read_mask
 from sucre_bench.results.restorations import read_full_arrays
 
-__all__ = ["WIDTHS", "Gallery", "Widths"]
-
 # (most pictures of a page, their width in pixels), widest first.
 Widths = Sequence[tuple[int, int]]
 

@@ -14,8 +14,6 @@ import numpy.typing as npt
 from sucre_bench.arrays import Mask, Picture
 from sucre_bench.imaging.image_files import encode_png
 
-__all__ = ["Block", "maps", "narrowed", "webp"]
-
 Image = npt.NDArray[np.uint8]
 
 _MAP_WIDTH = 480

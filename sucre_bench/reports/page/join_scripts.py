@@ -9,8 +9,6 @@ from __future__ import annotations
 import re
 from collections.abc import Callable
 
-__all__ = ["join_scripts"]
-
 _IMPORT = re.compile(r'^import (?:\{([^{}]*)\} from )?"\./(\w+)\.js";\n', re.MULTILINE)
 _EXPORT = re.compile(r"^export (?=(?:const|let|async function|function) ([\w$]+))", re.MULTILINE)
 

@@ -6,8 +6,6 @@ import base64
 import hashlib
 from collections.abc import Iterable
 
-__all__ = ["policy"]
-
 
 def policy(scripts: Iterable[str], styles: Iterable[str]) -> str:
     """Return the policy of a page with these scripts and style sheets, each the exact text of its element."""

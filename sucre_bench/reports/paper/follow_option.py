@@ -26,8 +26,6 @@ from sucre_bench.jobs.study import Study
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Along", "Value", "along", "records"]
-
 
 @dataclass(frozen=True)
 class Value:

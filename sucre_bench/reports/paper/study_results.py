@@ -16,8 +16,6 @@ from sucre_bench.reports.paper.follow_option import Along, along
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["StudyResults"]
-
 
 @dataclass(frozen=True)
 class StudyResults:

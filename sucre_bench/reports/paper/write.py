@@ -23,8 +23,6 @@ from sucre_bench.results.layout import file_name, log_path
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Written", "write"]
-
 
 @dataclass(frozen=True)
 class Written:

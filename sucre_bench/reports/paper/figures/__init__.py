@@ -18,8 +18,6 @@ if TYPE_CHECKING:
     from sucre_bench.errors import NotApplicableError
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["Draw", "Drawn", "find"]
-
 Drawn: TypeAlias = "Iterator[tuple[str, Figure | NotApplicableError]]"
 Draw = Callable[["StudyResults"], Drawn]
 

@@ -23,8 +23,6 @@ if TYPE_CHECKING:
     from sucre_bench.reports.paper.figures import Drawn
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw", "positions"]
-
 _LOG_FROM = 30  # greatest over least value
 
 

@@ -19,8 +19,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw"]
-
 _RANGE = r"image/([\d.]+)-([\d.]+) m"
 
 

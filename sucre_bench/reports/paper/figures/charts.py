@@ -23,8 +23,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["PLACES", "draw", "seen_charts", "with_places"]
-
 _ERRORS: tuple[Role, ...] = ("chart-error", "colour-difference")
 _CHART = ["dataset", "scene", "view", "chart"]
 PLACES = 8

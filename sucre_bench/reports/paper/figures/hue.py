@@ -29,8 +29,6 @@ if TYPE_CHECKING:
     from sucre_bench.reports.paper.figures.style import Look
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw"]
-
 _PANELS = 24
 
 

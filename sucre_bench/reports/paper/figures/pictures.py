@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw", "pages"]
-
 _MOST_VIEWS = 4
 _MOST_COLUMNS = 8
 _DPI = 300

@@ -30,9 +30,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw"]
-
-
 # Views drawn of each dataset and method; points, and colours of the model's curves, in the figure over distance.
 _VIEWS, _POINTS, _CURVES = 2, 12, 6
 

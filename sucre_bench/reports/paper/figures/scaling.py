@@ -28,8 +28,6 @@ if TYPE_CHECKING:
     from sucre_bench.arrays import Array
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw", "line", "times"]
-
 # What `times` has of each restoration, and the panels' titles.
 _STAGES = {"seconds": "whole restoration", "pair": "pairing", "solve": "solving"}
 

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw", "panels"]
-
 _LINE = 0.135  # inches a method takes
 _PAGE = 9.0  # inches a page has
 

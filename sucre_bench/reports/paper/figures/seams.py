@@ -28,8 +28,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw"]
-
 # Views drawn of each dataset, and pictures of each: the photograph and so many methods.
 _VIEWS, _METHODS = 2, 5
 

@@ -25,21 +25,6 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-__all__ = [
-    "CHANNELS",
-    "MARKERS",
-    "PALETTE",
-    "Look",
-    "colour",
-    "each_dataset",
-    "figure",
-    "legend_above",
-    "look",
-    "looks",
-    "marker",
-    "save",
-]
-
 # Width in inches of one column, and of both, of a two-column paper.
 WIDTH = {1: 3.35, 2: 6.9}
 

@@ -24,8 +24,6 @@ if TYPE_CHECKING:
     from sucre_bench.reports.paper.figures import Drawn
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw"]
-
 _CHANNELS = ["red", "green", "blue"]
 _PATCHES = 18  # no more are wide enough for their number
 _CHART = ["scene", "view", "chart"]

@@ -25,8 +25,6 @@ if TYPE_CHECKING:
 
     from sucre_bench.reports.paper.study_results import StudyResults
 
-__all__ = ["draw"]
-
 # parameter, as variants begin with it: its name in a run's records, and as an axis says it
 _PARAMETERS = {
     "veiling_light": ("B", "veiling light $B$"),
