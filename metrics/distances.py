@@ -14,7 +14,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.imaging.charts.reading import image_from_chart
+from sucre_bench.imaging.charts.patches import image_from_chart
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View
 

@@ -16,7 +16,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.charts.kinds import Patch
-from sucre_bench.imaging.charts.reading import PatchReading, measure
+from sucre_bench.imaging.charts.patches import PatchReading, measure
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View

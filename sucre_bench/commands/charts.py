@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands import complete
+from sucre_bench.commands import completion_words
 from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:
@@ -21,7 +21,7 @@ _DATASET = "colmap"  # reads images that are given without dataset=
     nargs=-1,
     type=click.UNPROCESSED,
     metavar="VIEW... [KEY=VALUE]...",
-    shell_complete=complete.complete_views,
+    shell_complete=completion_words.complete_views,
 )
 @click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
 @click.option("--accept", is_flag=True, help="Open no page; accept all proposals whose patches are in order.")

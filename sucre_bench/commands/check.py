@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands.common import KINDS, json_option, refuse_options
-from sucre_bench.commands.complete import complete_words
+from sucre_bench.commands.completion_words import complete_words
 
 if TYPE_CHECKING:
     from sucre_bench.programs.contract.contract import Outcome, Subject

@@ -15,7 +15,7 @@ from pathlib import Path
 import click
 from click.shell_completion import CompletionItem, ShellComplete, add_completion_class
 
-from sucre_bench.commands.complete import places
+from sucre_bench.commands.completion_words import places
 
 _VARIABLE, _PROGRAM = "_SUCRE_BENCH_COMPLETE", "sucre-bench"
 _OPEN = ("=", ".", "/")  # the end of a word that goes on

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands import complete
+from sucre_bench.commands import completion_words
 from sucre_bench.commands.common import json_option, plugin_option, refuse_options
 
 _SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -18,7 +18,7 @@ _SUFFIXES = (".png", ".jpg", ".jpeg")
     nargs=-1,
     type=click.UNPROCESSED,
     metavar="[DATASET|FOLDER] [KEY=VALUE]...",
-    shell_complete=complete.complete_datasets,
+    shell_complete=completion_words.complete_datasets,
 )
 @json_option
 @click.option(

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands import complete
+from sucre_bench.commands import completion_words
 from sucre_bench.commands.common import json_option, plugin_files_option, refuse_options
 
 
@@ -19,7 +19,7 @@ from sucre_bench.commands.common import json_option, plugin_files_option, refuse
     nargs=-1,
     type=click.UNPROCESSED,
     metavar="[LINE-UP.yaml] [KEY=VALUE]...",
-    shell_complete=complete.complete_run,
+    shell_complete=completion_words.complete_run,
 )
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @plugin_files_option

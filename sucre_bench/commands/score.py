@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands import complete
+from sucre_bench.commands import completion_words
 from sucre_bench.commands.common import plugin_option
 from sucre_bench.machine.notices import say
 
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     "--metrics",
     default="",
     metavar="A,B",
-    shell_complete=complete.complete_metrics,
+    shell_complete=completion_words.complete_metrics,
     help="Metrics: name, name:variant or name:all. Default: all that apply.",
 )
 @click.option(

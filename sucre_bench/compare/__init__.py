@@ -8,11 +8,11 @@ tie if the interval of their paired difference includes 0. At most 5 % of column
 
 from sucre_bench.compare.gate import Gate, Gated, gated
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
-from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.pixels import Pixels, on_pixels
 from sucre_bench.compare.refusals import load, refuse
 from sucre_bench.compare.tables import against, compare, only, without_replicates
 from sucre_bench.compare.verdicts import verdicts
+from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, By
 
 __all__ = [

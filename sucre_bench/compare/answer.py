@@ -6,7 +6,7 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 
-from sucre_bench.compare.deciding import Deciding
+from sucre_bench.compare.decisive_columns import Deciding
 from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number
 from sucre_bench.compare.pixels import says_filled

@@ -9,11 +9,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
 from sucre_bench import results
-from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
+from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, values_of
 
 if TYPE_CHECKING:

@@ -16,10 +16,10 @@ from sucre_bench.compare import ranks
 from sucre_bench.compare.bootstrap import Units, pseudo_values
 from sucre_bench.compare.missing import notes
 from sucre_bench.compare.model import Cell, Column, ColumnScores, Comparison, Note
-from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 
 if TYPE_CHECKING:

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.answer import answer, blind, over_views, rough
-from sucre_bench.compare.deciding import Deciding, deciding
-from sucre_bench.compare.laid_out import LaidOut, aligned
+from sucre_bench.compare.column_layout import LaidOut, aligned
+from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.numbers import signed
 from sucre_bench.compare.verdicts import verdicts

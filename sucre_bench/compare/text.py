@@ -1,6 +1,6 @@
 """A comparison as text: terminal, Markdown, LaTeX, HTML, CSV, JSON, and a sentence for each verdict."""
 
-from sucre_bench.compare.deciding import decisive
+from sucre_bench.compare.decisive_columns import decisive
 from sucre_bench.compare.documents import Format, as_text
 from sucre_bench.compare.numbers import NUMBERS, number, signed
 from sucre_bench.compare.terminal import as_blocks, as_table

@@ -23,7 +23,7 @@ from sucre_bench.degrade.options import VIEWS, Degradation, hashed
 from sucre_bench.degrade.views import kept_views
 from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.reading import scaled_chart
+from sucre_bench.imaging.charts.patches import scaled_chart
 from sucre_bench.scene import Chart, Plane, Scene, View
 
 __all__ = ["Degradation", "around", "degraded", "degraded_whole"]

@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench import compare, plugins, results
 from sucre_bench.arrays import Picture
 from sucre_bench.compare import Comparison
-from sucre_bench.compare.deciding import deciding
+from sucre_bench.compare.decisive_columns import deciding
 from sucre_bench.compare.text import as_text, number
 from sucre_bench.engine.common_in_memory import InMemory, score_in_memory
 from sucre_bench.engine.one_view import restore, score

@@ -12,7 +12,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row, tuples
-from sucre_bench.results.stored_files import are_as_written
+from sucre_bench.results.stored_hashes import are_as_written
 
 if TYPE_CHECKING:
     import pandas as pd

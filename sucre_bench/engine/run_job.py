@@ -11,12 +11,12 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.decoded import sharing_decoded
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.hints import hints_of
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
+from sucre_bench.engine.share_decoded import sharing_decoded
 from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
 from sucre_bench.errors import NotApplicableError, OutputError, one_line, raise_if_stop
 from sucre_bench.imaging.display import displayed, is_of_scene

@@ -10,10 +10,10 @@ from typing import TYPE_CHECKING
 from sucre_bench import compare, results
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
-from sucre_bench.engine.decoded import remove_decoded, share_decoded
 from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
+from sucre_bench.engine.share_decoded import remove_decoded, share_decoded
 from sucre_bench.engine.tasks import opening_once
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command

@@ -20,7 +20,7 @@ import numpy as np
 
 from sucre_bench.errors import InputError, in_one_line
 from sucre_bench.imaging.charts.kinds import chart_kind
-from sucre_bench.imaging.charts.reading import check_corners
+from sucre_bench.imaging.charts.patches import check_corners
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Chart
 

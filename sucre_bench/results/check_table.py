@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
 from sucre_bench.errors import DamagedTableError, in_one_line
-from sucre_bench.results.encoded import texts_of
+from sucre_bench.results.encoded_rows import texts_of
 from sucre_bench.results.rows import COLUMNS, NUMBERS, Status
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""Chooses the row that counts if there are several rows of one score."""
+"""Chooses the row that counts if there are several rows of one score, and the rows of the newest data."""
 
 from __future__ import annotations
 
@@ -13,6 +13,7 @@ import numpy.typing as npt
 from sucre_bench.results.rows import KEYS, RESTORATION
 
 if TYPE_CHECKING:
+    import pandas as pd
     import pyarrow
 
 Indices = npt.NDArray[np.int64]
@@ -45,6 +46,17 @@ def newest(rows: pyarrow.Table) -> pyarrow.Table:
     chosen = chosen[np.sort(first)]
     chosen = chosen[np.lexsort([of.places(name)[chosen] for name in ("view", "scene", "method", "dataset")])]
     return rows if np.array_equal(chosen, np.arange(len(rows))) else rows.take(chosen)
+
+
+def is_fresh(rows: pd.DataFrame) -> pd.Series:
+    """Return which rows come from the newest data of their scene."""
+    import pandas as pd
+
+    data = rows[["dataset", "scene", "data_id"]].drop_duplicates()
+    if not data.duplicated(["dataset", "scene"]).any():  # as in most folders: no scene has older data too
+        return pd.Series(data=True, index=rows.index)
+    newest = rows.groupby(["dataset", "scene", "data_id"])["time"].transform("max")
+    return newest == newest.groupby([rows["dataset"], rows["scene"]]).transform("max")
 
 
 @dataclass(frozen=True, eq=False)

@@ -25,7 +25,7 @@ from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import write_mask
 from sucre_bench.results.rows import Row
-from sucre_bench.results.stored_files import FILES, described
+from sucre_bench.results.stored_hashes import FILES, described
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Encoding, Restoration, View, Water
 

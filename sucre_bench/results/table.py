@@ -21,7 +21,7 @@ from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchErr
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
-from sucre_bench.results.encoded import TEXTS, as_frame, encoded, joined, of_label, texts_of
+from sucre_bench.results.encoded_rows import TEXTS, as_frame, encoded, joined, of_label, texts_of
 from sucre_bench.results.newest import newest
 from sucre_bench.results.rows import COLUMNS, Row, as_arrow
 

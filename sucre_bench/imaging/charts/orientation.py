@@ -13,7 +13,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.reading import measure
+from sucre_bench.imaging.charts.patches import measure
 from sucre_bench.scene import Chart
 
 # On eight charts of Sea-thru's D5, 1.5 to 10 m away, the right order explains .69 to .93, any other at most .15.

@@ -16,7 +16,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.engine.tasks import open_scenes
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.charts.kinds import chart_kind
-from sucre_bench.imaging.charts.reading import check_corners
+from sucre_bench.imaging.charts.patches import check_corners
 from sucre_bench.jobs.job import Choice
 from sucre_bench.loading.photograph import is_rigid
 from sucre_bench.machine.shown import counted

@@ -9,8 +9,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from sucre_bench.programs.describe.depth_and_poses import Overlap, suspect
 from sucre_bench.programs.describe.facts import Look, ViewFacts
-from sucre_bench.programs.describe.overlaps import Overlap, suspect
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing

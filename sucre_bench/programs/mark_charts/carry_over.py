@@ -15,7 +15,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, depth_at, project
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.reading import check_corners, image_from_chart
+from sucre_bench.imaging.charts.patches import check_corners, image_from_chart
 from sucre_bench.scene import Chart, View
 
 _AGREES = 0.05  # greatest |Z - d| / Z on the chart: photogrammetry rounds a chart's edges

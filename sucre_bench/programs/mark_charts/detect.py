@@ -10,7 +10,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import ChartKind, chart_kind
-from sucre_bench.imaging.charts.reading import check_corners
+from sucre_bench.imaging.charts.patches import check_corners
 from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.scene import Chart

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.prepare.depthmaps import Dense, DepthMaps, write_depth
+from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, write_depth
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, write_page
 from sucre_bench.programs.prepare.record import Prepared, write_record

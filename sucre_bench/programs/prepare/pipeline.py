@@ -13,7 +13,7 @@ from typing import Any, Literal, TypeVar
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
-from sucre_bench.programs.prepare.depthmaps import Dense, DepthMaps, Sparse
+from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse
 from sucre_bench.programs.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos, read_mapped
 from sucre_bench.programs.prepare.output import write
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few

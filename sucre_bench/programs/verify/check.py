@@ -18,10 +18,10 @@ from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.verify import TOLERANCE
-from sucre_bench.programs.verify.agreeing import Key, Pictured, agrees, computed
 from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
 from sucre_bench.programs.verify.pictures import Held, held, picture, restoration_of
+from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
 from sucre_bench.results.bundle_format import Bundle
 from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View

@@ -14,7 +14,7 @@ import urllib.request
 from collections.abc import Callable, Sequence
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.compare.deciding import deciding
+from sucre_bench.compare.decisive_columns import deciding
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.reports.mlflow.connection import connect, resolved, said_of
 

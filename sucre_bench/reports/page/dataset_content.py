@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
 from sucre_bench.compare.answer import answer, blind, rough
-from sucre_bench.compare.deciding import Deciding, deciding
+from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.pixels import FILLED
 from sucre_bench.compare.text import shown
 from sucre_bench.errors import InputError

@@ -16,12 +16,12 @@ from pathlib import PurePath
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
-from sucre_bench.compare.newest_data import is_fresh
 from sucre_bench.compare.tables import without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.study import Study
+from sucre_bench.results.newest import is_fresh
 
 if TYPE_CHECKING:
     import pandas as pd

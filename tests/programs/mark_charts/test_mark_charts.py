@@ -26,7 +26,7 @@ from sucre_bench.commands.charts import charts
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.imaging.charts.orientation import reading_order
-from sucre_bench.imaging.charts.reading import image_from_chart, measure
+from sucre_bench.imaging.charts.patches import image_from_chart, measure
 from sucre_bench.loading.view_files import Files
 from sucre_bench.programs.mark_charts.carry_over import propose
 from sucre_bench.programs.mark_charts.charts_json import ChartsFile
