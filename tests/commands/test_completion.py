@@ -170,7 +170,7 @@ def test_tab_in_a_real_shell_writes_the_word_and_runs_it(shell: str, tmp_path: P
     )
     os.close(inside)
 
-    def until(wanted: str, seconds: float = 30) -> None:
+    def until(wanted: str, seconds: float = 300) -> None:
         said, deadline = "", time.monotonic() + seconds
         while wanted not in said:
             assert time.monotonic() < deadline, said

@@ -27,7 +27,7 @@ def test_the_same_command_twice_gives_the_same_table_but_for_times(tmp_path: Pat
     command += ["method=ibla,haze_lines,gaussian_seathru,seathru,stitching,sucre_paper,sucre,sucre_plus"]
     tables = []
     for out in ("first", "second"):
-        done = Started(tmp_path, *command, f"out={tmp_path / out}").ended(300)
+        done = Started(tmp_path, *command, f"out={tmp_path / out}").ended()
         assert done.returncode == 0, done.stdout + done.stderr
         tables.append(but_times(results.read(tmp_path / out)))
     pd.testing.assert_frame_equal(*tables)

@@ -323,42 +323,41 @@ def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkey
     assert not [p for p in out.rglob(".*") if p.suffix != ".lock"]  # no half-written file is left
 
 
-SLOW = ["run", "dataset=toy", "dataset.views=8", "dataset.label=toy", "method=gain", "metrics=[psnr]"]
-SLOW += ["tracking.uri=off", "method.pause=0.7", "method.label=slow"]
+STAYING = ["run", "dataset=toy", "dataset.views=8", "dataset.label=toy", "method=gain", "metrics=[psnr]"]
+STAYING += ["tracking.uri=off", "method.label=staying"]
 
 
-def start(out: Path, toys: str, log: Path) -> Started:
-    return Started(out.parent, *SLOW, f"out={out}", f"method.log={log}", "--plugin", toys)
+def start(out: Path, toys: str, log: Path, *more: str) -> Started:
+    return Started(out.parent, *STAYING, *more, f"out={out}", f"method.log={log}", "--plugin", toys)
 
 
-def wait_for(log: Path, views: int) -> None:
-    for _ in range(600):
-        if len(calls(log)) >= views:
-            return
-        time.sleep(0.05)
-    raise AssertionError("the run did not get going")
+def wait_until_it_stays_at(view: str, log: Path) -> None:
+    deadline = time.monotonic() + 300
+    while view not in calls(log):
+        assert time.monotonic() < deadline, "the run did not get going"
+        time.sleep(0.02)
 
 
 def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path):
-    log = tmp_path / "log"
-    killed = start(out, toys, log)
-    wait_for(log, 5)
+    log, words = tmp_path / "log", ("method.pause=0.5", "method.stays_at=v3.png")  # rows are written within a second
+    killed = start(out, toys, log, *words)
+    wait_until_it_stays_at("v3.png", log)
     killed.send(signal.SIGKILL, to_group=True)
     assert killed.ended().returncode == -signal.SIGKILL
     done = results.read(out)["view"].nunique()
     assert done >= 2
-    resumed = start(out, toys, log).ended()
+    resumed = start(out, toys, log, *words).ended()
     assert resumed.returncode == 0
     assert f"8 ok ({done} cached), 0 failed" in resumed.stdout
-    assert len(calls(log)) == 5 + 8 - done
+    assert len(calls(log)) == 4 + 8 - done
     assert results.read(out).groupby("metric").size().tolist() == [8, 8, 8]
 
 
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, tmp_path: Path, how: signal.Signals):
     log = tmp_path / "log"
-    stopped = start(out, toys, log)
-    wait_for(log, 3)
+    stopped = start(out, toys, log, "method.stays_at=v2.png")
+    wait_until_it_stays_at("v2.png", log)
     stopped.send(how)
     done = stopped.ended()
     assert done.returncode == 130

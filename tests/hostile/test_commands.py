@@ -124,6 +124,7 @@ class Lines:
 
     def __init__(self) -> None:
         self.lines: list[str] = []
+        self.has_one = threading.Event()
 
     def started(self, what: str, total: int | None) -> int:
         return 0
@@ -134,6 +135,7 @@ class Lines:
 
     def said(self, text: str, is_fault: bool) -> None:
         self.lines.append(text)
+        self.has_one.set()
 
 
 def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:
@@ -145,15 +147,15 @@ def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:
 def test_a_lock_that_another_process_holds_is_said_with_a_remedy_that_works(tmp_path: Path):
     context = multiprocessing.get_context("forkserver")
     held, lines = context.Event(), Lines()
-    holder = context.Process(target=_hold, args=(tmp_path / "lock", held))
+    holder = context.Process(target=_hold, args=(tmp_path / "lock", held), daemon=True)
     holder.start()
-    assert held.wait(60)
+    assert held.wait(300)
 
     def follow_the_remedy() -> None:
-        while not lines.lines:
-            threading.Event().wait(0.05)
-        found = re.search(r"`kill (\d+)`", lines.lines[0])
-        os.kill(int(found[1]) if found else holder.pid or 0, signal.SIGTERM)
+        if lines.has_one.wait(300) and (found := re.search(r"`kill (\d+)`", lines.lines[0])):
+            os.kill(int(found[1]), signal.SIGTERM)
+        else:
+            holder.kill()
 
     helper = threading.Thread(target=follow_the_remedy)
     helper.start()
@@ -207,11 +209,11 @@ def test_the_charts_server_refuses_what_is_no_request_of_its_page_and_goes_on(
     with serving(place) as server:
         host = f"127.0.0.1:{server.server_port}".encode()
         for name, request in REQUESTS.items():
-            with socket.create_connection(("127.0.0.1", server.server_port), timeout=20) as connection:
+            with socket.create_connection(("127.0.0.1", server.server_port), timeout=300) as connection:
                 connection.sendall(request.replace(b"%b", server.token.encode()).replace(b"%h", host))
                 answer = connection.recv(1000)
             assert re.match(rb"HTTP/1.. 4\d\d ", answer), (name, answer)
-        page = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+        page = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=300)
         page.request("GET", urlsplit(server.url).path + "state")
         assert page.getresponse().status == 200
         page.close()
@@ -224,7 +226,7 @@ STREAMS = {"stdout": ">&-", "stdout and stderr": ">&- 2>&-", "all": ">&- 2>&- <&
 @pytest.mark.parametrize("how", STREAMS.values(), ids=STREAMS)
 def test_a_command_whose_streams_are_closed_does_its_work(tmp_path: Path, how: str):
     done = subprocess.run(
-        f"'{PROGRAM}' new method mine {how}", shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=60
+        f"'{PROGRAM}' new method mine {how}", shell=True, cwd=tmp_path, capture_output=True, text=True, timeout=600
     )
     assert (tmp_path / "mine.py").stat().st_size > 100
     assert done.stderr == ""

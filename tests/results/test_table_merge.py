@@ -80,7 +80,7 @@ def test_a_job_that_writes_while_parts_are_joined_loses_nothing_and_waits_for_no
 
         def late(out: Path = out, done: threading.Event = done) -> None:
             threading.Thread(target=lambda: (write(out, "late"), done.set()), daemon=True).start()
-            assert done.wait(20), "the job waits for the merge"
+            assert done.wait(300), "the job waits for the merge"
 
         moments.at(n, late)
         results.merge(out)

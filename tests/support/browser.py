@@ -8,12 +8,27 @@ from __future__ import annotations
 import json
 import shutil
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
 from playwright.sync_api import sync_playwright
 
-_PATIENCE_MS = 30_000  # for a busy machine
+_PATIENCE_MS = 300_000  # for a busy machine
+# Marsaglia's xorshift in the place of the browser's random numbers, so that a test does not fail by chance.
+_DRAWS = """(() => {
+    let state = (SEED * 2654435761 + 1) >>> 0 || 1;
+    const drawn = (array) => {
+        for (let n = 0; n < array.length; n++) {
+            state ^= state << 13; state ^= state >>> 17; state ^= state << 5;
+            array[n] = state >>> 0;
+        }
+        return array;
+    };
+    for (let n = 0; n < 20; n++) drawn([0]);
+    Crypto.prototype.getRandomValues = drawn;
+    Math.random = () => drawn(new Uint32Array(1))[0] / 2 ** 32;
+})();"""
 _LOCAL = ("file:", "data:", "blob:", "about:")
 
 
@@ -30,15 +45,19 @@ class Browser:
         flags = ["--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--host-resolver-rules=MAP * ~NOTFOUND"]
         self._playwright = sync_playwright().start()
         self._context = self._playwright.chromium.launch_persistent_context(
-            profile, executable_path=program, args=flags, offline=True, no_viewport=True
+            profile, executable_path=program, args=flags, offline=True, no_viewport=True, timeout=_PATIENCE_MS
         )
         self._page = self._context.pages[0]
         self._page.set_default_timeout(_PATIENCE_MS)
         self._protocol = self._context.new_cdp_session(self._page)
         self.complaints: list[str] = []
+        self._loading: set[Any] = set()
+        self._drawing = ""
         self._page.on("pageerror", lambda error: self.complaints.append(str(error)))
         self._page.on("console", self._heard)
         self._page.on("request", self._requested)
+        for ended in ("requestfinished", "requestfailed"):
+            self._page.on(ended, lambda request: self._loading.discard(request))
         self.size(width, height)
 
     def _heard(self, message: Any) -> None:
@@ -46,6 +65,7 @@ class Browser:
             self.complaints.append(message.text)
 
     def _requested(self, request: Any) -> None:
+        self._loading.add(request)
         if not request.url.startswith(_LOCAL):
             self.complaints.append(f"asked for {request.url}")
 
@@ -82,14 +102,36 @@ class Browser:
         return self._page.evaluate(script)
 
     def until(self, script: str) -> Any:
-        """Wait until an expression is true, and return it. Raises AssertionError after 30 s."""
-        deadline = time.monotonic() + _PATIENCE_MS / 1000
-        while not (
-            value := self.ask(script)
-        ):  # Playwright's own waiting evaluates text, which the page's policy forbids
-            assert time.monotonic() < deadline, f"never came true: {script}; {self.complaints}"
-            self._page.wait_for_timeout(50)
+        """Wait until an expression is true, and return it. Raises AssertionError after 5 minutes."""
+        value: Any = None
+
+        def asked() -> Any:
+            nonlocal value
+            value = self.ask(script)
+            return value
+
+        self.wait(asked, script)  # Playwright's own waiting evaluates text, which the page's policy forbids
         return value
+
+    def wait(self, true: Callable[[], Any], what: str) -> None:
+        """Wait until a function returns something true; meanwhile the browser's complaints come in."""
+        deadline = time.monotonic() + _PATIENCE_MS / 1000
+        while not true():
+            assert time.monotonic() < deadline, f"never came true: {what}; {self.complaints}"
+            self._page.wait_for_timeout(20)
+
+    def wait_until_loaded(self) -> None:
+        """Wait until the page has all that it asked for, or knows that it cannot have it."""
+        self.ask("new Promise((done) => requestAnimationFrame(() => requestAnimationFrame(done)))")
+        self.wait(lambda: not self._loading, "nothing is loading")
+        self._page.wait_for_timeout(20)  # for a complaint about the last one, which is on its way
+
+    def draws(self, seed: int) -> None:
+        """From the next page on, let pages draw these random numbers."""
+        if self._drawing:
+            self.call("Page.removeScriptToEvaluateOnNewDocument", identifier=self._drawing)
+        script = _DRAWS.replace("SEED", str(seed))
+        self._drawing = self.call("Page.addScriptToEvaluateOnNewDocument", source=script)["identifier"]
 
     def place(self, selector: str) -> tuple[float, float, float, float]:
         """Bring an element into view, and return its left, top, width and height."""

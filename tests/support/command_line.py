@@ -64,7 +64,7 @@ class Started:
 
     The process is forked from one that has imported the engine already: for tests that kill many.
     dies_at: the change of a file in the folder before which it is killed, counted from 1; 0 for never.
-    is_bounded: it may take 1 GB more than what it has at its start, and 30 s of a processor.
+    is_bounded: it may take 1 GB more than what it has at its start, and 100 s of a processor.
     """
 
     def __init__(self, folder: Path, *arguments: str, dies_at: int = 0, is_bounded: bool = False) -> None:
@@ -78,7 +78,7 @@ class Started:
         assert self._process.pid
         (os.killpg if to_group else os.kill)(self._process.pid, number)
 
-    def ended(self, timeout: float = 120) -> Done:
+    def ended(self, timeout: float = 600) -> Done:
         """Wait for the end. returncode: minus the signal's number where a signal was the end."""
         self._process.join(timeout)
         status = self._process.exitcode
@@ -109,13 +109,13 @@ def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, is_
 
 def run_bounded(folder: Path, *arguments: str) -> Done:
     """Run `sucre-bench ARGUMENTS` as `Started` does, with little memory and time, to its end."""
-    return Started(folder, *arguments, is_bounded=True).ended(60)
+    return Started(folder, *arguments, is_bounded=True).ended()
 
 
 def _bound() -> None:
     held = int(Path("/proc/self/statm").read_text().split()[0]) * os.sysconf("SC_PAGE_SIZE")
     resource.setrlimit(resource.RLIMIT_AS, (held + (1 << 30),) * 2)
-    resource.setrlimit(resource.RLIMIT_CPU, (30, 30))
+    resource.setrlimit(resource.RLIMIT_CPU, (100, 100))
 
 
 _CHANGES = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir", "os.symlink", "os.truncate"}
@@ -149,7 +149,7 @@ def run_program(folder: Path, *arguments: str, **environment: str) -> Done:
         capture_output=True,
         text=True,
         check=False,
-        timeout=300,
+        timeout=900,
         env={**os.environ, "COLUMNS": str(WIDTH), **environment},
     )
     return Done(done.returncode, done.stdout, done.stderr)

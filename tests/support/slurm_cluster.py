@@ -6,6 +6,7 @@ It has no accounting: `sacct` does not work, as on many a small cluster.
 from __future__ import annotations
 
 import os
+import random
 import shutil
 import signal
 import socket
@@ -13,10 +14,11 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 
 _PROGRAMS = ("munged", "slurmctld", "slurmd", "sbatch", "squeue", "scancel")
+_PATIENCE_S = 300  # for a busy machine
 _INSTALL = "apt-get install -y --no-install-recommends slurmctld slurmd slurm-client munge"
 
 _SLURM_CONF = """
@@ -47,7 +49,7 @@ AccountingStorageType=accounting_storage/none
 JobAcctGatherType=jobacct_gather/none
 JobCompType=jobcomp/none
 ReturnToService=2
-KillWait=2
+KillWait=120
 InactiveLimit=0
 MinJobAge=86400
 MaxArraySize={max_array}
@@ -71,8 +73,9 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
     max_array: MaxArraySize, the most jobs of one array.
     """
     with ExitStack() as stack:
-        # Short: a socket's path may have no more than 108 characters.
-        folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="slurm-", ignore_cleanup_errors=True)))
+        # Short, whatever TMPDIR says: a socket's path may have no more than 108 characters.
+        made = tempfile.TemporaryDirectory(prefix="slurm-", dir="/tmp", ignore_cleanup_errors=True)
+        folder = Path(stack.enter_context(made))
         conf = folder / "slurm.conf"
         host, cores = socket.gethostname().partition(".")[0], len(os.sched_getaffinity(0))
         settings = {"host": host, "folder": folder, "ports": _free_ports(2), "max_array": max_array, "cores": cores}
@@ -86,6 +89,7 @@ def slurm(max_array: int = 1001) -> Iterator[dict[str, str]]:
         there = {"SLURM_CONF": str(conf), "PATH": f"{os.environ['PATH']}:/usr/sbin:/sbin"}
         files = [f"--{name}-file={folder}/munge.{name}" for name in ("key", "pid", "log", "seed")]
         _start(stack, folder, there, "munged", "--foreground", f"--socket={folder}/munge.socket", *files)
+        _wait_for(folder / "munge.socket")
         _start(stack, folder, there, "slurmctld", "-i", "-D")
         _start(stack, folder, there, "slurmd", "-D")
         _wait_until_idle(folder, there)
@@ -97,17 +101,22 @@ def end_all(environment: dict[str, str]) -> None:
     """End the jobs that a test left: the daemons leave their processes behind."""
     everything = {**os.environ, **environment}
     subprocess.run(["scancel", f"--user={os.getuid()}"], env=everything, check=False)
-    ask, until = ["squeue", "--noheader"], time.monotonic() + 5
-    while time.monotonic() < until and subprocess.run(ask, capture_output=True, env=everything, check=False).stdout:
-        time.sleep(0.2)
+    ask, until = ["squeue", "--noheader"], time.monotonic() + _PATIENCE_S
+    while subprocess.run(ask, capture_output=True, env=everything, check=False).stdout:
+        assert time.monotonic() < until, "jobs of a test do not end"
+        time.sleep(0.1)
 
 
 def _free_ports(count: int) -> list[int]:
-    with ExitStack() as stack:
-        sockets = [stack.enter_context(socket.socket()) for _ in range(count)]
-        for one in sockets:
-            one.bind(("127.0.0.1", 0))
-        return [one.getsockname()[1] for one in sockets]
+    """Ports below those that the system gives to whoever asks for any: nobody else takes one before SLURM does."""
+    found: list[int] = []
+    for port in random.sample(range(10_000, 30_000), 1000):
+        with socket.socket() as one, suppress(OSError):
+            one.bind(("127.0.0.1", port))
+            found.append(port)
+        if len(found) == count:
+            return found
+    raise RuntimeError("no free ports")
 
 
 def _start(stack: ExitStack, folder: Path, environment: dict[str, str], *command: str) -> None:
@@ -120,14 +129,21 @@ def _start(stack: ExitStack, folder: Path, environment: dict[str, str], *command
 def _stop(process: subprocess.Popen[bytes]) -> None:
     process.send_signal(signal.SIGTERM)
     try:
-        process.wait(5)
+        process.wait(30)
     except subprocess.TimeoutExpired:
         process.kill()
         process.wait()
 
 
+def _wait_for(path: Path) -> None:
+    until = time.monotonic() + _PATIENCE_S
+    while not path.exists():
+        assert time.monotonic() < until, f"{path.name} is not made"
+        time.sleep(0.05)
+
+
 def _wait_until_idle(folder: Path, environment: dict[str, str]) -> None:
-    ask, until = ["sinfo", "--noheader", "--format=%T"], time.monotonic() + 20
+    ask, until = ["sinfo", "--noheader", "--format=%T"], time.monotonic() + _PATIENCE_S
     answer = ""
     while time.monotonic() < until:
         told = subprocess.run(ask, capture_output=True, text=True, check=False, env={**os.environ, **environment})

@@ -99,11 +99,15 @@ class Gain:
     """A file that gets a line a call."""
     pause: float = 0.0
     """Seconds a call takes at least."""
+    stays_at: str = ""
+    """A view that the first call does not come back from: whoever runs it is stopped there."""
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         if self.log:
             with self.log.open("a") as file:
                 file.write(f"{view.name}\n")
+            if view.name == self.stays_at and self.log.read_text().split().count(view.name) == 1:
+                time.sleep(3600)
         time.sleep(self.pause)
         return Restoration(view.rgb * self.gain)
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import time
 from pathlib import Path
 
 import numpy as np
@@ -100,15 +101,19 @@ def test_a_program_may_choose_kind_and_name_of_its_output_and_tell_the_water(tmp
 
 def test_its_time_and_memory_are_those_of_the_program_and_its_children(tmp_path: Path):
     ballast = np.ones(300 << 20, dtype=np.uint8)  # of this process: none of the program's
-    child = "held = bytearray(150 << 20); import time; time.sleep(0.5)"
-    source = (
-        "import shutil, subprocess, sys\n"
-        f"held = bytearray(50 << 20); subprocess.run([sys.executable, '-S', '-c', {child!r}])\n"
-        "shutil.copy(sys.argv[1], sys.argv[2])\n"
-    )
-    info = restored(f"{program(tmp_path, source)} {{input}} {{output}}").info
+    for held_s in (0.5, 5, 50):  # its memory is sampled; a busy machine may be late
+        child = f"held = bytearray(150 << 20); import time; time.sleep({held_s})"
+        source = (
+            "import shutil, subprocess, sys\n"
+            f"held = bytearray(50 << 20); subprocess.run([sys.executable, '-S', '-c', {child!r}])\n"
+            "shutil.copy(sys.argv[1], sys.argv[2])\n"
+        )
+        started = time.perf_counter()
+        info = restored(f"{program(tmp_path, source)} {{input}} {{output}}").info
+        assert held_s < info["seconds"] < time.perf_counter() - started
+        if info["peak_mb"] > 200:
+            break
     assert 200 < info["peak_mb"] < 200 + 60
-    assert 0.5 < info["seconds"] < 5
     assert ballast[0] == 1
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import os
 import shlex
 import signal
@@ -18,14 +19,23 @@ from support.restoring_programs import RGB, program, restored, scene_of
 from sucre_bench import InputError
 from sucre_bench.methods.doors.process import run_program
 
+# Seconds that a program is given to get as far as its test needs; the next where a busy machine needs more.
+LIMITS_S = (0.5, 5, 50)
+
+
+def is_at_work(pid: int) -> bool:
+    with contextlib.suppress(psutil.NoSuchProcess):
+        return psutil.Process(pid).status() != psutil.STATUS_ZOMBIE
+    return False
+
 
 def ends_soon(pid: int) -> bool:
-    deadline = time.monotonic() + 5
-    while time.monotonic() < deadline:
-        if not psutil.pid_exists(pid) or psutil.Process(pid).status() == psutil.STATUS_ZOMBIE:
-            return True
+    deadline = time.monotonic() + 300
+    while is_at_work(pid):
+        if time.monotonic() > deadline:
+            return False
         time.sleep(0.02)
-    return False
+    return True
 
 
 @pytest.mark.parametrize(
@@ -70,14 +80,16 @@ def test_an_output_of_another_size_is_told_with_the_programs_name(tmp_path: Path
 def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path, stubborn: str):
     source = (
         f"{stubborn}import os, subprocess, sys, time\n"
-        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(60)'])\n"
-        f"open({str(tmp_path / 'pids')!r}, 'w').write(f'{{child.pid}} {{os.getpid()}}')\n"
-        "time.sleep(60)\n"
+        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(3600)'])\n"
+        f"open({str(tmp_path / 'new')!r}, 'w').write(f'{{child.pid}} {{os.getpid()}}')\n"
+        f"os.rename({str(tmp_path / 'new')!r}, {str(tmp_path / 'pids')!r})\n"
+        "time.sleep(3600)\n"
     )
-    started = time.monotonic()
-    with pytest.raises(InputError, match=r"was stopped after 0.5 s; mend"):
-        restored(f"{program(tmp_path, source)} {{output}}", timeout=0.5)
-    assert time.monotonic() - started < 8
+    for limit_s in LIMITS_S:
+        with pytest.raises(InputError, match=rf"was stopped after {limit_s:g} s; mend"):
+            restored(f"{program(tmp_path, source)} {{output}}", timeout=limit_s)
+        if (tmp_path / "pids").exists():
+            break
     for pid in (tmp_path / "pids").read_text().split():
         assert ends_soon(int(pid))
 
@@ -85,24 +97,30 @@ def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path, s
 def test_children_that_outlive_their_program_are_ended_and_do_not_keep_us(tmp_path: Path):
     source = (
         "import shutil, subprocess, sys\n"
-        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(60)'])\n"
+        "child = subprocess.Popen([sys.executable, '-S', '-c', 'import time; time.sleep(3600)'])\n"
         "print(child.pid); shutil.copy(sys.argv[1], sys.argv[2])\n"
     )
-    started = time.monotonic()
-    result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
-    assert time.monotonic() - started < 3  # which only those are given that have not ended
-    assert ends_soon(int(result.info["said"]))
+
+    def took_s() -> float:
+        started = time.monotonic()
+        result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
+        took = time.monotonic() - started
+        assert ends_soon(int(result.info["said"]))
+        return took
+
+    # 3 s are given to those alone that do not end: one quick run shows it, however busy the machine is at others.
+    assert any(took_s() < 3 for _ in range(20))
 
 
 CLEANING_UP = """
 import pathlib, signal, sys, time
 def clean(*_):
-    time.sleep(0.5)
+    time.sleep(0.2)
     pathlib.Path(sys.argv[1]).write_text("clean")
     sys.exit()
 signal.signal(signal.SIGTERM, clean)
 pathlib.Path(sys.argv[2]).touch()
-time.sleep(60)
+time.sleep(3600)
 """
 
 
@@ -115,47 +133,47 @@ def test_children_have_time_to_clean_up_though_their_program_has_none(tmp_path: 
     start = f"import os, subprocess, time\nsubprocess.Popen({child!r})\n{wait}"
     run = {
         "the program ends well": [sys.executable, "-S", "-c", start],
-        "the program is too late": [sys.executable, "-S", "-c", f"{start}time.sleep(60)"],
+        "the program is too late": [sys.executable, "-S", "-c", f"{start}time.sleep(3600)"],
         "its parent is a shell": ["sh", "-c", f"{shlex.join(child)}; true"],
     }[way]
-    started = time.monotonic()
-    ended = run_program(run, timeout=1.0)
+    for limit_s in LIMITS_S:
+        (tmp_path / "ready").unlink(missing_ok=True)
+        ended = run_program(run, timeout=None if way == "the program ends well" else limit_s)
+        if (tmp_path / "clean").exists():
+            break
     assert (tmp_path / "clean").read_text() == "clean"
     assert bool(ended.fault) == (way != "the program ends well")
-    assert time.monotonic() - started < 1 + 3 + 1
 
 
 def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path: Path):
-    child = (
-        "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(60)"
-    )
+    child = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(3600)"
     source = (
         "import subprocess, sys\n"
         f"child = subprocess.Popen([sys.executable, '-S', '-c', {child!r}], stdout=subprocess.PIPE)\n"
         "child.stdout.readline(); print(child.pid)\n"
     )
+    started = time.perf_counter()
     ended = run_program([sys.executable, "-S", "-c", source])
-    assert ended.seconds < 2  # of the program alone, without the processes it started
+    assert time.perf_counter() - started > ended.seconds + 2.9  # of the program alone, without what it started
     assert ends_soon(int(ended.said))
 
 
 def test_a_daemon_that_holds_the_pipes_open_does_not_keep_us(tmp_path: Path):
     source = (
         "import shutil, subprocess, sys\n"
-        "sleep = [sys.executable, '-S', '-c', 'import time; time.sleep(20)']\n"
+        "sleep = [sys.executable, '-S', '-c', 'import time; time.sleep(3600)']\n"
         "print(subprocess.Popen(sleep, start_new_session=True).pid); shutil.copy(sys.argv[1], sys.argv[2])\n"
     )
-    started = time.monotonic()
-    result = restored(f"{program(tmp_path, source)} {{input}} {{output}}")
-    os.kill(int(result.info["said"]), signal.SIGKILL)
-    assert time.monotonic() - started < 10
+    daemon = int(restored(f"{program(tmp_path, source)} {{input}} {{output}}").info["said"])
+    assert is_at_work(daemon)
+    os.kill(daemon, signal.SIGKILL)
 
 
 @pytest.mark.parametrize("stream", ["stdout", "stderr"])
 def test_a_flood_of_output_neither_blocks_nor_fills_the_memory(tmp_path: Path, stream: str):
     source = f"import sys\nfor _ in range(60): sys.{stream}.write('x' * (1 << 20))\nsys.{stream}.write('\\nlast')\n"
     before = psutil.Process().memory_info().rss
-    ended = run_program([sys.executable, "-S", "-c", source], timeout=30)
+    ended = run_program([sys.executable, "-S", "-c", source], timeout=600)
     assert not ended.fault
     assert ended.last_words == "last"
     assert len(ended.said) <= 1 << 15
@@ -171,13 +189,13 @@ def test_output_that_is_no_text_does_no_harm():
 
 def test_ctrl_c_ends_the_program_too(tmp_path: Path):
     pid_file = tmp_path / "pid"
-    child = f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(60)"
+    child = f"import os, time; open({str(pid_file)!r}, 'w').write(str(os.getpid())); time.sleep(3600)"
     ours = f"from sucre_bench.methods.doors.process import run_program as r; r([{sys.executable!r}, '-c', {child!r}])"
     with subprocess.Popen([sys.executable, "-c", ours], stderr=subprocess.PIPE) as bench_process:
-        deadline = time.monotonic() + 20
+        deadline = time.monotonic() + 300
         while not (pid_file.exists() and pid_file.read_text()) and time.monotonic() < deadline:
             time.sleep(0.02)
         bench_process.send_signal(signal.SIGINT)
-        _, said = bench_process.communicate(timeout=20)
+        _, said = bench_process.communicate(timeout=300)
     assert b"KeyboardInterrupt" in said
     assert ends_soon(int(pid_file.read_text()))

@@ -203,7 +203,7 @@ def get(url: str, body: Any = None, raw: bool = False, **headers: str) -> tuple[
     request = urllib.request.Request(url, data, {"Content-Type": "application/json", **headers})
     opener = urllib.request.build_opener(urllib.request.ProxyHandler({}))
     try:
-        with opener.open(request, timeout=20) as reply:
+        with opener.open(request, timeout=300) as reply:
             return reply.status, reply.read()
     except urllib.error.HTTPError as fault:
         with fault:
@@ -261,7 +261,7 @@ def test_only_this_machines_page_is_answered(server: PageServer) -> None:
 
 
 def test_the_page_takes_nothing_from_elsewhere(server: PageServer) -> None:
-    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=20)
+    connection = http.client.HTTPConnection("127.0.0.1", server.server_port, timeout=300)
     connection.request("GET", f"/{server.token}/")
     reply = connection.getresponse()
     page = reply.read().decode()

@@ -151,7 +151,7 @@ def test_runs_that_start_together_on_a_new_store_are_all_kept(toys: str, tmp_pat
     uri = f"sqlite:///{tmp_path / 'shared' / 'mlflow.db'}"
     words = ["run", "--plugin", toys, "dataset=toy", "method=gain", "metrics=[redness]", "report=false"]
     started = [Started(tmp_path, *words, f"out={tmp_path / str(n)}", f"tracking.uri={uri}") for n in range(3)]
-    done = [one.ended(300) for one in started]
+    done = [one.ended() for one in started]
     assert [d.returncode for d in done] == [0] * 3, [d.stderr for d in done]
     assert not any("mlflow: not logged" in d.stderr for d in done)
     logged = runs(uri)

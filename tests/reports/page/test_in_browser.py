@@ -406,7 +406,7 @@ def test_a_script_that_is_not_the_pages_own_does_not_run(page: Browser):
     page.ask("document.body.insertAdjacentHTML('beforeend', '<b onclick=\"window.ran = 1\">x</b>')")
     page.ask("document.body.lastChild.click()")
     assert page.ask("window.ran === undefined")
-    assert len(page.complaints) == 2
+    page.wait(lambda: len(page.complaints) == 2, "both are refused")
     page.complaints.clear()
 
 
@@ -566,6 +566,7 @@ def test_a_page_moved_away_from_its_pictures_still_shows_thumbnails(page: Browse
     opened(page, tmp_path)
     page.until("document.querySelector('#left').naturalWidth === 960")
     page.ask("resultsPage.zoomAt(3)")
-    page.ask("new Promise((done) => setTimeout(done, 300))")
+    page.wait(lambda: any("ERR_FILE_NOT_FOUND" in said for said in page.complaints), "the pictures are not found")
+    page.wait_until_loaded()
     assert page.ask("document.querySelector('#left').naturalWidth") == 960
     page.complaints[:] = [said for said in page.complaints if "ERR_FILE_NOT_FOUND" not in said]

@@ -287,7 +287,7 @@ def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: l
 
 
 def test_a_command_says_only_what_is_not_as_by_default(toys: str):
-    own = {"name": "gain", "gain": 2.0, "mode": "plain", "log": None, "pause": 0.0, "display": "none"}
+    own = {"name": "gain", "gain": 2.0, "mode": "plain", "log": None, "pause": 0.0, "stays_at": "", "display": "none"}
     words = Rerun("toy", "gain", {**own, "dataset": {"name": "toy", "views": 3, "tag": ""}}, 0).words()
     assert words == ["sucre-bench", "run", "dataset=toy", "method=gain", "method.gain=2.0", "out=again"]
 
