@@ -14,6 +14,7 @@ import io
 import time
 import uuid
 from collections.abc import Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -33,7 +34,7 @@ TABLE = "scores.parquet"
 PARTS = "parts"
 FLUSH_S = 1.0
 _JOINED = 8  # files at a time
-_ATTEMPTS = 5  # at reading parts that another process is merging
+_ATTEMPTS = 5  # at reading or writing parts while another process merges them
 
 
 def read(out: str | Path, **labels: str) -> pd.DataFrame:
@@ -168,7 +169,7 @@ def _write_arrow(rows: pyarrow.Table, path: Path) -> None:
 
 def write_part(path: Path, content: bytes) -> None:
     """Write a file of rows among the parts. Raises OutputError if it cannot be written."""
-    try:
-        write_atomically(path, content)
-    except OutputError:  # a merge may have removed the empty folder at that moment
-        write_atomically(path, content)
+    for _ in range(_ATTEMPTS - 1):
+        with suppress(OutputError):  # a merge may have removed the empty folder at that moment
+            return write_atomically(path, content)
+    return write_atomically(path, content)

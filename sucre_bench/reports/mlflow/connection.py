@@ -20,7 +20,7 @@ from sucre_bench.results.rows import fingerprint
 if TYPE_CHECKING:
     from mlflow import MlflowClient
 
-_PATIENCE_S = 60  # for other processes that open the same store
+_PATIENCE_S = 600  # for other processes that open the same store; after 3 s a line says who does
 
 _SQLITE = "sqlite:///"
 # An experiment's tags: its kind, by which mlflow's page opens on runs and models, not on chats; and its description.

@@ -146,7 +146,8 @@ def test_children_have_time_to_clean_up_though_their_program_has_none(tmp_path: 
 
 
 def test_a_child_that_will_not_end_is_killed_after_its_time_to_clean_up(tmp_path: Path):
-    child = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN); print('deaf', flush=True); time.sleep(3600)"
+    deaf = "import signal, time; signal.signal(signal.SIGTERM, signal.SIG_IGN)"
+    child = f"{deaf}; print('deaf', flush=True); time.sleep(3600)"
     source = (
         "import subprocess, sys\n"
         f"child = subprocess.Popen([sys.executable, '-S', '-c', {child!r}], stdout=subprocess.PIPE)\n"
