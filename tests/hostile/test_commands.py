@@ -19,7 +19,7 @@ from urllib.parse import urlsplit
 import pytest
 from filelock import FileLock
 from support.colmap_folder import write_dive
-from support.command_line import PROGRAM, run_bounded, run_here
+from support.command_line import PROGRAM, forks, run_bounded, run_here
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.locks import waited_lock
@@ -145,7 +145,7 @@ def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:
 
 
 def test_a_lock_that_another_process_holds_is_said_with_a_remedy_that_works(tmp_path: Path):
-    context = multiprocessing.get_context("forkserver")
+    context = forks()
     held, lines = context.Event(), Lines()
     holder = context.Process(target=_hold, args=(tmp_path / "lock", held), daemon=True)
     holder.start()

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import multiprocessing
 import signal
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from support.command_line import Done, run_here, run_program
+from support.command_line import Done, forks, run_here, run_program
 from support.places import ROOT, TOYS
 
 from sucre_bench import results
@@ -19,8 +18,6 @@ from sucre_bench.jobs import command
 from sucre_bench.machine.log import now
 from sucre_bench.machine.steps import NoteFile, at_work
 from sucre_bench.plugins.registry import Registry, using
-
-FORKS = multiprocessing.get_context("forkserver")
 
 PLUGINS = str(TOYS.with_name("hostile_plugins.py"))
 
@@ -104,6 +101,7 @@ def test_a_process_that_goes_on_repeats_nothing_that_its_command_has_done(tmp_pa
 
 
 FAULTS = {
+    "asleep-in-c": "view_timeout_s",  # no exception can end it
     "unspeakable": "UnspeakableError",
     "outside": "Outside: away",
     "generator-exit": "GeneratorExit",
@@ -116,22 +114,13 @@ FAULTS = {
 
 
 def test_what_a_plugin_breaks_is_whole_again_for_the_next_view(tmp_path: Path):
-    """Nor does a thread that one view leaves behind, which sleeps for ten minutes, keep the command."""
+    """Nor does a thread that one view leaves behind, which sleeps for an hour, keep the command."""
     acts = ",".join(FAULTS)
-    done = run_program(
-        tmp_path,
-        *words(f"thread,{acts}", "method=actor", "metrics=[coverage]", "view_timeout_s=2"),
-        PYTHONPATH=str(ROOT),
-    )
+    # Seconds: enough for the views that do nothing, on a busy machine too.
+    limited = words(f"{acts},thread", "method=actor", "metrics=[coverage]", "view_timeout_s=2")
+    done = run_program(tmp_path, *limited, PYTHONPATH=str(ROOT))
     check(done, tmp_path, acts, FAULTS)
     assert f"3 ok, {len(FAULTS)} failed, 0 skipped" in done.stdout
-
-
-def test_a_view_that_no_exception_can_end_has_failed_after_its_limit(tmp_path: Path):
-    acts = "asleep-in-c"
-    limited = words(acts, "method=actor", "metrics=[coverage]", "view_timeout_s=0.3")
-    done = run_program(tmp_path, *limited, PYTHONPATH=str(ROOT))
-    check(done, tmp_path, acts, dict.fromkeys(acts.split(","), "view_timeout_s"))
 
 
 def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
@@ -165,7 +154,7 @@ def test_a_step_at_which_three_jobs_of_a_queue_died_is_left_out_by_the_next(tmp_
         ).jobs[0]
     ends = []
     for _ in range(4):
-        process = FORKS.Process(target=run_text, args=(job.config,))
+        process = forks().Process(target=run_text, args=(job.config,))
         process.start()
         process.join(600)
         ends.append(process.exitcode)

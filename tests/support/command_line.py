@@ -14,6 +14,7 @@ import sys
 import tempfile
 from dataclasses import dataclass
 from multiprocessing import forkserver
+from multiprocessing.context import ForkServerContext
 from pathlib import Path
 from unittest import mock
 
@@ -68,10 +69,8 @@ class Started:
     """
 
     def __init__(self, folder: Path, *arguments: str, dies_at: int = 0, is_bounded: bool = False) -> None:
-        with mock.patch.dict(os.environ, PYTHONPATH=os.pathsep.join(filter(None, sys.path))):
-            forkserver.ensure_running()  # before Python 3.14 it does not look in our sys.path
         self._said = Path(tempfile.mkdtemp())
-        self._process = _FORKS.Process(target=_run, args=(folder, self._said, arguments, dies_at, is_bounded))
+        self._process = forks().Process(target=_run, args=(folder, self._said, arguments, dies_at, is_bounded))
         self._process.start()
 
     def send(self, number: signal.Signals, to_group: bool = False) -> None:
@@ -89,8 +88,18 @@ class Started:
         return Done(status, *said)
 
 
-_FORKS = multiprocessing.get_context("forkserver")
-_FORKS.set_forkserver_preload(["support.warm", __name__])
+_FIRST_ENVIRONMENT = dict(os.environ)
+
+
+def forks() -> ForkServerContext:
+    """Make processes by forking one that has imported the engine, whichever test is the first to ask for one."""
+    # Before Python 3.14 it does not look in our sys.path.
+    environment = {**_FIRST_ENVIRONMENT, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    with mock.patch.dict(os.environ, environment, clear=True):
+        context = multiprocessing.get_context("forkserver")
+        context.set_forkserver_preload(["support.warm", __name__])
+        forkserver.ensure_running()
+    return context
 
 
 def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, is_bounded: bool) -> None:

@@ -6,6 +6,7 @@ import builtins
 import contextlib
 import ctypes
 import os
+import signal
 import sys
 import threading
 import time
@@ -33,14 +34,14 @@ def _raise(fault: BaseException) -> None:
 
 
 def _sleep_in_c() -> None:
-    ctypes.CDLL(None).usleep(60_000_000)  # a signal's handler in Python waits for its end
+    signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGALRM})  # as code does that never returns to Python
+    ctypes.CDLL(None).sleep(3600)
 
 
 def _catch_all() -> None:
-    ended = time.monotonic() + 60
-    while time.monotonic() < ended:
+    while True:
         with contextlib.suppress(BaseException):
-            time.sleep(60)
+            time.sleep(3600)
 
 
 ACTS: dict[str, Callable[[], object]] = {
@@ -56,8 +57,8 @@ ACTS: dict[str, Callable[[], object]] = {
     "closed-1": lambda: os.close(1),
     "no-open": lambda: setattr(builtins, "open", None),
     "elsewhere": lambda: os.chdir("/"),
-    "thread": lambda: threading.Thread(target=time.sleep, args=(600,)).start(),
-    "asleep": lambda: time.sleep(60),
+    "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
+    "asleep": lambda: time.sleep(3600),
     "asleep-in-c": _sleep_in_c,
     "deaf": _catch_all,
 }
