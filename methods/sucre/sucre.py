@@ -108,12 +108,12 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
         from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
 
-        if solution.weight is not None:
-            observations = replace(observations, weight=solution.weight)
-        if self.prior:
+        if self.prior or self.robust:
             solution = calibrated(observations, solution, decoded=self._decodes(view))
         if not self.even:
             return solution
+        if solution.weight is not None:
+            observations = replace(observations, weight=solution.weight)
         J = evened(observations, solution.J, solution.water, view.name)
         return replace(solution, J=J, deviation=even_deviation(observations, solution.deviation))
 

@@ -12,6 +12,7 @@ from support.made_scene import WATER
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.sucre.calibrated_noise import calibrated, noise_parts
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.robust import reweighted, robust_noise
 from sucre_bench.methods.sucre.solvers import colours_for_water
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -83,3 +84,40 @@ def test_too_few_repeated_pixels_keep_the_common_deviation() -> None:
     few = observations.take(np.arange(100))
     solution = colours_for_water(few, WATER_OF_ALL, None, "numpy", "cpu")
     assert calibrated(few, solution) is solution
+
+
+@pytest.mark.parametrize("wrong", [0.0, 0.1])
+@pytest.mark.parametrize("tau", [0.0, 0.05])
+def test_deviations_of_robust_colours_are_their_errors(tau: float, wrong: float) -> None:
+    """Medians, since a pixel whose observations are mostly wrong has a wrong colour."""
+    rng = np.random.default_rng(1)
+    observations, J, near = observed(0.01, tau)
+    colour, bad = observations.intensity(slice(None)), rng.random(len(observations)) < wrong
+    colour[:, bad] = rng.uniform(0, 1, (3, int(bad.sum())))
+    observations = replace(observations, colour=colour)
+    weighted = reweighted(observations, WATER_OF_ALL, robust_noise(observations, WATER_OF_ALL))
+    found = replace(colours_for_water(weighted, WATER_OF_ALL, None, "numpy", "cpu"), weight=weighted.weight)
+    solution = calibrated(observations, found)
+    for which in (near, ~near):
+        several = which & (observations.counts >= 3)
+        error = np.median(np.abs(solution.J - J)[:, several], axis=1) / 0.6745  # of a normal error
+        np.testing.assert_allclose(error, np.median(solution.deviation[:, several], axis=1), rtol=0.2)
+
+
+def test_noise_under_a_lamp_has_the_slope_of_recorded_light() -> None:
+    """Pixels at the rim of the light: their intensities in even light are many times those that were recorded."""
+    rng, sigma = np.random.default_rng(0), 0.004
+    light = np.where(np.arange(N) % 2 == 0, 0.9, 0.05)
+    even, seen = rng.uniform(0.4, 0.9, (3, N)), []
+    for k in range(4):
+        stored = srgb_encode(light * even) + sigma * rng.standard_normal((3, N))
+        shown = (srgb_decode(stored) / light).T.astype(np.float32)
+        seen.append(Seen(f"{k}.png", np.arange(N), np.ones(N, np.float32), shown))
+    observations = arrange((1, N), seen)
+    observations = replace(observations, weight=np.tile(light**2, 4).astype(np.float32))
+    air = WaterParameters.of_channels(np.zeros((3, 3)))
+    solution = calibrated(observations, colours_for_water(observations, air, None, "numpy", "cpu"), decoded=True)
+    error = np.abs(solution.J - even[:, observations.pixels])
+    for which in (light[observations.pixels] > 0.5, light[observations.pixels] < 0.5):
+        error_of, told = (np.sqrt(np.mean(v[0, which] ** 2)) for v in (error, solution.deviation))
+        assert told == pytest.approx(error_of, rel=0.1)
