@@ -17,6 +17,7 @@ are: only means over windows are added. Where views agree, m_v is no larger than
 
 from __future__ import annotations
 
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any
@@ -24,6 +25,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
+from sucre_bench.machine.compiling import compiled
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Indices, Observations
 
@@ -35,6 +37,9 @@ _CHANCE = 4.0
 
 # The least transmission and the least square of a number that is divided by.
 _DARK, _LEAST = 1e-6, 1e-12
+
+# Pixels of a window whose distance differs by no more than this share lie on one surface.
+_SURFACE = 0.05
 
 # The largest variance that counts. Larger ones say no more, and would leave rounding errors in running sums.
 _ENDLESS = 1e4
@@ -64,17 +69,40 @@ def evened(observations: Observations, J: Array, water: WaterParameters, target:
     return np.asarray(J + change.reshape(-1, 3)[observations.pixels].T, dtype=np.float32)
 
 
-def even_deviation(observations: Observations, deviation: Array) -> Array:
-    """Return standard deviations (3, P) float32 as the root mean squares over the window.
+def even_deviation(observations: Observations, deviation: Array, distance: Array) -> Array:
+    """Return standard deviations (3, P) float32 as the root mean squares over the window, on the same surface.
 
-    Colours are shrunk by them, and a gap that is shrunk more than the pixels around it would show again. A deviation
-    that is not known, NaN or infinite, stays so.
+    distance: (H, W) of the target, metres. Pixels whose distance differs by more than a share are another surface,
+    where another part of the light arrives. Colours are shrunk by their deviations, and a gap that is shrunk more than
+    the pixels around it would show again. A deviation that is not known, NaN or infinite, stays so.
     """
     variance = observations.image(deviation.astype(np.float64) ** 2)
-    there = np.asarray(np.isfinite(variance).all(axis=-1))
-    mean = _sum(np.where(there[..., None], variance.clip(max=_ENDLESS), 0)) / _count(there)
+    mean = np.empty_like(variance)
+    compiled(_mean_on_surface)(variance.clip(max=_ENDLESS), np.asarray(distance, dtype=np.float32), mean)
     evened = np.sqrt(mean.reshape(-1, 3)[observations.pixels].T)
     return np.where(np.isfinite(deviation), evened, deviation)
+
+
+def _mean_on_surface(variance: Array, distance: Array, mean: Array) -> None:
+    """Fill mean (H, W, 3) with the means over the window, of finite values at nearly the pixel's own distance."""
+    rows, columns = distance.shape
+    half = _WINDOW // 2
+    for y in range(rows):
+        for x in range(columns):
+            z, n, red, green, blue = distance[y, x], 0, 0.0, 0.0, 0.0
+            mean[y, x] = np.nan
+            if not z > 0:
+                continue
+            for v in range(max(0, y - half), min(rows, y + half + 1)):
+                for u in range(max(0, x - half), min(columns, x + half + 1)):
+                    total = variance[v, u, 0] + variance[v, u, 1] + variance[v, u, 2]
+                    if abs(distance[v, u] - z) <= _SURFACE * z and math.isfinite(total):
+                        n += 1
+                        red += variance[v, u, 0]
+                        green += variance[v, u, 1]
+                        blue += variance[v, u, 2]
+            if n:
+                mean[y, x, 0], mean[y, x, 1], mean[y, x, 2] = red / n, green / n, blue / n
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -13,7 +13,7 @@ common to the channels; colours are eliminated.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -44,11 +44,11 @@ _LOOSE = 0.1
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Exposure:
-    """names: of V views; gains: (V,) of each, 1 for the target; water: fitted with them; error: (3,) standard error of
-    beta; is_separable: whether distances tell the gains from attenuation."""
+    """gains: of the views in the sample by name, 1 for the target, or for another view if the sample lacks it; water:
+    fitted with them; error: (3,) standard error of beta; is_separable: whether distances tell the gains from
+    attenuation."""
 
-    names: tuple[str, ...]
-    gains: Array
+    gains: dict[str, float]
     water: WaterParameters
     error: Array
     is_separable: bool
@@ -77,28 +77,11 @@ def estimate(observations: Observations, target: str, water_start: WaterParamete
     ends = [_descend(sample, water, bounds) for water in starts]
     best = min(ends, key=lambda end: float(end.system.cost[0]))
     unknowns = best.at[0]
-    gains = np.ones(len(few.views))
-    gains[sample.free] = np.exp(unknowns[9:])
+    gains = {few.views[k]: 1.0 for k in np.unique(sample.view)}
+    gains |= {few.views[k]: float(gain) for k, gain in zip(sample.free, np.exp(unknowns[9:]), strict=True)}
     error = _error_of_beta(sample, best)
     is_separable = bool((error * distance < _LOOSE).all())
-    return Exposure(few.views, gains, WaterParameters.of_channels(unknowns[:9].reshape(3, 3)), error, is_separable)
-
-
-def corrected(observations: Observations, exposure: Exposure) -> Observations:
-    """Return the observations as the target's exposure would have recorded them: I / g with g^2 times the weight.
-
-    Observations of views without a gain have weight 0; pixels with nothing else are left out.
-    """
-    assert observations.view is not None, "observe with views"
-    known = dict(zip(exposure.names, exposure.gains.tolist(), strict=True))
-    gain = np.array([known.get(name, 0.0) for name in observations.views], dtype=np.float32)[observations.view]
-    weight = gain**2 if observations.weight is None else observations.weight * gain**2
-    colour = observations.intensity(slice(None)) / np.where(gain > 0, gain, 1)
-    even = replace(observations, colour=colour, weight=weight)
-    kept = np.zeros(len(even.pixels), dtype=bool)
-    for m, part in even.slots():
-        kept[:m] |= weight[part] > 0
-    return even if kept.all() else even.take(np.flatnonzero(kept))
+    return Exposure(gains, WaterParameters.of_channels(unknowns[:9].reshape(3, 3)), error, is_separable)
 
 
 def differing_exposure(observations: Observations, water: WaterParameters) -> tuple[str, ...]:

@@ -1,25 +1,40 @@
-"""Reads a known water: from a file, an earlier run, another method, or the truth of a made scene."""
+"""Reads a known water: from a file, an earlier run, another method, or the truth of a made scene.
+
+A water that was fitted with one gain for each view is in the exposure of its own target, where that has gain 1. For
+another target with gain g it has g B, and gains divided by g.
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 
 import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
+from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.calling import restored
 from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
-from sucre_bench.results.water_file import read_water
+from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
 # Largest values that are accepted. Adam has no bounds and may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
 
 
-def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> WaterParameters:
+@dataclass(frozen=True, eq=False)
+class KnownWater:
+    """A water in the exposure of the restored view, and the gains of views by name, if it was fitted with some."""
+
+    water: WaterParameters
+    gains: Mapping[str, float]
+
+
+def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
     """Return the water of a source.
 
     source: "truth"; a .json or .npz file that holds B, beta and gamma, three numbers each; or a folder with such a
@@ -31,7 +46,7 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Water
             raise InputError(
                 f"water=truth: the scene '{scene.name}' does not know its water; give a file, or water=own"
             )
-        return _checked("water=truth", scene.water, view, encoding)
+        return _known("water=truth", scene.water, Lighting(), view, encoding)
     path = Path(source).expanduser()
     if path.is_dir():
         path = _of_view(path, scene, view)
@@ -43,7 +58,7 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Water
         ) from None
     if water is None:
         raise InputError(f"{path}: does not hold B, beta and gamma; give three numbers of each")
-    return _checked(str(path), water, view, encoding)
+    return _known(str(path), water, read_lighting(path), view, encoding)
 
 
 def check_source(name: str) -> None:
@@ -57,7 +72,7 @@ def check_source(name: str) -> None:
         raise InputError(f"water_from={name}: takes options ({fault}); run it first, and give water=FOLDER") from fault
 
 
-def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> WaterParameters:
+def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
     """Return the water that another method estimates on this view.
 
     Raises InputError when the scene lacks what the method needs, when it estimates no water, or a water of another
@@ -66,17 +81,37 @@ def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> WaterPa
     plugin = plugins.find("method", name)
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"water_from={name}: {absent}; name another method")
-    water = restored(create(plugin, {}), scene, view).water
+    found = restored(create(plugin, {}), scene, view)
+    water = found.water
     unknown = ["B, beta, gamma"] if water is None else _unknown(water)
     if water is None or unknown:
         fault = f"it estimates no {', '.join(unknown)}"
         raise InputError(f"water_from={name}: {fault}; name one that does, such as gaussian_seathru")
-    return _checked(f"water_from={name}", water, view, encoding)
+    place = f"water_from={name}"
+    return _known(place, water, lighting_of(found.info, place), view, encoding)
 
 
 def _unknown(water: Water) -> list[str]:
     parameters = {"B": water.veiling_light, "beta": water.attenuation, "gamma": water.backscatter}
     return [name for name, values in parameters.items() if np.isnan(values).all()]
+
+
+def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: Encoding) -> KnownWater:
+    """Return the checked water in the view's exposure. InputError when it cannot explain the view's observations."""
+    if lighting.has_lamp:
+        raise InputError(
+            f"{place}: was fitted together with a lamp, and explains no other light; give lamp=true instead"
+        )
+    parameters, gains = _checked(place, water, view, encoding), lighting.gains
+    if not gains:
+        return KnownWater(parameters, {})
+    if view.name not in gains:
+        fault = f"was fitted with gains of views, and has none of {view.name}"
+        raise InputError(
+            f"{place}: {fault}; give a folder with the water of each view, or fit it with exposure=constant"
+        )
+    B = parameters.B * gains[view.name]
+    return KnownWater(replace(parameters, B=B), relative_to(gains, view.name))
 
 
 def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterParameters:

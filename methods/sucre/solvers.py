@@ -7,6 +7,7 @@ at their optimum. exact: see exact.py. colours_for_water: the water is known, th
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any, Literal
@@ -46,6 +47,11 @@ class Solution:
     about: dict[str, Any] = field(default_factory=dict)
     weight: Array | None = None
     is_photograph: bool = False
+
+    def with_limits(self, limits: Iterable[str]) -> Solution:
+        """Return the solution with more limits."""
+        uncertainty = replace(self.uncertainty, limits=(*self.uncertainty.limits, *limits))
+        return replace(self, uncertainty=uncertainty)
 
 
 def start_of(observations: Observations, intensities: Array) -> Array:

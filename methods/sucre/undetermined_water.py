@@ -11,6 +11,7 @@ from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.kernels import Backend
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, start_of
 from sucre_bench.multiview.observations import Observations
 
@@ -27,13 +28,14 @@ _LIMIT = (
 )
 
 
-def gains_explain_better(with_gains: Solution, without: Solution) -> bool:
+def gains_explain_better(even: Observations, water: WaterParameters, without: Solution) -> bool:
     """Return whether gains of views explain the observations clearly better than one exposure does.
 
-    Both hold `unexplained`, the standard deviation of residuals over matched footprints, in `about`.
+    even: observations with matched footprints, in one exposure; water: fitted with the gains; without: the solution
+    without gains. Its `about` has `unexplained`, the standard deviation of residuals over matched footprints.
     """
-    calmer = with_gains.about["unexplained"] < (1 - _BETTER) * without.about["unexplained"]
-    return bool(calmer and with_gains.water.beta.sum() < without.water.beta.sum())
+    calmer = float(robust_noise(even, water).mean()) < (1 - _BETTER) * without.about["unexplained"]
+    return bool(calmer and water.beta.sum() < without.water.beta.sum())
 
 
 def is_guess(solution: Solution) -> bool:

@@ -6,6 +6,7 @@ import numpy as np
 
 from sucre_bench.camera import Camera
 from sucre_bench.machine.cores import Device
+from sucre_bench.methods.sucre.even_gaps import even_deviation
 from sucre_bench.methods.sucre.kernels import Backend, opened
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.footprints import matched_footprints
@@ -22,6 +23,7 @@ def compile_for(backend: Backend, device: Device, options: Options) -> None:
     one, same = (View(name, Arrays(grey, np.ones((_PX, _PX))), camera, np.eye(4)) for name in ("one", "same"))
     observations = observe(one, [one, same], **options)
     matched_footprints(one, [one, same], observations.pixels, **options)
+    even_deviation(observations, np.ones((3, len(observations.pixels)), dtype=np.float32), one.distance)
     with opened(observations, backend, device) as kernel:
         water = WaterParameters.of_channels(np.full((3, 3), 0.1))
         for margin in (None, np.full(3, 0.1)):

@@ -3,14 +3,17 @@
     {"B": [r, g, b], "beta": [r, g, b], "gamma": [r, g, b], "encoding": "gamma"}
 
 beta and gamma may be left out, or null, where they are not known. "encoding" is that of the intensities that the water
-explains; left out, or "view", it is that of the images the water is used with. What else such a file holds is ignored.
+explains; left out, or "view", it is that of the images the water is used with. A run may also write how the water was
+lit, "gains" of views by name and "lamp". What else such a file holds is ignored.
 """
 
 from __future__ import annotations
 
 import json
+import math
 import zipfile
 from collections.abc import Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -21,6 +24,19 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.array_files import read_array
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Encoding, Water
+
+
+@dataclass(frozen=True)
+class Lighting:
+    """How the observations were lit that a water was fitted to.
+
+    gains: the exposure of each view, by name, in the water's units; empty for one exposure. has_lamp: whether a lamp on
+    the camera was the light.
+    """
+
+    gains: Mapping[str, float] = field(default_factory=dict)
+    has_lamp: bool = False
+
 
 _ENCODINGS: dict[Any, Encoding | None] = {None: None, "view": None, "gamma": "gamma", "linear": "linear"}
 
@@ -40,6 +56,33 @@ def read_water(path: Path) -> Water | None:
         raise
     except (OSError, ValueError, TypeError, EOFError, RecursionError, zipfile.BadZipFile) as fault:
         raise InputError(f"{path}: does not hold B, beta and gamma ({fault}); give three numbers of each") from fault
+
+
+def read_lighting(path: Path) -> Lighting:
+    """Return how the water of a .json file was lit, or of an .npz with a .json beside it. Raises InputError."""
+    beside = path.with_suffix(".json")
+    if not beside.is_file():
+        return Lighting()
+    try:
+        return lighting_of(json.loads(regular(beside).read_text(encoding="utf-8")), str(beside))
+    except InputError:
+        raise
+    except (OSError, ValueError, RecursionError) as fault:
+        raise InputError(f"{beside}: cannot be read ({fault}); remove it, or run its method again") from fault
+
+
+def lighting_of(record: Any, place: str) -> Lighting:
+    """Return how a water was lit, from the record of its fit; place: where the record is, to be named."""
+    if not isinstance(record, Mapping):
+        return Lighting()
+    gains, lamp = record.get("gains") or {}, record.get("lamp")
+    if not isinstance(gains, Mapping) or not all(_is_gain(gain) for gain in gains.values()):
+        raise InputError(f"{place}: gains must be one positive number for each view; run its method again")
+    return Lighting(dict(gains), bool(isinstance(lamp, Mapping) and lamp.get("found")))
+
+
+def _is_gain(value: Any) -> bool:
+    return isinstance(value, int | float) and 0 < value < math.inf
 
 
 _NAMES = ("B", "beta", "gamma")

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -11,6 +13,7 @@ from support.made_observations import made
 
 from sucre_bench import InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre, SucrePlus
+from sucre_bench.methods.sucre.apply_gains import AtOneExposure
 from sucre_bench.methods.sucre.exposure import estimate
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
@@ -76,6 +79,59 @@ def test_views_of_one_distance_each_cannot_tell_gains_from_attenuation() -> None
     assert not found.is_separable
     wide, _ = made(800, noise=0.004)
     assert estimate(with_views(wide), "0.png", start).is_separable
+
+
+def test_more_views_than_a_sample_has_all_take_part() -> None:
+    """The sample of matched footprints reads 32 views; the others have gains all the same."""
+    gains = tuple(np.random.default_rng(0).uniform(0.7, 1.3, 35).tolist())
+    heights = tuple(np.linspace(2.0, 6.0, 35).tolist())
+    many = make_ground(WATERS["green"], gains=gains, heights_m=heights, tilt_deg=15.0, width=48, height=36)
+    target = many["34.png"]
+    result, constant = (Sucre(exposure=e).restore(many, target) for e in ("per_view", "constant"))  # type: ignore[arg-type]
+    found = result.info["gains"]
+    assert len(found) == 35
+    for name, gain in found.items():
+        assert gain == pytest.approx(gains[int(name[:-4])] / gains[34], rel=0.05)
+    assert result.info["n_observations"] == constant.info["n_observations"]
+
+
+def test_a_view_without_a_common_pixel_is_named() -> None:
+    apart = [Seen("far.png", np.arange(200, 260), np.full(60, 3, np.float32), np.full((60, 3), 0.4, np.float32))]
+    J, pixels, seen = np.random.default_rng(0).uniform(0.1, 0.9, (200, 3)), np.arange(200), []
+    for name, gain in (("a.png", 1.0), ("b.png", 0.8), ("c.png", 1.3)):
+        seen.append(Seen(name, pixels, np.full(200, 2, np.float32), (gain * J).astype(np.float32)))
+    observations = arrange((1, 260), [*seen, *apart], with_view=True)
+    air = WaterParameters.of_channels(np.zeros((3, 3)))
+    even = AtOneExposure.of(observations, {"a.png": 1.0, "b.png": 0.8}, air, "a.png")
+    assert even.gains["c.png"] == pytest.approx(1.3, rel=1e-3)
+    assert even.unknown == ("far.png",)
+    assert "far.png" in even.limits[0]
+
+
+def test_water_that_was_fitted_with_gains_is_used_with_them(scene: Scene, tmp_path: Path) -> None:
+    fitted = Sucre(exposure="per_view").restore(scene, scene["3.png"])
+    record = {name: fitted.info[name] for name in ("gains", "gains_separable")}
+    water = fitted.water
+    assert water is not None
+    record |= {
+        "B": water.veiling_light.tolist(),
+        "beta": water.attenuation.tolist(),
+        "gamma": water.backscatter.tolist(),
+    }
+    file = tmp_path / "3.json"
+    file.write_text(json.dumps(record))
+    for name in ("3.png", next(name for name in fitted.info["gains"] if name != "3.png")):
+        own = fitted if name == "3.png" else Sucre(exposure="per_view").restore(scene, scene[name])
+        given = Sucre(water=str(file)).restore(scene, scene[name])
+        assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.01
+    by_name = Sucre(water_from="sucre").restore(scene, scene["3.png"])
+    assert np.sqrt(np.nanmean((by_name.image - fitted.image) ** 2)) < 0.01
+    file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
+    with pytest.raises(InputError, match=r"3\.json.*3\.png"):
+        Sucre(water=str(file)).restore(scene, scene["3.png"])
+    file.write_text(json.dumps(record | {"lamp": {"found": True}}))
+    with pytest.raises(InputError, match="lamp"):
+        Sucre(water=str(file)).restore(scene, scene["3.png"])
 
 
 def with_views(observations: Observations) -> Observations:

@@ -1,0 +1,138 @@
+"""Finds the water of one image from its own observations, exactly, with the options that go with that.
+
+Each step may change the observations: a lamp or gains of views bring them to even light, and the solution explains
+those. The steps hand both on together.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from sucre_bench.errors import SolveError
+from sucre_bench.machine.progress import say
+from sucre_bench.methods.sucre.apply_gains import AtOneExposure, corrected
+from sucre_bench.methods.sucre.exact import fit
+from sucre_bench.methods.sucre.exposure import differing_exposure
+from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
+from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
+from sucre_bench.methods.sucre.lamp import lit
+from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.solvers import Solution, solve_exact
+from sucre_bench.methods.sucre.undetermined_water import gains_explain_better, is_guess, photograph_as_colours
+from sucre_bench.multiview.observations import Observations
+from sucre_bench.scene import Scene, View
+
+if TYPE_CHECKING:
+    from sucre_bench.methods.sucre.sucre import Sucre
+
+# Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
+_MATCHED, _FEWEST_MATCHED = 20_000, 200
+
+
+def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
+    """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
+    from sucre_bench.multiview.footprints import matched_footprints
+
+    n = observations.n_repeated
+    if not options.footprint or n < _FEWEST_MATCHED:
+        return None
+    places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
+    views = [other for other in scene.views if other.name in set(observations.views)]
+    found = matched_footprints(view, views, observations.pixels[places], **options.pairing_with(view=True))
+    return found if found.n_repeated >= _FEWEST_MATCHED else None
+
+
+@dataclass(frozen=True)
+class OwnWater:
+    """The exact fit of a method's options to one view of a scene."""
+
+    options: Sucre
+    scene: Scene
+    view: View
+
+    def solve(self, observations: Observations) -> tuple[Observations, Solution]:
+        """Return the solution, and the observations that it explains: a lamp leaves some out."""
+        matched = matched_sample(self.options, self.scene, self.view, observations)
+        if self.options.lamp:
+            return self._under_a_lamp(observations, matched)
+        if self.options.exposure == "per_view":
+            return self._with_gains(observations, matched)
+        solution = self._solved(observations, matched, {})
+        limits = () if matched is None else differing_exposure(matched, solution.water)
+        if matched is not None and limits and self.options.exposure == "auto":
+            found = self._with_gains_that_explain(observations, matched, solution)
+            if found is not None:
+                return found
+        if is_guess(solution):  # no exposure is known without a water
+            return observations, self._photograph(observations, solution)
+        return observations, solution.with_limits(limits)
+
+    def _solved(self, observations: Observations, matched: Observations | None, about: Mapping[str, Any]) -> Solution:
+        """Return the minimum; about: what else was found, for the record."""
+        options = self.options
+        solution = solve_exact(
+            observations, matched=matched, physical=options.physical, robust=options.robust, **options.compute
+        )
+        found: dict[str, Any] = {"footprint": matched is not None, **about}
+        if matched is not None:
+            found["unexplained"] = float(robust_noise(matched, solution.water).mean())
+        return replace(solution, about=solution.about | found)
+
+    def _with_gains(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
+        """Return the solution with one gain for each view, and the observations in the target's exposure."""
+        sample = observations if matched is None else matched
+        start = fit(sample, **self.options.compute).water
+        found = estimate_gains(sample, self.view.name, start, seed=self.options.seed)
+        even = AtOneExposure.of(observations, found.gains, found.water, self.view.name)
+        limits = even.limits if found.is_separable else (found.limit, *even.limits)
+        about = {"gains": dict(even.gains), "gains_separable": found.is_separable}
+        even_matched = None if matched is None else corrected(matched, even.gains)
+        solution = self._solved(even.observations, even_matched, about)
+        if is_guess(solution):
+            return even.observations, self._photograph(even.observations, solution)
+        return even.observations, solution.with_limits(limits)
+
+    def _with_gains_that_explain(
+        self, observations: Observations, matched: Observations, without: Solution
+    ) -> tuple[Observations, Solution] | None:
+        """Return the solution with gains; None if gains explain little, or distances do not determine them.
+
+        The target's gain is 1, so colours=single_view can use the water too.
+        """
+        try:
+            found = estimate_gains(matched, self.view.name, without.water, seed=self.options.seed)
+            even = corrected(matched, found.gains)
+            if not found.is_separable or not gains_explain_better(even, found.water, without):
+                return None
+            with_views = self.options.observe(self.scene, self.view, observations)
+            observations, solution = self._with_gains(with_views, matched)
+        except SolveError:
+            return None
+        if solution.is_photograph:
+            return None
+        gains = solution.about["gains"].values()
+        limit = f"exposure differs between views; gains of {min(gains):.2f} to {max(gains):.2f} were fitted"
+        return observations, solution.with_limits([limit])
+
+    def _photograph(self, observations: Observations, solution: Solution) -> Solution:
+        intensities = self.options.intensities(self.view)
+        return photograph_as_colours(observations, intensities, solution, self.options.backend, self.options.device)
+
+    def _under_a_lamp(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
+        """Return the solution in even light, where a lamp explains the observations better."""
+        sample = observations if matched is None else matched
+        found = estimate_lamp(sample, fit(sample, **self.options.compute).water, seed=self.options.seed)
+        about = {"noise": found.noise, "noise_without": found.noise_without, "found": found.is_worth_it}
+        if not found.is_worth_it:
+            say("no lamp: the observations are explained as well without one")
+            return observations, self._solved(observations, matched, {"lamp": about})
+        about |= {"lamp_from_cam": found.lamp.lamp_from_cam.tolist(), "precision": found.lamp.precision.tolist()}
+        observations = lit(observations, found.lamp)
+        if not observations.n_repeated:
+            raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
+        even = None if matched is None else lit(matched, found.lamp)
+        return observations, self._solved(observations, even, {"lamp": about})
