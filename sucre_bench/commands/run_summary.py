@@ -22,12 +22,11 @@ from sucre_bench.machine.secrets import masked
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
-from sucre_bench.results import Reason, brief, with_remedy
+from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
+from sucre_bench.results.unscored import unscored
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from sucre_bench.compare import Comparison
     from sucre_bench.engine.outcome import Fault
 
@@ -84,8 +83,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     ):
         for line in _grouped(faults):
             _say(f"{kind}  {line}", colour)
-    for line in _not_scored(outcome.rows):
-        _say(f"not scored  {line}", "dim")
+    for missing in unscored(outcome.rows):
+        _say(f"not scored  {missing}", "dim")
     if outcome.interrupted:
         click.echo("stopped; the same command continues from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""
@@ -130,30 +129,6 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
         yield f"{where} / {which}: {with_remedy(reason)}"
-
-
-def _not_scored(rows: pd.DataFrame) -> Iterator[str]:
-    """A line a reason for the scores that views could not give."""
-    rows = rows[["dataset", "scene", "view", "method", "metric", "variant", "status", "reason"]]
-    skipped = results.score_rows(rows[rows["status"] == "skipped"])
-    # That a method estimates no water, say, needs no line.
-    briefs = {text: brief(text) for text in skipped["reason"].unique()}
-    skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
-    everywhere = rows[["dataset", "scene", "view"]].drop_duplicates().query("view != ''")
-    for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
-        views = of_reason[["dataset", "scene", "view"]].drop_duplicates()
-        where = "" if len(views) == len(everywhere) else f" in {len(views)} of {len(everywhere)} views"
-        metrics = [_with_variants(name, scores, rows) for name, scores in of_reason.groupby("metric", sort=False)]
-        methods = list(dict.fromkeys(of_reason["method"]))
-        of = "" if len(methods) == rows["method"].nunique() else f" of {', '.join(methods)}"
-        yield f"{', '.join(metrics)}{of}{where}: {reason}"
-
-
-def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
-    """A metric's name, with the variants that are lost where others are not."""
-    variants = list(dict.fromkeys(lost["variant"]))
-    every = rows.loc[rows["metric"] == metric, "variant"].nunique()
-    return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"
 
 
 def write_study(outcome: Outcome, comparisons: Sequence[Comparison]) -> Written:

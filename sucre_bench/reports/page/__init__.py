@@ -29,8 +29,9 @@ from sucre_bench.reports.page.join_scripts import join_scripts
 from sucre_bench.reports.page.policy import policy
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
-from sucre_bench.results import layout, restoration_rows, score_rows, with_remedy
+from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.rows import RESTORATION, restorations
+from sucre_bench.results.unscored import unscored
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -72,7 +73,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
         plotly=_compressed(plotly) if plotly else "",
         failed=_reasons(rows, "failed"),
         skipped=_reasons(restoration_rows(rows), "skipped"),
-        unscored=_reasons(score_rows(rows), "skipped"),
+        unscored=list(unscored(rows)),
         counts=restoration_rows(rows)["status"].value_counts().to_dict(),
         environment=provenance.read(out / "environment.json"),
         config=config,

@@ -23,6 +23,7 @@ from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restoration_rows, tuples
+from sucre_bench.results.stored_files import FILES
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -92,6 +93,7 @@ class Section:
         views = [self._view(*place, values, charts) for place in self._chosen()]
         return {
             "name": self.table.title,
+            "scene": "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), ""),
             "legend": text.legend(self.table, intervals=enough, ties=enough),
             "answer": [*answer(self.table, self._deciding), *filter(None, [blind(self._deciding)])],
             "few": few,
@@ -225,7 +227,7 @@ class Section:
             "record": {
                 k: v
                 for k, v in record.items()
-                if k not in (*_WATER, "encoding", "true_water") and len(json.dumps(v)) <= _LONGEST_VALUE
+                if k not in (*_WATER, "encoding", "true_water", FILES) and len(json.dumps(v)) <= _LONGEST_VALUE
             },
         }
 

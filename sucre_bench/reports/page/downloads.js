@@ -74,7 +74,7 @@ function scoreOf(view, which) {
 async function savePicture() {
   const canvas = await pictureOfView();
   try {
-    canvas.toBlob((blob) => save(blob, `${fileName(`${data.name}-${state.view}`)}.png`));
+    canvas.toBlob((blob) => save(blob, `${fileName(`${data.name}-${state.view.replace(/\.\w+$/, "")}`)}.png`));
   } catch {
     // a picture that the page does not hold itself cannot be read back
     $("announcement").textContent = "the page holds no copy of these pictures";

@@ -5,7 +5,8 @@ import { copy, isKnown, number, titled } from "./words.js";
 
 watch(["dataset"], () => {
   $("scores").hidden = $("cost").hidden = !data.columns.length;
-  $("title").textContent = summary.datasets.length > 1 ? data.name : `Results on ${data.name}`;
+  const scene = data.scene && data.scene !== data.name ? `: ${data.scene}` : "";
+  $("title").textContent = summary.datasets.length > 1 ? data.name : `Results on ${data.name}${scene}`;
   const few = data.few ? [data.few] : [];
   $("verdicts").replaceChildren(...[...data.answer, ...few].map((line) => h("li", {}, line)));
   const [sure, rest] = [false, true].map((chance) => data.verdicts.filter((v) => v.may_be_chance === chance));

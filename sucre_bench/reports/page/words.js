@@ -92,6 +92,7 @@ export const css = (rgb) => `rgb(${rgb.map((x) => Math.round(255 * x)).join(" ")
 
 // A value of a record in one line.
 export function briefly(value) {
+  if (Number.isInteger(value)) return String(value).replace("-", "−");
   if (typeof value === "number") return number(value);
   if (Array.isArray(value)) return value.map(briefly).join(", ") || "none";
   if (value && typeof value === "object")

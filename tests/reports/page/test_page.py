@@ -91,6 +91,14 @@ def test_a_run_with_faults_makes_a_page_that_says_what_failed_and_how_it_was_mad
     assert len(page.blocks("image/webp")) == 3 + 3 + 5  # views, references, restorations
 
 
+def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(toys: str, tmp_path: Path):
+    base = ["dataset=toy", "metrics=[psnr,ssim,psi,redness]", "tracking.uri=off", f"out={tmp_path}"]
+    page = Page(write_page(tmp_path, sweep.run([*base, "method=gain,faulty"], True).rows))
+    lacking = [line for line in page.text.splitlines() if ": needs charts" in line]
+    assert len(lacking) == 1
+    assert page.text.count("ValueError: boom") == 1
+
+
 def test_the_table_holds_the_means_over_what_all_methods_have(tmp_path: Path):
     (dataset,) = made(tmp_path).datasets
     at = [c["key"] for c in dataset["columns"]].index("psnr:masked")

@@ -1,0 +1,65 @@
+"""Scores that views could not give, together by their reason."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from sucre_bench.results.reasons import Reason, brief
+from sucre_bench.results.rows import score_rows, values_of
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+__all__ = ["Unscored", "unscored"]
+
+_VIEW = ["dataset", "scene", "view"]
+
+
+@dataclass(frozen=True)
+class Unscored:
+    """Scores that are missing for one reason.
+
+    metrics: their names, with the variants if others are there; methods: whose, empty for all; views: dataset, scene
+    and name of each, empty for all; n_views: of the whole table.
+    """
+
+    reason: str
+    metrics: tuple[str, ...]
+    methods: tuple[str, ...]
+    views: tuple[tuple[str, str, str], ...]
+    n_views: int
+
+    def __str__(self) -> str:
+        where = f" in {len(self.views)} of {self.n_views} views" if self.views else ""
+        of = f" of {', '.join(self.methods)}" if self.methods else ""
+        return f"{', '.join(self.metrics)}{of}{where}: {self.reason}"
+
+
+def unscored(rows: pd.DataFrame) -> Iterator[Unscored]:
+    """Yield what is skipped of the scores, once for each reason. rows: of a score table."""
+    rows = rows[[*_VIEW, "method", "metric", "variant", "status", "reason"]]
+    skipped = score_rows(rows[rows["status"] == "skipped"])
+    # That a method estimates no water, say, needs no line.
+    skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
+    n_views, n_methods = len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()), rows["method"].nunique()
+    briefs = {text: brief(text) for text in skipped["reason"].unique()}
+    for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
+        metrics = (_with_variants(name, scores, rows) for name, scores in of_reason.groupby("metric", sort=False))
+        methods = tuple(dict.fromkeys(of_reason["method"]))
+        views = tuple(values_of(of_reason[_VIEW].drop_duplicates(), *_VIEW))
+        yield Unscored(
+            str(reason),
+            tuple(metrics),
+            methods if len(methods) < n_methods else (),
+            views if len(views) < n_views else (),
+            n_views,
+        )
+
+
+def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
+    """A metric's name, with the variants that are lost where others are not."""
+    variants = list(dict.fromkeys(lost["variant"]))
+    every = rows.loc[rows["metric"] == metric, "variant"].nunique()
+    return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"
