@@ -23,7 +23,7 @@ from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restoration_rows, tuples
-from sucre_bench.results.stored_files import FILES
+from sucre_bench.results.stored_hashes import FILES
 
 if TYPE_CHECKING:
     import pandas as pd
