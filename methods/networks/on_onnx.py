@@ -14,6 +14,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.cores import Device, usable_cores
+from sucre_bench.machine.files import fault_of
 from sucre_bench.methods.networks.weights import check_file
 
 Layout = Literal["auto", "nchw", "nhwc"]
@@ -80,6 +81,7 @@ def model_file(path: Path) -> Path:
     if len(found) != 1:
         names = ", ".join(file.name for file in found) or "none"
         raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in method.model")
+    check_file(found[0], "model")
     return found[0]
 
 
@@ -90,7 +92,11 @@ def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwo
     for a device that is not there.
     """
     stamp = _stamp(path)
-    return _opened(path, (stamp, *map(_stamp, _beside(path, stamp))), device, layout, output)
+    beside = _beside(path, stamp)
+    for file in beside:
+        if file.exists() and (fault := fault_of(file)):
+            raise InputError(f"{file}: {fault}, and {path.name} takes weights from it; put the file there")
+    return _opened(path, (stamp, *map(_stamp, beside)), device, layout, output)
 
 
 # When a file was changed, and its size in bytes; zeros where it is not there.

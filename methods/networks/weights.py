@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import fault_of, regular
 
 if TYPE_CHECKING:
     import torch
@@ -25,10 +25,9 @@ _REMEDY = "give weights of that architecture, or export the network and use meth
 
 def check_file(path: Path, option: str) -> None:
     """Raise InputError unless there is a file. option: the one that names it."""
-    if path.is_dir():
-        raise InputError(f"{path}: is a folder; give the file in method.{option}")
-    if not path.is_file():
-        raise InputError(f"{path}: no such file; give the network's file in method.{option}, none is shipped")
+    if fault := fault_of(path):
+        shipped = ", none is shipped" * (not path.exists())
+        raise InputError(f"{path}: {fault}; give the network's file in method.{option}{shipped}")
 
 
 def fill(network: torch.nn.Module, path: Path, named: str) -> None:

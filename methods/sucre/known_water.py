@@ -6,6 +6,7 @@ another target with gain g it has g B, and gains divided by g.
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
@@ -17,13 +18,15 @@ from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.calling import restored
-from sucre_bench.plugins.options import create
+from sucre_bench.plugins.creation import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water
 
 # Largest values that are accepted. Adam has no bounds and may end a little below zero.
 _MOST_B, _MOST_RATE = 2.0, 100.0
+
+_SUFFIXES = (".json", ".npz")
 
 
 @dataclass(frozen=True, eq=False)
@@ -51,14 +54,33 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
     if path.is_dir():
         path = _of_view(path, scene, view)
     try:
-        water = read_water(path)
+        water = _of_file(path)
     except FileNotFoundError:
         raise InputError(
             f"{path}: no such file; water= takes own, shared, truth, a .json or .npz file, or a folder of them"
         ) from None
+    return _known(str(path), water, read_lighting(path), view, encoding)
+
+
+def check_file(source: str) -> None:
+    """Raise InputError when a path, as for `water_of`, leads to a file without a water, or a folder without files.
+
+    A path to nothing passes: `create` refuses it.
+    """
+    path = Path(source).expanduser()
+    if not path.is_dir():
+        with contextlib.suppress(FileNotFoundError):
+            _of_file(path)
+    elif not any(file.suffix in _SUFFIXES for file in path.rglob("*")):
+        remedy = "give the folder restored/<dataset>/<method> of an earlier run"
+        raise InputError(f"{path}: holds no .json or .npz file; {remedy}")
+
+
+def _of_file(path: Path) -> Water:
+    water = read_water(path)
     if water is None:
         raise InputError(f"{path}: does not hold B, beta and gamma; give three numbers of each")
-    return _known(str(path), water, read_lighting(path), view, encoding)
+    return water
 
 
 def check_source(name: str) -> None:
@@ -134,7 +156,7 @@ def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterP
 def _of_view(folder: Path, scene: Scene, view: View) -> Path:
     """Return the file of a view in a folder that a run made, restored/<dataset>/<method>."""
     for stem in reversed(stems_of(scene.name, view.name)):
-        for suffix in (".json", ".npz"):
+        for suffix in _SUFFIXES:
             file = folder / f"{stem}{suffix}"
             if file.is_file() and file.resolve().is_relative_to(folder.resolve()):
                 return file

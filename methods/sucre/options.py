@@ -156,6 +156,8 @@ def check(options: Any, method: str) -> None:
         raise InputError(f"{method}.tolerance: {options.tolerance} must be below 1, it is a share of the depth")
     if options.seed < 0:
         raise InputError(f"{method}.seed: {options.seed} must not be negative")
+    if options.pairs is not None and options.pairs.exists() and not options.pairs.is_dir():
+        raise InputError(f"{options.pairs}: is no folder; give a folder in method.pairs")
     if not options.water:
         raise InputError(f"{method}.water: is empty; use own, shared, truth, a file or a folder")
     given = [

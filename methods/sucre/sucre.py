@@ -14,7 +14,7 @@ from sucre_bench import Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
-from sucre_bench.methods.sucre.known_water import KnownWater, check_source, water_by, water_of
+from sucre_bench.methods.sucre.known_water import KnownWater, check_file, check_source, water_by, water_of
 from sucre_bench.methods.sucre.options import (
     ColourOptions,
     ComputeOptions,
@@ -55,6 +55,8 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         check(self, type(self).__plugin__.name)  # type: ignore[attr-defined]
         if self.water_from:
             check_source(self.water_from)
+        if self.water not in ("own", "shared", "truth"):
+            check_file(self.water)
 
     def warm_up(self) -> None:
         """Import and compile everything that the first view needs."""

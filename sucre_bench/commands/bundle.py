@@ -75,12 +75,15 @@ def _plugin_files(folder: Path, given: Iterable[str]) -> dict[str, str]:
 
     given: paths relative to the results folder.
     """
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine.files import regular
+
     texts: dict[str, str] = {}
     for path in (folder / name for name in given):
         name = f"plugins/{path.name}"
         try:
-            text = path.read_text(encoding="utf-8")
-        except (OSError, ValueError) as fault:
+            text = regular(path).read_text(encoding="utf-8")
+        except (OSError, InputError, ValueError) as fault:
             say(f"{path}: is not in the bundle, {fault}; publish it beside the bundle", "yellow")
             return {}
         if name in texts:

@@ -151,11 +151,14 @@ def _names_in(line_up: Path, kind: str) -> dict[str, str]:
     """The names and labels of a line-up's datasets or methods, each with the name; none where it cannot be read."""
     import yaml
 
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine.files import regular
+
     try:
-        entries = yaml.safe_load(line_up.read_text(encoding="utf-8"))[f"{kind}s"]
+        entries = yaml.safe_load(regular(line_up).read_text(encoding="utf-8"))[f"{kind}s"]
         said = [entry if isinstance(entry, dict) else {"name": entry} for entry in entries]
         return {str(one[key]): str(one["name"]) for one in said for key in ("name", "label") if key in one}
-    except (OSError, ValueError, TypeError, KeyError, yaml.YAMLError):
+    except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):
         return {}
 
 

@@ -26,7 +26,7 @@ from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.jobs.presets import presets
 from sucre_bench.machine import progress, terminal
-from sucre_bench.plugins.options import create
+from sucre_bench.plugins.creation import create
 from sucre_bench.results.wide import wide
 from sucre_bench.scene import Scene, View
 

@@ -20,7 +20,7 @@ from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.plugins.code_hash import source_hash
-from sucre_bench.plugins.options import create
+from sucre_bench.plugins.creation import create
 from sucre_bench.results.restorations import Measured, write_arrays
 from sucre_bench.scene import Encoding, Restoration, Scene, View
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
@@ -17,7 +17,9 @@ from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study import Study
-from sucre_bench.plugins.options import check_options, create, options_of, typed
+from sucre_bench.machine.files import regular
+from sucre_bench.plugins.creation import create, given_to_read, read_files
+from sucre_bench.plugins.options import check_options, options_of, typed
 from sucre_bench.plugins.plugin import Kind, Plugin
 
 if TYPE_CHECKING:
@@ -51,24 +53,16 @@ class Choice:
     @property
     def files(self) -> tuple[Path, ...]:
         """The files and folders that options name and results rest on; one that is not there is left out."""
-        others = {method.name for method in self.methods}
-        places = (Path(value).expanduser() for value in self._read() if value not in others)
+        places = (path for _, path in read_files(self.plugin, self.options))
         return tuple(place for place in places if place.exists())
 
     @property
     def methods(self) -> tuple[Plugin, ...]:
         """The other methods that options name, and results rest on."""
         known = plugins.discover("method")
-        named = (known.get(value) for value in self._read() if isinstance(value, str))
+        given = (value for _, value in given_to_read(self.plugin, self.options))
+        named = (known.get(value) for value in given if isinstance(value, str))
         return tuple(method for method in named if isinstance(method, Plugin))
-
-    def _read(self) -> Iterator[str | Path]:
-        """What is given for options that a plugin `reads`, but for words that mean something else there."""
-        for option in options_of(self.plugin.cls):
-            value = self.options.get(option.name, "")
-            given = isinstance(value, (str, Path)) and value not in ("", *option.choices)
-            if option.name in self.plugin.reads and given:
-                yield value
 
     @property
     def record(self) -> dict[str, Any]:
@@ -277,10 +271,11 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
     names = [str(n) for n in given] if isinstance(given, list) else [str(given)]
     if len(names) == 1 and names[0].endswith(".txt"):
         path = Path(names[0]).expanduser()
-        if not path.is_file():
-            raise InputError(f"{path}: no such list of views; give a text file with one view name a line")
         try:
-            names = [line.strip() for line in path.read_text(encoding="utf-8-sig").splitlines() if line.strip()]
+            lines = regular(path).read_text(encoding="utf-8-sig").splitlines()
+            names = [line.strip() for line in lines if line.strip()]
+        except FileNotFoundError:
+            raise InputError(f"{path}: no such list of views; give a text file with one view name a line") from None
         except (OSError, UnicodeDecodeError) as fault:
             raise InputError(f"{path}: not a list of views, {one_line(fault)}; save it as UTF-8 text") from fault
     if not names:

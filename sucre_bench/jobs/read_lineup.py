@@ -20,6 +20,7 @@ from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
 from sucre_bench.jobs.presets import given_paths, option_names, plugin_of, presets
 from sucre_bench.jobs.recognise import is_path, recognised
 from sucre_bench.jobs.schema import CONF_FOLDER, RunConfig
+from sucre_bench.machine.files import fault_of
 from sucre_bench.plugins.options import options_of
 
 _LISTS = ("datasets", "methods", "metrics", "sweep")
@@ -34,23 +35,20 @@ def read_experiment(name: str) -> LineUp:
     known = [preset.name for preset in presets("experiment")]
     if name not in known:
         raise InputError(f"no experiment is called '{name}'; {did_you_mean(name, known)}")
-    return replace(_read(CONF_FOLDER / "experiment" / f"{name}.yaml"), place=f"experiment={name}")
+    path = CONF_FOLDER / "experiment" / f"{name}.yaml"
+    return replace(_line_up(_content(path), path), place=f"experiment={name}")
 
 
 def read_line_up(path: Path) -> LineUp:
     """Return a line-up, with the plugin files it names loaded. Raises InputError for what is wrong with it."""
-    try:
-        return _read(path)
-    except SucreBenchError as fault:
-        text = str(fault)
-        raise InputError(text if text.startswith(f"{path}: ") else f"{path}: {text}") from fault
-
-
-def _read(path: Path) -> LineUp:
     content = _content(path)
-    for key in content:
-        if key not in (*_LISTS, *_SETTINGS):
-            raise unknown_name(str(path), str(key), (*_LISTS, *_SETTINGS), "key")
+    try:
+        return _line_up(content, path)
+    except SucreBenchError as fault:
+        raise InputError(f"{path}: {fault}") from fault
+
+
+def _line_up(content: Mapping[str, Any], path: Path) -> LineUp:
     settings = {key: content[key] for key in _SETTINGS if content.get(key) is not None}
     folder = path.parent
     for file in (files := _plugin_files(settings.pop("plugins", []), folder)):
@@ -83,24 +81,27 @@ def _refuse_bombs(text: str) -> None:
 
 
 def _content(path: Path) -> dict[str, Any]:
+    """What a line-up holds, by key. Raises InputError, naming the file, for what is no line-up or an unknown key."""
     import yaml
 
-    if not path.is_file():
-        fault = "is a folder" if path.is_dir() else "no such file"
+    if fault := fault_of(path):
         raise InputError(f"{path}: {fault}; give a line-up, `sucre-bench lineup RESULTS` writes one")
     try:
         text = path.read_text(encoding="utf-8-sig")
         _refuse_bombs(text)
         content = yaml.load(text, _loader())
-    except yaml.MarkedYAMLError as fault:
-        line = fault.problem_mark.line + 1 if fault.problem_mark else 1
-        raise InputError(f"{path}: line {line}: is no plain YAML, {fault.problem}; mend the line") from fault
-    except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError) as fault:
-        raise InputError(f"{path}: cannot be read, {one_line(fault)}; save it as YAML in UTF-8") from fault
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise InputError(f"{path}: line {line}: is no plain YAML, {error.problem}; mend the line") from error
+    except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError) as error:
+        raise InputError(f"{path}: cannot be read, {one_line(error)}; save it as YAML in UTF-8") from error
     if content is None:
         raise InputError(f"{path}: is empty; list methods: [NAME, ...]")
     if not isinstance(content, dict):
         raise InputError(f"{path}: holds no keys; write methods: [NAME, ...]")
+    for key in content:
+        if key not in (*_LISTS, *_SETTINGS):
+            raise unknown_name(str(path), str(key), (*_LISTS, *_SETTINGS), "key")
     return content
 
 

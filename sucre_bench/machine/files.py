@@ -26,6 +26,14 @@ _KINDS = {
 }
 
 
+class NoRegularFileError(InputError):
+    """A path leads to something else than a file. fault: what, without the path."""
+
+    def __init__(self, path: Path, fault: str, remedy: str) -> None:
+        super().__init__(f"{path}: {fault}; {remedy}")
+        self.fault = fault
+
+
 def is_file(path: Path) -> bool:
     """Whether a path leads to a regular file; False also for a name that no file system has."""
     return not fault_of(path)
@@ -37,26 +45,28 @@ def fault_of(path: Path) -> str:
         regular(path)
     except FileNotFoundError:
         return "no such file"
-    except InputError as fault:
-        return str(fault).removeprefix(f"{path}: ").partition(";")[0]
+    except NoRegularFileError as no_file:
+        return no_file.fault
     return ""
 
 
 def regular(path: Path) -> Path:
     """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
 
-    Raises FileNotFoundError if nothing is there, InputError for anything but a file. Nothing is opened.
+    Raises FileNotFoundError if nothing is there, NoRegularFileError for anything but a file. Nothing is opened.
     """
     try:
         state = path.stat()
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
-        raise InputError(f"{path}: cannot be read, {getattr(fault, 'strerror', fault)}; give another file") from fault
+        reason = getattr(fault, "strerror", fault)
+        raise NoRegularFileError(path, f"cannot be read, {reason}", "give another file") from fault
     if not stat.S_ISREG(state.st_mode):
-        raise InputError(f"{path}: is {_KINDS.get(stat.S_IFMT(state.st_mode), 'no file')}; give a file")
+        kind = _KINDS.get(stat.S_IFMT(state.st_mode), "no file")
+        raise NoRegularFileError(path, f"is {kind}", "give a file")
     if state.st_dev in _kernel_devices():
-        raise InputError(f"{path}: is a file of the kernel; give a file on a disk")
+        raise NoRegularFileError(path, "is a file of the kernel", "give a file on a disk")
     return path
 
 

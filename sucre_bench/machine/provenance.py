@@ -125,8 +125,11 @@ def write(path: Path, content: dict[str, Any]) -> None:
 
 def read(path: Path) -> dict[str, Any] | None:
     """Read an environment; None if the file does not exist or is no JSON."""
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine.files import regular
+
     try:
-        content: dict[str, Any] = json.loads(path.read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        content: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
+    except (OSError, InputError, ValueError, RecursionError):
         return None
     return content

@@ -142,16 +142,6 @@ def _finite(value: Any) -> bool:
     return not isinstance(value, float) or math.isfinite(value)
 
 
-def create(plugin: Plugin, values: Mapping[str, Any]) -> Any:
-    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise.
-
-    A path may be given as text, a tuple as a list.
-    """
-    check_options(plugin, values)
-    types = {o.name: o.type for o in options_of(plugin.cls)}
-    return plugin.cls(**{name: typed(types[name], value) for name, value in values.items()})
-
-
 def typed(annotation: Any, value: Any) -> Any:
     """Return an option's value as its type: text as a path, a list as a tuple; else as it is."""
     if isinstance(value, list) and get_origin(annotation) is tuple:

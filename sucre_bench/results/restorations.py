@@ -20,7 +20,7 @@ from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_image, write_png
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import write_mask
@@ -110,7 +110,7 @@ def read_full_arrays(path: Path, *names: str) -> Mapping[str, Any]:
     names: the wanted ones, as far as the file has them; default all.
     """
     try:
-        with path.open("rb") as file, np.load(file, allow_pickle=False) as arrays:
+        with regular(path).open("rb") as file, np.load(file, allow_pickle=False) as arrays:
             return {name: arrays[name] for name in arrays.files if not names or name in names}
     except ANY_FAULT:  # unpacking damaged bytes raises errors of many kinds
         return {}

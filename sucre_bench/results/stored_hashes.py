@@ -12,6 +12,9 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import regular
+
 FILES = "files"  # the name in the record
 
 
@@ -27,7 +30,7 @@ def are_as_written(picture: Path, suffixes: Iterable[str]) -> bool:
     Of records of earlier versions, which describe no files, the files need only be there.
     """
     try:
-        record = json.loads(picture.with_suffix(".json").read_bytes())
+        record = json.loads(regular(picture.with_suffix(".json")).read_bytes())
         written = record.get(FILES)
         for suffix in suffixes:
             file = picture.with_suffix(suffix)
@@ -38,7 +41,7 @@ def are_as_written(picture: Path, suffixes: Iterable[str]) -> bool:
                 size != written[suffix][0] or _hash(file) != written[suffix][2]
             ):
                 return False
-    except (OSError, ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
+    except (OSError, InputError, ValueError, TypeError, KeyError, IndexError, AttributeError, RecursionError):
         return False
     return True
 
@@ -49,5 +52,5 @@ def _size_and_time(file: Path) -> tuple[int, int]:
 
 
 def _hash(file: Path) -> str:
-    with file.open("rb") as content:
+    with regular(file).open("rb") as content:
         return hashlib.file_digest(content, lambda: hashlib.blake2b(digest_size=16)).hexdigest()

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
-from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.machine.files import NoRegularFileError, regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
 from sucre_bench.results.encoded_rows import TEXTS, as_frame, encoded, joined, of_label, texts_of
@@ -46,7 +46,7 @@ def read(out: str | Path, **labels: str) -> pd.DataFrame:
     """
     out = Path(out)
     # In this order: a merge writes the table before it removes the parts.
-    if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).is_file():
+    if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).exists():
         raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
     return read_any(out, **labels)
 
@@ -82,6 +82,8 @@ def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
         rows = encoded(ParquetFile(content, read_dictionary=list(TEXTS)).read(list(COLUMNS)))
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
+    except NoRegularFileError as no_file:
+        raise damaged(path, no_file.fault) from no_file
     except SucreBenchError:
         raise
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds

@@ -30,6 +30,8 @@ from sucre_bench.programs.mark_charts.server import PageServer
 LONG = "x" * 300
 RUN = "run dataset=colmap dataset.root=dive method=gray_world metrics=[coverage] tracking.uri=off report=false"
 
+RUN_SUCRE = RUN.replace("=gray_world", "=sucre")
+
 # A command, its exit code, a pattern of what it says on stderr.
 CASES: dict[str, tuple[str, int, str]] = {
     "no results folder's name": (f"{RUN} out=", 2, r"out: is empty; name a folder, for example out="),
@@ -46,6 +48,32 @@ CASES: dict[str, tuple[str, int, str]] = {
         2,
         r"/proc/kmsg: is a file of the kernel",
     ),
+    "a water that is not there": (
+        f"{RUN_SUCRE} method.water=none.json",
+        2,
+        r"none\.json: no such file; .*method\.water",
+    ),
+    "a water of one method that is not there": (
+        f"{RUN.replace('=gray_world', '=sucre,gray_world')} -m sucre.water=none.json",
+        2,
+        r"none\.json: no such file; .*sucre\.water",
+    ),
+    "a pipe as water": (f"{RUN_SUCRE} method.water=pipe.yaml", 2, r"pipe\.yaml: is a named pipe; "),
+    "no water in a file": (f"{RUN_SUCRE} method.water=empty.json", 2, r"empty\.json: does not hold B.*; "),
+    "no water in a folder": (f"{RUN_SUCRE} method.water=dive/images", 2, r"dive/images: holds no \.json.*; "),
+    "a pipe as network": (
+        "run dataset=colmap dataset.root=dive method=onnx method.model=pipe.onnx",
+        2,
+        r"pipe\.onnx: is a named pipe; .*method\.model",
+    ),
+    "a pipe as what a command rests on": (
+        "run dataset=colmap dataset.root=dive method=command 'method.run=cp {input} {output}' method.rests_on=pipe.py",
+        2,
+        r"pipe\.py: is a named pipe; .*method\.rests_on",
+    ),
+    "a file as folder of pairs": (f"{RUN_SUCRE} method.pairs=empty.json", 2, r"empty\.json: is no folder; "),
+    "a pipe as list of views": (f"{RUN} views=views.txt", 2, r"views\.txt: is a named pipe; "),
+    "a pipe as score table": (f"{RUN} out=piped", 2, r"piped/scores\.parquet: .*is a named pipe; "),
     "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
     "a device as list of numbers": ("score dive/images --like /dev/zero", 2, r"/dev/zero: is a device; "),
     "a device as bundle": ("verify /dev/zero", 2, r"/dev/zero: .*; "),
@@ -81,7 +109,9 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_dive(folder / "dive", ("a.png", "b.png"))
     (folder / "loop").symlink_to("loop")
     (folder / "deep.yaml").write_text("[" * 100_000)
-    for name in ("pipe.py", "pipe.yaml"):
+    (folder / "empty.json").write_text("{}")
+    (folder / "piped").mkdir()
+    for name in ("pipe.py", "pipe.yaml", "pipe.onnx", "views.txt", "piped/scores.parquet"):
         os.mkfifo(folder / name)
     return folder
 

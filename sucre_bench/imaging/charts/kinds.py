@@ -33,7 +33,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.imaging.cielab import colour_science, lab_d50_from, srgb_of_lab_d50
-from sucre_bench.machine.files import is_file, regular
+from sucre_bench.machine.files import fault_of, regular
 
 _CHROMATIC = 5.0  # chroma in Lab: the "neutral" patches of sold charts stay below 2, their dark skin is at 19
 
@@ -57,14 +57,14 @@ def colorchecker_sg() -> ChartKind:
 
 def read_kind(path: Path) -> ChartKind:
     """Return the kind that a CSV file describes, see above. Raises InputError naming the line that is wrong."""
-    if not is_file(path):
-        raise InputError(f"{path}: no such file; give the path of the CSV file that describes the chart")
+    if fault := fault_of(path):
+        raise InputError(f"{path}: {fault}; give the path of the CSV file that describes the chart")
     try:
         return _parsed(str(path), regular(path).read_text(encoding="utf-8-sig"))
-    except (OSError, UnicodeDecodeError, csv.Error) as fault:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise InputError(
-            f"{path}: the chart's description cannot be read, {one_line(fault)}; correct its path"
-        ) from fault
+            f"{path}: the chart's description cannot be read, {one_line(error)}; correct its path"
+        ) from error
 
 
 @functools.lru_cache(maxsize=32)  # asked for with every chart that is measured

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
+from sucre_bench.machine.files import is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
@@ -55,7 +56,7 @@ def bundle_results(
     if path.suffix.lower() != ".zip":
         raise InputError(f"{path}: has no suffix of a bundle; end it in .zip")
     rows = results.read(folder)
-    files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if (folder / n).is_file()}
+    files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if is_file(folder / n)}
     common = read_common(folder)
     files |= {COMMON: csv_text(common).encode()} if len(common) else {}
     files |= {name: text.encode() for name, text in (texts or {}).items()}
@@ -74,11 +75,11 @@ def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
         picture = place.restored(folder, row.method) if place else None
-        if place is None or picture is None or not picture.is_file():
+        if place is None or picture is None or not is_file(picture):
             where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
             raise InputError(f"{where}: the restored image is gone; repeat the run's command, which makes it again")
         more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
-        yield from (picture, *(file for file in more if file.is_file()))
+        yield from (picture, *(file for file in more if is_file(file)))
 
 
 def _local_paths(rows: pd.DataFrame) -> tuple[str, ...]:

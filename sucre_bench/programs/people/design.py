@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import results
 from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError, did_you_mean, one_line
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.rows import restorations
 
@@ -111,8 +111,8 @@ def keys(folder: Path) -> dict[str, Key]:
     found = {}
     for path in sorted((folder / "people").glob("*.json")):
         try:
-            key = _key(json.loads(path.read_text(encoding="utf-8")))
-        except (OSError, ValueError, KeyError, TypeError, AttributeError) as fault:
+            key = _key(json.loads(regular(path).read_text(encoding="utf-8")))
+        except (OSError, ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
             raise InputError(f"{path}: is no key of a study ({one_line(fault)}); restore a copy of it") from fault
         found[key.study] = key
     return found

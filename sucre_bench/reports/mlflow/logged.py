@@ -7,7 +7,8 @@ import json
 from contextlib import suppress
 from pathlib import Path
 
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.reports.mlflow.connection import sqlite_path
 from sucre_bench.results import TABLE
 from sucre_bench.results.rows import fingerprint
@@ -41,8 +42,8 @@ def _place(uri: str, experiment: str) -> str:
 
 def _read(out: Path) -> dict[str, str]:
     try:
-        known = json.loads(_path(out).read_text(encoding="utf-8"))
-    except (OSError, ValueError):
+        known = json.loads(regular(_path(out)).read_text(encoding="utf-8"))
+    except (OSError, InputError, ValueError, RecursionError):
         return {}
     return known if isinstance(known, dict) else {}
 

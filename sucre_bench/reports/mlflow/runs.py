@@ -10,7 +10,9 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.compare import text as tables
+from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.shown import counted
 from sucre_bench.plugins.plugin import Plugin
@@ -202,9 +204,9 @@ def _log_pictures(store: Experiment, run: str, rows: pd.DataFrame) -> None:
         if place is None:
             continue
         try:
-            with Image.open(place.restored(store.out, row.method)) as whole:
+            with Image.open(regular(place.restored(store.out, row.method))) as whole:
                 small = whole.convert("RGB")
-        except OSError:  # gone, or cut short: the others are shown
+        except (OSError, InputError):  # gone, or cut short: the others are shown
             continue
         small.thumbnail(_PICTURE_SIZE)
         store.client.log_image(run, small, key="restored", step=step, timestamp=stamp(str(row.time)), synchronous=True)
