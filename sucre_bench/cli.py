@@ -29,6 +29,7 @@ def main() -> None:
     open_closed_streams()
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
+    os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
     with_fewer_letters()
     sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
 

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from types import ModuleType
 from typing import IO, Any
 
 import numpy as np
@@ -15,6 +14,8 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.imaging.image_header import Header, pillow, read_header, tiff_file
+from sucre_bench.imaging.image_notes import note_alpha, note_few_bits
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
 from sucre_bench.machine.files import regular, write_atomically
 
@@ -33,13 +34,11 @@ def image_size(path: Path) -> tuple[int, int] | None:
 
 def size_of_only_page(path: Path) -> tuple[int, int] | None:
     """Return what `image_size` does; None for a TIFF of several pages, which may be layers of one array."""
-    import tifffile
-
     try:
         with regular(path).open("rb") as file:
             is_tiff = file.read(2) in (b"II", b"MM")
             file.seek(0)
-            if is_tiff and len(tifffile.TiffFile(file).pages) != 1:
+            if is_tiff and len(tiff_file(file).pages) != 1:
                 return None
             file.seek(0)
             return _size_in(file)
@@ -49,26 +48,8 @@ def size_of_only_page(path: Path) -> tuple[int, int] | None:
 
 def _size_in(file: IO[bytes]) -> tuple[int, int] | None:
     """The size that a file's header says."""
-    import tifffile
-
-    try:
-        is_tiff = file.read(2) in (b"II", b"MM")
-        file.seek(0)
-        if is_tiff:  # Pillow does not know 16-bit colour there
-            with tifffile.TiffFile(file) as tiff:
-                return tiff.pages.first.imagewidth, tiff.pages.first.imagelength
-        with _pillow().open(file) as image:
-            return image.size
-    except Exception:  # of any kind: each format has its own
-        return None
-
-
-def _pillow() -> ModuleType:
-    """Pillow's images, without its own limit of pixels: `pixel_limit` has ours."""
-    from PIL import Image
-
-    Image.MAX_IMAGE_PIXELS = None
-    return Image
+    header = read_header(file)
+    return header and header.size
 
 
 def read_tiff(path: Path) -> np.ndarray:
@@ -76,9 +57,7 @@ def read_tiff(path: Path) -> np.ndarray:
 
     Raises InputError if it has too many values, see `pixel_limit`, and errors of any kind if it cannot be read.
     """
-    import tifffile
-
-    with regular(path).open("rb") as content, tifffile.TiffFile(content) as file:
+    with regular(path).open("rb") as content, tiff_file(content) as file:
         check_array(path, file.series[0].shape)
         return np.asarray(file.asarray())
 
@@ -105,6 +84,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
     stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
+    note_few_bits(path, stored)
     image = stored[..., ::-1].astype(np.float32) / np.iinfo(stored.dtype).max
     height, width = image.shape[:2]
     if size is None or (width, height) == size:
@@ -136,13 +116,15 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     """Return what `decode` does, of a file's content. place: the file's name, for errors."""
     import cv2
 
-    size = _size_in(io.BytesIO(data))
-    if size is None:  # OpenCV might still allocate what a damaged header says
+    header = read_header(io.BytesIO(data))
+    if header is None:  # OpenCV might still allocate what a damaged header says
         raise InputError(f"{place}: cannot be read, damaged or not an image; copy it again")
-    check_pixels(place, size)
+    check_pixels(place, header.size)
+    if header.fault:
+        raise InputError(f"{place}: {header.fault}")
     if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
         try:
-            with _pillow().open(io.BytesIO(data)) as image:
+            with pillow().open(io.BytesIO(data)) as image:
                 if not flags & cv2.IMREAD_COLOR:  # a bit that is set in IMREAD_UNCHANGED, too
                     return np.asarray(image.convert("L"))
                 return np.asarray(image.convert("RGB"))[..., ::-1]
@@ -151,12 +133,35 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
             raise InputError(f"{place}: cannot be read, {reason}; copy the file again") from fault
     complete = not data.startswith(b"\x89PNG") or b"IEND" in data[-4096:]
     try:
-        decoded = cv2.imdecode(np.frombuffer(data, dtype=np.uint8), flags) if data and complete else None
+        decoded = _imdecode(data, flags, place, header) if data and complete else None
     except cv2.error:
         decoded = None
     if decoded is None:
         raise InputError(f"{place}: cannot be read, {'damaged' if complete else 'cut short'}; copy it again")
     return np.asarray(decoded)
+
+
+def _imdecode(data: bytes, flags: int, place: str, header: Header) -> Any:
+    """What OpenCV makes of a file; None if it cannot. A photograph's transparent pixels keep their colours."""
+    import cv2
+
+    content = np.frombuffer(data, dtype=np.uint8)
+    if header.has_alpha and flags & cv2.IMREAD_ANYDEPTH and flags != cv2.IMREAD_UNCHANGED:
+        stored = _tiff_with_alpha(data) if header.is_tiff else cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+        if stored is not None and stored.shape[2:] == (4,):
+            note_alpha(place, stored[..., 3])
+            return stored[..., :3]
+    return cv2.imdecode(content, flags)
+
+
+def _tiff_with_alpha(data: bytes) -> Any:
+    """A TIFF's BGRA; None if tifffile cannot read it so. OpenCV multiplies its colours by alpha."""
+    try:
+        with tiff_file(io.BytesIO(data)) as file:
+            stored = np.asarray(file.pages.first.asarray())
+    except Exception:  # each of its decoders has its own
+        return None
+    return stored[..., [2, 1, 0, 3]] if stored.ndim == 3 and stored.shape[2] == 4 else None
 
 
 def encode_png(values: npt.NDArray[Any], compression: int = 3) -> bytes:

@@ -20,6 +20,7 @@ import pytest
 from filelock import FileLock
 from support.colmap_folder import write_dive
 from support.command_line import PROGRAM, forks, run_bounded, run_here
+from support.watching import Lines
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.locks import waited_lock
@@ -31,6 +32,7 @@ LONG = "x" * 300
 RUN = "run dataset=colmap dataset.root=dive method=gray_world metrics=[coverage] tracking.uri=off report=false"
 
 RUN_SUCRE = RUN.replace("=gray_world", "=sucre")
+RUN_COMMAND = RUN.replace("=gray_world", "=command \"method.run='cp {input} {output}'\"")
 
 # A command, its exit code, a pattern of what it says on stderr.
 CASES: dict[str, tuple[str, int, str]] = {
@@ -67,7 +69,7 @@ CASES: dict[str, tuple[str, int, str]] = {
         r"pipe\.onnx: is a named pipe; .*method\.model",
     ),
     "a pipe as what a command rests on": (
-        "run dataset=colmap dataset.root=dive method=command 'method.run=cp {input} {output}' method.rests_on=pipe.py",
+        f"{RUN_COMMAND} method.rests_on=pipe.py",
         2,
         r"pipe\.py: is a named pipe; .*method\.rests_on",
     ),
@@ -147,25 +149,6 @@ def test_control_characters_of_names_are_written_out_in_every_line(tmp_path: Pat
 
 def test_a_name_that_no_output_can_encode_is_written_out():
     assert shown("a\udcffb\tc\nd") == "a\\udcffb\tc\nd"
-
-
-class Lines:
-    """Keeps every line."""
-
-    def __init__(self) -> None:
-        self.lines: list[str] = []
-        self.has_one = threading.Event()
-
-    def started(self, what: str, total: int | None) -> int:
-        return 0
-
-    def advanced(self, line: int) -> None: ...
-
-    def finished(self, line: int) -> None: ...
-
-    def said(self, text: str, is_fault: bool) -> None:
-        self.lines.append(text)
-        self.has_one.set()
 
 
 def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:

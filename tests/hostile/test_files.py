@@ -9,14 +9,17 @@ from pathlib import Path
 import cv2
 import numpy as np
 import pytest
+import tifffile
 from support import hostile_files as bad
 from support.colmap_folder import HEIGHT, WIDTH, picture, write_dive, write_image
 from support.command_line import Done, run_here
+from support.watching import Lines
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.array_files import read_array
-from sucre_bench.imaging.image_files import same_shape
+from sucre_bench.imaging.image_files import read_rgb, same_shape
+from sucre_bench.machine import progress
 
 LONG = "x" * 300
 
@@ -25,12 +28,21 @@ def one_pixel(suffix: str) -> bytes:
     return bytes(cv2.imencode(suffix, np.full((1, 1, 3), 9, np.uint8))[1])
 
 
+TWO = (picture(1), picture(2))
+
 # Odd files in the place of a view's image or depth map, each with the fault that the message names.
 IMAGES: dict[str, tuple[str, Callable[[Path], None], str]] = {
     "a cut TIFF": (".tif", bad.written(bad.cut_tiff()), "cannot be read"),
     "a PNG of a forged size": (".png", bad.written(bad.png_of_size(30000, 30000)), "is 30000x30000"),
     "a PNG of a forged size of the camera's shape": (".png", bad.written(bad.png_of_size(40000, 30000)), "megapixels"),
     "a TIFF of a forged size": (".tif", bad.written(bad.tiff_of_size(40000, 30000)), "megapixels"),
+    "a TIFF of two pages": (".tif", bad.written(bad.tiff_of_pages(*TWO)), "several pictures"),
+    "a TIFF that begins with a thumbnail": (
+        ".tif",
+        bad.written(bad.tiff_of_pages(TWO[0][::2, ::2], TWO[1], reduced=0)),
+        "begins with a thumbnail",
+    ),
+    "an animation": (".png", bad.written(bad.animation(*TWO)), "several pictures"),
     "one pixel": (".png", bad.written(one_pixel(".png")), "is 1x1"),
     "nothing": (".png", bad.written(b""), "cannot be read"),
     "a device": (".png", bad.device, "is a device"),
@@ -92,6 +104,39 @@ def test_a_file_that_is_none_costs_its_view_alone(tmp_path: Path):
     assert rows.loc[["a.png", "c.png"], "status"].tolist() == ["ok", "ok"]
     assert done.returncode == 1
     assert "Traceback" not in done.stdout + done.stderr
+
+
+@pytest.mark.parametrize("reduced", [1, None])
+def test_a_thumbnail_after_the_picture_is_passed_over(tmp_path: Path, reduced: int | None):
+    (tmp_path / "a.tif").write_bytes(bad.tiff_of_pages(TWO[0], TWO[1][::2, ::2], reduced=reduced))
+    np.testing.assert_allclose(read_rgb(tmp_path / "a.tif"), TWO[0] / 255, atol=1e-6)
+
+
+@pytest.mark.parametrize("suffix", [".png", ".tif"])
+def test_transparent_pixels_keep_their_colours_and_are_said_once(tmp_path: Path, suffix: str):
+    alpha = np.full((HEIGHT, WIDTH, 1), 255, np.uint8)
+    alpha[:3, :2] = 0
+    for name in ("a", "b"):
+        path = tmp_path / f"{name}{suffix}"
+        if suffix == ".png":
+            assert cv2.imwrite(str(path), np.dstack([TWO[0][..., ::-1], alpha]))
+        else:
+            tifffile.imwrite(path, np.dstack([TWO[0], alpha]), photometric="rgb", extrasamples=["unassalpha"])
+    lines = Lines()
+    with progress.watched_by(lines):
+        for name in ("a", "b"):
+            np.testing.assert_allclose(read_rgb(tmp_path / f"{name}{suffix}"), TWO[0] / 255, atol=1e-6)
+    assert len(lines.lines) == 1
+    assert "6 pixels" in lines.lines[0]
+
+
+@pytest.mark.parametrize(("factor", "notes"), [(16, 1), (257, 0)])
+def test_images_that_use_12_of_16_bits_are_said(tmp_path: Path, factor: int, notes: int):
+    assert cv2.imwrite(str(tmp_path / "a.png"), TWO[0].astype(np.uint16) * factor)
+    lines = Lines()
+    with progress.watched_by(lines):
+        read_rgb(tmp_path / "a.png")
+    assert len(lines.lines) == notes
 
 
 PRECOMPUTED: dict[str, tuple[str, bytes, str]] = {

@@ -63,6 +63,24 @@ def cut_tiff() -> bytes:
     return content.getvalue()[:8]
 
 
+def tiff_of_pages(*pages: np.ndarray, reduced: int | None = None) -> bytes:
+    """A TIFF of several pictures (H, W, 3). reduced: the page that says of itself that it is a thumbnail."""
+    content = io.BytesIO()
+    with tifffile.TiffWriter(content) as file:
+        for number, page in enumerate(pages):
+            file.write(page, photometric="rgb", subfiletype=int(number == reduced))
+    return content.getvalue()
+
+
+def animation(*pictures: np.ndarray) -> bytes:
+    """A PNG that shows pictures (H, W, 3) one after the other."""
+    from PIL import Image
+
+    content, (first, *others) = io.BytesIO(), map(Image.fromarray, pictures)
+    first.save(content, "PNG", save_all=True, append_images=others)
+    return content.getvalue()
+
+
 def device(path: Path) -> None:
     path.symlink_to("/dev/zero")
 
