@@ -49,7 +49,7 @@ def size_of_only_page(path: Path) -> tuple[int, int] | None:
 def _size_in(file: IO[bytes]) -> tuple[int, int] | None:
     """The size that a file's header says."""
     header = read_header(file)
-    return header and header.size
+    return header.size if header else None
 
 
 def read_tiff(path: Path) -> np.ndarray:
