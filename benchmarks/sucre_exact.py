@@ -1,6 +1,7 @@
 """The exact solver against the number of observations: seconds, memory, and the speed of its two passes.
 
-Run: python benchmarks/sucre_exact.py [--observations 1e8] [--backends numba,torch,jax,numpy] [--turns 2] [--out DIR]
+Run: python benchmarks/sucre_exact.py [--observations 1e8] [--backends numba,torch,jax,numpy]
+     [--device cuda] [--turns 2] [--out DIR]
 
 A target has a tenth as many pixels as observations, each seen 1 to 19 times at 1 to 10 m, 8-bit colours with noise. For
 each size and backend a process of its own makes the observations, then times a pass of either kind (the fastest of
@@ -55,7 +56,7 @@ def made(n_pixels: int) -> Observations:
     return observations
 
 
-def measure(n: float, backend: Any, turns: int) -> dict[str, float]:
+def measure(n: float, backend: Any, device: Any, turns: int) -> dict[str, float]:
     """Measure one size with one backend in this process."""
     observations = made(round(n / 10))
     noise, covariance = np.full(3, NOISE), np.broadcast_to(1e-8 * np.eye(3), (3, 3, 3))
@@ -63,14 +64,14 @@ def measure(n: float, backend: Any, turns: int) -> dict[str, float]:
     passes_needed = []
 
     def restore() -> None:
-        found = fit(observations, backend=backend, device="cpu")
-        with opened(observations, backend, "cpu") as kernel:
+        found = fit(observations, backend=backend, device=device)
+        with opened(observations, backend, device) as kernel:
             kernel.colours(found.water, noise, covariance)
         passes_needed.append(found.passes)
         error = np.abs(found.water.by_channel() / WATER.by_channel() - 1).max()
         assert n < 1e6 or error < 0.02, f"a fast but wrong water: off by {error:.1%}"
 
-    with opened(observations, backend, "cpu") as kernel:
+    with opened(observations, backend, device) as kernel:
         passes = {
             "system": lambda: kernel.system(WATER),
             "held": lambda: kernel.system(WATER, np.full(3, 0.02)),
@@ -113,7 +114,7 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
     for backend in dict.fromkeys(row["backend"] for row in rows):
         own = [row for row in rows if row["backend"] == backend]
         axes.loglog([row["observations"] for row in own], [row["seconds"] for row in own], "o-", label=backend)
-    axes.set(xlabel="observations", ylabel="seconds for the water and all colours", title="Exact solver on the CPU")
+    axes.set(xlabel="observations", ylabel="seconds for the water and all colours", title="Exact solver")
     axes.grid(which="major", alpha=0.4)
     axes.legend()
     figure.savefig(path, dpi=150)
@@ -124,13 +125,14 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--observations", type=float, help="one size alone; default: 1e5, 1e6, 1e7 and 1e8")
     parser.add_argument("--backends", default=",".join(BACKENDS))
+    parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="cuda: for torch and jax")
     parser.add_argument("--turns", type=int, default=2)
     parser.add_argument("--out", type=Path, help="folder for the table and the figure")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
     backends = arguments.backends.split(",")
     if arguments.child:
-        print(json.dumps(measure(arguments.observations, backends[0], arguments.turns)))
+        print(json.dumps(measure(arguments.observations, backends[0], arguments.device, arguments.turns)))
         return
 
     print(f"{'':13} {'':8}{'M observation-channels/s':>27}")
@@ -140,8 +142,11 @@ def main() -> None:
     rows = []
     for n in [arguments.observations] if arguments.observations else SIZES:
         for backend in backends:
-            own = ["--child", f"--observations={n}", f"--backends={backend}", f"--turns={arguments.turns}"]
-            result = subprocess.run([sys.executable, __file__, *own], check=True, stdout=subprocess.PIPE, text=True)
+            one = [f"--observations={n}", f"--backends={backend}"]
+            one += [f"--device={arguments.device}", f"--turns={arguments.turns}"]
+            result = subprocess.run(
+                [sys.executable, __file__, "--child", *one], check=True, stdout=subprocess.PIPE, text=True
+            )
             row: dict[str, Any] = {"backend": backend, **json.loads(result.stdout.splitlines()[-1])}
             speeds = "".join(f"{row[name]:9.0f}" for name in heads)
             digits = max(0, 2 - math.floor(math.log10(row["seconds"])))

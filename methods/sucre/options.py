@@ -129,10 +129,10 @@ class ComputeOptions:
     """Where to compute, and what to record."""
 
     backend: Backend = "auto"
-    """Array library: numba, torch, jax, or numpy in float64; auto: torch on a GPU, else numba."""
+    """Array library: numba, torch, jax, or numpy in float64; auto: numba, but torch with device=cuda."""
 
     device: Device = "auto"
-    """Where to compute: auto takes a GPU when there is one."""
+    """Where to compute: auto takes a GPU, when there is one, for torch, jax and solver=adam, else the CPU."""
 
     residuals: bool = False
     """Write residual statistics of the fit, and some points over distance, to <view>.json, for figures."""

@@ -5,12 +5,13 @@ A backend is a `Kernel`: these two functions and nothing else. Solving, sampling
 
 from __future__ import annotations
 
+import os
 from contextlib import AbstractContextManager
 from typing import Literal, Protocol
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.machine.cores import Device, may_have_gpu
+from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
@@ -66,17 +67,18 @@ def opened(observations: Observations, backend: Backend, device: Device) -> Abst
 
 
 def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax", "numpy"], str]:
-    """Return which backend computes where: PyTorch on a GPU that it sees, else the compiled loops."""
+    """Return which backend computes where. auto: the compiled loops, unless a GPU is asked for.
+
+    On an H100, PyTorch and JAX took twice as long as the loops did on the 16 processors beside it
+    (benchmarks/devices.py): moving the observations takes longer than the sums.
+    """
     if device == "cuda" and backend in ("numba", "numpy"):
         raise InputError(f"backend={backend} computes on the CPU only; use device=auto, or backend=torch or jax")
     if backend == "jax":
         return "jax", _jax_device(device)
-    if backend == "auto" and device != "cuda" and not may_have_gpu():
-        return "numba", "cpu"
-    place = _torch_device(device) if backend in ("auto", "torch") else "cpu"
-    if backend == "auto":
-        return ("torch", place) if place == "cuda" else ("numba", "cpu")
-    return backend, place
+    if backend == "torch" or device == "cuda":
+        return "torch", _torch_device(device)
+    return "numpy" if backend == "numpy" else "numba", "cpu"
 
 
 def _torch_device(device: Device) -> str:
@@ -88,9 +90,23 @@ def _torch_device(device: Device) -> str:
 
 
 def _jax_device(device: Device) -> str:
-    import jax
-
-    has_gpu = jax.default_backend() == "gpu"
+    has_gpu = _jax_sees_gpu()
     if device == "cuda" and not has_gpu:
         raise InputError("device=cuda: JAX sees no GPU; use device=auto or device=cpu, or backend=torch")
     return "cuda" if device != "cpu" and has_gpu else "cpu"
+
+
+def _jax_sees_gpu() -> bool:
+    """Whether JAX sees a GPU. When it first looks, JAX would take 3/4 of the GPU's memory from all other processes."""
+    import jax
+
+    given = os.environ.get(_PREALLOCATE)
+    os.environ[_PREALLOCATE] = "false" if given is None else given
+    try:
+        return bool(jax.default_backend() == "gpu")
+    finally:
+        if given is None:
+            del os.environ[_PREALLOCATE]
+
+
+_PREALLOCATE = "XLA_PYTHON_CLIENT_PREALLOCATE"

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,6 +11,7 @@ import numpy as np
 import pytest
 from support.made_observations import flat, made, reduced_residuals
 
+from sucre_bench.errors import InputError
 from sucre_bench.methods.sucre.kernels import Kernel, opened
 from sucre_bench.methods.sucre.kernels.formulas import WALL, Block, blocks, fill
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -162,6 +164,22 @@ def test_float32_keeps_the_digits_of_the_colours(backend: str) -> None:
     with opened(observations, "numpy", "cpu") as exact, opened(observations, backend, "cpu") as kernel:
         for found, truth in zip(kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True):
             assert found.dtype == np.float32
+            np.testing.assert_allclose(found, truth, rtol=1e-5, atol=1e-6)
+
+
+@pytest.mark.parametrize("backend", ["torch", "jax"])
+def test_a_gpu_gives_what_float64_gives(backend: Any) -> None:
+    observations = dark(n_single=50)
+    V = np.stack([np.diag([1e-4, 2e-4, 3e-4]) + 5e-5] * 3)
+    with contextlib.ExitStack() as stack:
+        try:
+            kernel = stack.enter_context(opened(observations, backend, "cuda"))
+        except InputError:
+            pytest.skip(f"{backend} sees no GPU")
+        exact = stack.enter_context(opened(observations, "numpy", "cpu"))
+        for margin in (None, MARGIN):
+            assert_close(kernel.system(WATER, margin), exact.system(WATER, margin), 1e-4)
+        for found, truth in zip(kernel.colours(WATER, NOISE, V), exact.colours(WATER, NOISE, V), strict=True):
             np.testing.assert_allclose(found, truth, rtol=1e-5, atol=1e-6)
 
 
