@@ -16,14 +16,13 @@ import numpy as np
 
 import sucre_bench as sb
 from sucre_bench.plugins.options import options_of
-from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.plugins.registry import discover, find
+from sucre_bench.plugins.registry import find, usable
 from sucre_bench.scene import Scene
 
 
 def methods() -> Iterator[str]:
-    for plugin in discover("method").values():
-        if isinstance(plugin, Plugin) and all(o.default is not MISSING for o in options_of(plugin.cls)):
+    for plugin in usable("method").values():
+        if all(o.default is not MISSING for o in options_of(plugin.cls)):
             yield plugin.name
 
 

@@ -9,16 +9,13 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.charts.patches import image_from_chart
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View
-
-Indices = npt.NDArray[np.int64]
 
 
 @metric(

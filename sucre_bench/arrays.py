@@ -7,19 +7,15 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+Array = npt.NDArray[np.floating[Any]]
+Indices = npt.NDArray[np.integer[Any]]
+Mask = npt.NDArray[np.bool_]
+Picture = npt.NDArray[np.uint8]
+
 
 def evenly(count: int, most: int) -> list[int]:
     """Return the places of at most so many of `count` things, in order; all of them where they are no more."""
     return np.unique(np.linspace(0, count - 1, min(count, most)).round().astype(int)).tolist() if count else []
-
-
-Picture = npt.NDArray[np.uint8]
-
-
-Array = npt.NDArray[np.floating[Any]]
-
-
-Mask = npt.NDArray[np.bool_]
 
 
 def coloured(image: npt.NDArray[Any]) -> Mask:

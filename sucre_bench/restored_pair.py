@@ -5,15 +5,11 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.scene import View
-
-Indices = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, eq=False)

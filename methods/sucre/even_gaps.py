@@ -24,10 +24,10 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
-from sucre_bench.multiview.observations import Indices, Observations
+from sucre_bench.multiview.observations import Observations
 
 # Side of the window of a mean, the largest gap that is closed, and the width of a field's rim, pixels.
 _WINDOW, _GAP, _RIM = 9, 7, 12.0

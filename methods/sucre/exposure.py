@@ -17,12 +17,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
-from sucre_bench.multiview.observations import Indices, Observations
+from sucre_bench.multiview.observations import Observations
 
 # Pixels that the gains are fitted to.
 _SAMPLE = 5_000

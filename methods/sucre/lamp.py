@@ -15,13 +15,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
-from sucre_bench.multiview.observations import Indices, Observations
+from sucre_bench.multiview.observations import Observations
 
 # Pixels that the starts are tried on, and that the best is refined on.
 _SCREEN, _SAMPLE = 400, 10_000

@@ -21,10 +21,10 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask, evenly
+from sucre_bench.arrays import Array, Indices, Mask, evenly
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
-from sucre_bench.multiview.observations import Indices, Observations
+from sucre_bench.multiview.observations import Observations
 
 # Number of observations used, and the largest leverage.
 _SAMPLE, _DECISIVE = 200_000, 0.9

@@ -127,12 +127,9 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
     from sucre_bench import plugins
     from sucre_bench.jobs.presets import presets
     from sucre_bench.jobs.schema import GROUPS
-    from sucre_bench.plugins.plugin import Plugin
 
     if group in GROUPS:
-        for name, plugin in plugins.discover(GROUPS[group]).items():
-            if isinstance(plugin, Plugin):
-                yield name, plugin.summary
+        yield from ((name, plugin.summary) for name, plugin in plugins.usable(GROUPS[group]).items())
     for preset in presets(group):
         yield preset.name, preset.description
 

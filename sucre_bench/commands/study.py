@@ -135,10 +135,11 @@ def _order(found: Evaluated) -> list[int]:
 def _preferences(found: Evaluated) -> Any:
     """A line a method, the preferred one first."""
     from sucre_bench.compare.text import signed
+    from sucre_bench.machine import terminal
 
     people, wins = found.people, found.numbered.votes.wins
     shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
-    table = _table("method", "preference", "95 % interval", "votes won")
+    table = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
     for n in _order(found):
         interval = f"{signed(people.low[n])} to {signed(people.high[n])}"
         table.add_row(found.numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
@@ -169,8 +170,9 @@ def _sentences(found: Evaluated) -> list[str]:
 def _metrics(found: Evaluated) -> Any:
     """A line a metric's variant, the one that agrees best first."""
     from sucre_bench.compare.text import number
+    from sucre_bench.machine import terminal
 
-    table = _table("metric", "tau", "95 % interval", "predicted", "votes")
+    table = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])
     ranked = sorted(
         found.metrics.items(), key=lambda item: -item[1].predicted if math.isfinite(item[1].predicted) else 1.0
     )
@@ -178,16 +180,6 @@ def _metrics(found: Evaluated) -> Any:
         interval = f"{number(agreement.low)} to {number(agreement.high)}" if math.isfinite(agreement.low) else "-"
         predicted = f"{100 * agreement.predicted:.0f} %" if math.isfinite(agreement.predicted) else "-"
         table.add_row(f"{metric} ({variant})", number(agreement.tau), interval, predicted, str(agreement.n))
-    return table
-
-
-def _table(first: str, *names: str) -> Any:
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column(first, overflow="fold")
-    for name in names:
-        table.add_column(name, justify="right", no_wrap=True)
     return table
 
 

@@ -88,14 +88,11 @@ def video(
 
 def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
     """A line a method and measure, narrow enough for any terminal."""
-    from rich.table import Table
     from rich.text import Text
 
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-    table.add_column("method", overflow="fold")
-    table.add_column("flicker")
-    for name in ("mean", "95 %", "pairs"):
-        table.add_column(name, justify="right", no_wrap=True)
+    from sucre_bench.machine import terminal
+
+    table = terminal.table(["method", "flicker"], ["mean", "95 %", "pairs"])
     for method, by_statistic in flickers.items():
         for n, (name, f) in enumerate(by_statistic.items()):
             interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""

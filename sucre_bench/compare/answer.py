@@ -7,12 +7,11 @@ import math
 from collections.abc import Iterator, Sequence
 
 from sucre_bench.compare.decisive_columns import Deciding
-from sucre_bench.compare.model import EQUAL, Column, Comparison, Verdict, may_be_chance
-from sucre_bench.compare.numbers import number
+from sucre_bench.compare.model import EQUAL, Cell, Column, Comparison, Verdict, may_be_chance
 from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.tables import against
 from sucre_bench.compare.verdicts import verdicts
-from sucre_bench.compare.words import listed
+from sucre_bench.compare.words import listed, with_unit
 from sucre_bench.machine.shown import counted
 
 
@@ -109,16 +108,16 @@ def _equals(comparison: Comparison, column: Column) -> str:
 
 
 def _lead(verdict: Verdict) -> str:
-    by = " ".join(filter(None, [number(verdict.difference), verdict.column.unit]))
-    return f"{verdict.leader} leads {verdict.second} by {by}{_chance(verdict, 'best')}"
+    by = with_unit(verdict.difference, verdict.column)
+    return f"{verdict.leader} leads {verdict.second} by {by}{_chance(verdict)}"
 
 
-def _chance(verdict: Verdict, wins: str) -> str:
+def _chance(verdict: Verdict) -> str:
     views = verdict.column.n_views
     if views < 2:
         return ", on one view"
     if verdict.column.has_few_views:
-        return f", {wins} in {round(verdict.wins, 1):g} of {views} views"
+        return f", best in {round(verdict.wins, 1):g} of {views} views"
     return ", which may be chance" if verdict.may_be_chance else ", more than chance"
 
 
@@ -127,11 +126,11 @@ def _photograph_leads(comparison: Comparison, column: Column, best: str) -> bool
     sign = -1 if column.better == "lower" else 1
     first = comparison.cells.get((best, column))
     shown = [cell for name in comparison.photographs if (cell := comparison.cells.get((name, column)))]
-    return bool(first and any(_is_above(sign * cell.mean, sign * first.mean) for cell in shown))
+    return bool(first and any(sign * cell.mean > sign * first.mean and not _is_equal(cell, first) for cell in shown))
 
 
-def _is_above(mean: float, other: float) -> bool:
-    return mean > other and not math.isclose(mean, other, rel_tol=EQUAL)
+def _is_equal(cell: Cell, other: Cell) -> bool:
+    return math.isclose(cell.mean, other.mean, rel_tol=EQUAL)
 
 
 def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
@@ -144,11 +143,10 @@ def _over_photograph(comparison: Comparison, column: Column, best: str) -> str:
         return ""
     if _photograph_leads(comparison, column, best):
         return ""
-    by = " ".join(filter(None, [number(abs(cell.change[0])), column.unit]))
     if not cell.change[0]:
         return f"{best} equals {photograph}"
     chance = ", which may be chance" if may_be_chance(cell.change) else ""
-    return f"{best} is better than {photograph} by {by}{chance}"
+    return f"{best} is better than {photograph} by {with_unit(abs(cell.change[0]), column)}{chance}"
 
 
 def _against_baseline(comparison: Comparison, chosen: Deciding) -> Iterator[str]:

@@ -11,7 +11,7 @@ from dataclasses import dataclass, replace
 from sucre_bench import plugins
 from sucre_bench.compare.model import Column, Comparison
 from sucre_bench.compare.pixels import says_filled
-from sucre_bench.plugins.plugin import Plugin, Role
+from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 
 _MOST = 4
@@ -76,14 +76,14 @@ def _of_roles(
 
 
 def _role(column: Column) -> Role:
-    plugin = plugins.discover("metric").get(column.metric)
-    return plugin.role if isinstance(plugin, Plugin) else ""
+    plugin = plugins.usable("metric").get(column.metric)
+    return plugin.role if plugin else ""
 
 
 def _may_know_colours(column: Column) -> bool:
     """Whether a score is of more than the picture alone, or is of a metric that is not known here."""
-    plugin = plugins.discover("metric").get(column.metric)
-    return not isinstance(plugin, Plugin) or (plugin.role != "no-reference" and bool(plugin.needs))
+    plugin = plugins.usable("metric").get(column.metric)
+    return plugin is None or (plugin.role != "no-reference" and bool(plugin.needs))
 
 
 def _one_a_metric(columns: Sequence[Column]) -> list[Column]:
@@ -96,5 +96,5 @@ def _one_a_metric(columns: Sequence[Column]) -> list[Column]:
 
 
 def _is_default(column: Column) -> bool:
-    plugin = plugins.discover("metric").get(column.metric)
-    return isinstance(plugin, Plugin) and column.variant == plugin.default[0]
+    plugin = plugins.usable("metric").get(column.metric)
+    return plugin is not None and column.variant == plugin.default[0]

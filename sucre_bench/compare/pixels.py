@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.compare.model import Column, Note, NoteKind
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.reasons import Reason
@@ -81,9 +80,7 @@ def _places(rows: pd.DataFrame) -> list[_Place]:
 
 def of_pixels(metrics: pd.Series) -> pd.Series:
     """Return which metrics rank pictures by their pixels; one that is not installed does not."""
-    known = plugins.discover("metric")
-    ranked = {name for name, plugin in known.items() if isinstance(plugin, Plugin) and plugin.is_of_pixels}
-    return metrics.isin(ranked)
+    return metrics.isin({name for name, plugin in plugins.usable("metric").items() if plugin.is_of_pixels})
 
 
 @dataclass(frozen=True)
@@ -182,8 +179,8 @@ def filled_rows(rows: pd.DataFrame) -> pd.DataFrame:
 
 def says_filled(metric: str, variant: str) -> bool:
     """Return whether a score is the share of the image that a method fills."""
-    plugin = plugins.discover("metric").get(metric)
-    is_coverage = isinstance(plugin, Plugin) and plugin.role == "coverage" and variant == plugin.default[0]
+    plugin = plugins.usable("metric").get(metric)
+    is_coverage = plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
     return metric == FILLED or is_coverage
 
 

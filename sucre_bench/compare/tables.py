@@ -18,7 +18,6 @@ from sucre_bench.compare.missing import notes
 from sucre_bench.compare.model import Cell, Column, ColumnScores, Comparison, Note
 from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 
@@ -183,10 +182,10 @@ def _table(
 
 def _photographs(rows: pd.DataFrame) -> set[tuple[str, str]]:
     """The methods that return the photograph itself, each with its dataset."""
-    known, columns = plugins.discover("method"), ["dataset", "method", "options"]
+    known, columns = plugins.usable("method"), ["dataset", "method", "options"]
     each = rows[columns].drop_duplicates(columns[:2], keep="last")
     plugin_of = {(d, m): known.get(json.loads(options).get("name", "")) for d, m, options in values_of(each, *columns)}
-    return {of for of, plugin in plugin_of.items() if isinstance(plugin, Plugin) and plugin.is_photograph}
+    return {of for of, plugin in plugin_of.items() if plugin and plugin.is_photograph}
 
 
 def _order(column: Column) -> tuple[bool, bool, bool]:
@@ -234,14 +233,13 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
 
 def _is_of_pairs(metric: str) -> bool:
     """Whether a view's score is a mean over pairs of views; False if the metric is not installed."""
-    plugin = plugins.discover("metric").get(metric)
-    return isinstance(plugin, Plugin) and plugin.is_of_pairs
+    plugin = plugins.usable("metric").get(metric)
+    return plugin is not None and plugin.is_of_pairs
 
 
 def _range(metric: str) -> tuple[float, float]:
     """The range of a metric's values; unlimited if the metric is not installed."""
-    plugin = plugins.discover("metric").get(metric)
-    if isinstance(plugin, Plugin):
+    if plugin := plugins.usable("metric").get(metric):
         return plugin.range
     if metric == FILLED:
         return 0, 1

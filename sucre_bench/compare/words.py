@@ -212,6 +212,11 @@ def _note_text(note: Note) -> str:
             return f"{name} is left out: it has no option {note.option}"
 
 
+def with_unit(value: float, column: Column, *more: str) -> str:
+    """Return a number in the column's unit, and more after it."""
+    return " ".join(filter(None, [number(value), column.unit, *more]))
+
+
 def listed(names: Iterable[str]) -> str:
     """Return names as text, at most four and how many more there are."""
     names = list(names)
@@ -232,7 +237,7 @@ def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
     name = f"{column.metric} ({column.variant})" if several else column.metric
     if baseline and not verdict.difference:
         return f"{name}: {verdict.leader} equals {verdict.second}"
-    by = " ".join(filter(None, [number(verdict.difference), column.unit, _interval(*verdict.interval)]))
+    by = with_unit(verdict.difference, column, _interval(*verdict.interval))
     if baseline == verdict.leader:
         lead, wins = f"{verdict.second} is worse than {baseline}", "worse in"
     elif baseline:

@@ -199,9 +199,8 @@ def _run_alone(job: Job, started: str) -> None:
         note = _left_note(path)
         how = how_it_ended(status, note)
         if not note.step or note.step in deaths:
-            part = results.Part(job.out, file_name(job.method.label))
-            part.add([failed_row(job, PluginError(f"the job's process died ({how}); try smaller images"))])
-            part.flush()
+            fault = PluginError(f"the job's process died ({how}); try smaller images")
+            results.write_rows(job.out, file_name(job.method.label), [failed_row(job, fault)])
             return
         deaths[note.step] = how
 

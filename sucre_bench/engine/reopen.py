@@ -12,8 +12,6 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sucre_bench.arrays import Picture
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.display import display
@@ -43,21 +41,17 @@ class Frame:
 
         Raises InputError when the picture cannot be read, or is not of the view's size.
         """
-        import cv2
-
-        from sucre_bench.imaging.image_files import decode
+        from sucre_bench.results.stored_pictures import stored_picture
 
         rgb = self.view.rgb
         if method == INPUT:
             return to_8bit(display(rgb, "none", self.view.encoding))
-        path = self.place.restored(self.out, method)
-        if not path.is_file():
-            raise InputError(f"{path}: is gone; repeat the run's command, which makes it again")
-        restored = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
+        restored = stored_picture(self.out, self.place, method)
         if restored.shape != rgb.shape:
             sizes = f"{restored.shape[1]}x{restored.shape[0]}, its view {rgb.shape[1]}x{rgb.shape[0]}"
+            path = self.place.restored(self.out, method)
             raise InputError(f"{path}: is {sizes}; repeat the run's command with overwrite=always")
-        return np.ascontiguousarray(restored)
+        return restored
 
 
 @dataclass(frozen=True, eq=False)

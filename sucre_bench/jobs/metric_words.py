@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from sucre_bench import plugins
 from sucre_bench.jobs.presets import presets
 from sucre_bench.jobs.quoting import value_of
-from sucre_bench.plugins.plugin import Plugin
 
 
 def chosen_variants(names: Sequence[str]) -> dict[str, list[str]]:
@@ -26,8 +25,8 @@ def chosen_variants(names: Sequence[str]) -> dict[str, list[str]]:
 
 
 def _defaults(name: str) -> tuple[str, ...]:
-    plugin = plugins.discover("metric").get(name)
-    return plugin.default if isinstance(plugin, Plugin) else ()
+    plugin = plugins.usable("metric").get(name)
+    return plugin.default if plugin else ()
 
 
 def words_for_hydra(names: Sequence[str]) -> Iterator[str]:

@@ -32,13 +32,12 @@ def presets(group: str) -> list[Preset]:
 
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
-    known = plugins.discover(kind)
+    known = plugins.usable(kind)
     group = "metrics" if kind == "metric" else kind
     if name not in known:
         bases = (base for preset in presets(group) if preset.name == name for base in preset.builds_on)
         name = next((base for base in bases if base in known), name)
-    plugin = known.get(name)
-    return plugin if isinstance(plugin, Plugin) else None
+    return known.get(name)
 
 
 def option_names(kind: Kind, name: str) -> list[str]:

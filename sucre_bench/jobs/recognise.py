@@ -73,8 +73,7 @@ def _fits(folder: Path) -> Iterator[_Fit]:
 
 
 def _with_signs() -> list[Plugin]:
-    every = plugins.discover("dataset").values()
-    return [plugin for plugin in every if isinstance(plugin, Plugin) and plugin.signs]
+    return [plugin for plugin in plugins.usable("dataset").values() if plugin.signs]
 
 
 def _nothing_in(folder: Path) -> str:

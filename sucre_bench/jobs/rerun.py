@@ -11,7 +11,7 @@ from sucre_bench import plugins
 from sucre_bench.jobs.labels import plain_value, undegraded_label
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.plugins.options import options_of
-from sucre_bench.plugins.plugin import Kind, Plugin
+from sucre_bench.plugins.plugin import Kind
 
 
 @dataclass(frozen=True)
@@ -71,8 +71,8 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
 
     seed: the run's, which a plugin has that was given none.
     """
-    plugin = plugins.discover(kind).get(str(record.get("name")))
-    if not isinstance(plugin, Plugin):
+    plugin = plugins.usable(kind).get(str(record.get("name")))
+    if plugin is None:
         return dict(record)
     defaults: dict[str, Any] = {option.name: option.default for option in options_of(plugin.cls)}
     defaults |= {"seed": seed, "display": plugin.display}  # of the run, unless it is given
@@ -81,8 +81,8 @@ def given(kind: Kind, record: Mapping[str, Any], seed: int = 0) -> dict[str, Any
 
 def metric_words(metric: str, variants: Collection[str]) -> list[str]:
     """The words that ask for variants of a metric, beside its name in metrics=[...]."""
-    plugin = plugins.discover("metric").get(metric)
-    is_default = isinstance(plugin, Plugin) and set(variants) == set(plugin.default)
+    plugin = plugins.usable("metric").get(metric)
+    is_default = plugin is not None and set(variants) == set(plugin.default)
     return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
 
 

@@ -49,7 +49,7 @@ def register() -> None:
         store.repo = _Schemas(store.repo)
         store.repo.plugins = {}
     stored = store.repo.plugins
-    usable = {(group, plugin.name): plugin for group, kind in GROUPS.items() for plugin in _usable(kind)}
+    usable = {(group, name): plugin for group, kind in GROUPS.items() for name, plugin in plugins.usable(kind).items()}
     for group, name in [key for key, plugin in stored.items() if usable.get(key) is not plugin]:
         del store.repo[group][f"{name}.yaml"], stored[group, name]
     for (group, name), plugin in usable.items():
@@ -61,10 +61,6 @@ def register() -> None:
                 plugins.set_aside(plugin, one_line(fault))
             else:
                 stored[group, name] = plugin
-
-
-def _usable(kind: Kind) -> list[Plugin]:
-    return [plugin for plugin in plugins.discover(kind).values() if isinstance(plugin, Plugin)]
 
 
 def _store_settings(store: ConfigStore) -> None:

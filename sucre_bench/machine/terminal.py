@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import sys
 import time
-from collections.abc import Iterable, Iterator
+from collections.abc import Collection, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import IO
@@ -24,6 +24,7 @@ from rich.progress import (
     TimeElapsedColumn,
 )
 from rich.segment import Segment
+from rich.table import Table
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.pace import Pace, duration
@@ -135,6 +136,16 @@ def _painted(text: str, is_fault: bool) -> str:
 def has_styles() -> bool:
     """Whether text on stdout may be styled."""
     return out.is_terminal and not out.is_dumb_terminal and not out.no_color
+
+
+def table(left: Collection[str], right: Collection[str]) -> Table:
+    """Return an empty table without lines, its columns in this order: of words, left-aligned, then of numbers."""
+    made = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    for name in left:
+        made.add_column(name, overflow="fold")
+    for name in right:
+        made.add_column(name, justify="right", no_wrap=True)
+    return made
 
 
 @contextmanager

@@ -10,18 +10,14 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 from cachetools import LRUCache
 
-from sucre_bench.arrays import Array, evenly
+from sucre_bench.arrays import Array, Indices, evenly
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, visible_pixels
 from sucre_bench.restored_pair import CommonPoints
 from sucre_bench.scene import View
-
-Indices = npt.NDArray[np.integer[Any]]
 
 # The side of a patch, px. A mean over 64 pixels has an eighth of the noise; wrong pixels at its border weigh little.
 _SIDE = 8

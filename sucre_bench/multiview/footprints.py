@@ -27,13 +27,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Mask, evenly
+from sucre_bench.arrays import Array, Indices, Mask, evenly
 from sucre_bench.camera import relative_pose
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.machine.cores import usable_cores
-from sucre_bench.multiview.observations import Indices, Observations, Seen, arrange
+from sucre_bench.multiview.observations import Observations, Seen, arrange
 from sucre_bench.multiview.observe import Kept
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches
 from sucre_bench.multiview.sampling import rays_at

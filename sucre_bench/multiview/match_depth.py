@@ -15,13 +15,10 @@ import math
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera
 from sucre_bench.machine.compiling import compiled
-
-Indices = npt.NDArray[np.integer[Any]]
 
 
 def agreeing(

@@ -10,16 +10,13 @@ The arithmetic is float32 without reordering: equal on every machine, and within
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera
 from sucre_bench.machine.compiling import compiled
 
-Indices = npt.NDArray[np.integer[Any]]
 _CHUNK = 2048
 
 Rows = tuple[tuple[np.float32, ...], ...]

@@ -16,10 +16,8 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.multiview.slots import Slots
-
-Indices = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

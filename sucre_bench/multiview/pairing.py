@@ -11,19 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
-import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera, relative_pose, unproject
 from sucre_bench.errors import InputError
 from sucre_bench.multiview.match_depth import agreeing
 from sucre_bench.multiview.match_mutual import mutual
 from sucre_bench.scene import View
 
-Indices = npt.NDArray[np.integer[Any]]
 Rule = Literal["mutual", "depth"]
 
 # A tile's points lie in the hull of eight corners, so a view that sees no hull sees no pixel. Smaller tiles fit the

@@ -8,15 +8,13 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array, Mask
+from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.multiview.observations import compact
 from sucre_bench.multiview.pairing import Matches
-
-Indices = npt.NDArray[np.integer[Any]]
 
 
 def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[Matches, npt.NDArray[Any]]:

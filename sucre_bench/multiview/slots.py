@@ -9,12 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Indices
 from sucre_bench.imaging.once import locked
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.machine.cores import usable_cores
-
-Indices = npt.NDArray[np.integer[Any]]
 
 # Observations that are worth a thread.
 _MANY = 200_000

@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
 from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, PairMetric, Plugin
-from sucre_bench.plugins.registry import Registry, current, discover, find, load_file, set_aside, unknown, using
+from sucre_bench.plugins.registry import Registry, current, discover, find, load_file, set_aside, unknown, usable, using
 from sucre_bench.plugins.requirements import missing_needs, missing_packages
 
 __all__ = [
@@ -37,5 +37,6 @@ __all__ = [
     "set_aside",
     "snake_case",
     "unknown",
+    "usable",
     "using",
 ]

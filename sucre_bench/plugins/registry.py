@@ -124,6 +124,11 @@ def discover(kind: Kind) -> dict[str, Plugin | Broken]:
     return current().discover(kind)
 
 
+def usable(kind: Kind) -> dict[str, Plugin]:
+    """Return the plugins of a kind that are not broken, by name, sorted."""
+    return {name: plugin for name, plugin in discover(kind).items() if isinstance(plugin, Plugin)}
+
+
 def find(kind: Kind, name: str) -> Plugin:
     """Return the plugin of that name. InputError with the nearest name, or PluginError with why it is broken."""
     return current().find(kind, name)

@@ -141,7 +141,7 @@ def _rows(table: Path) -> list[dict[str, str]]:
 
 def _metrics(table: Path, headers: Sequence[str], has_reference: bool) -> tuple[dict[str, str], list[str]]:
     """Return the metric of each column that is one of images, by header, and warnings about the others."""
-    known = {p.name: p for p in plugins.discover("metric").values() if isinstance(p, plugins.Plugin)}
+    known = plugins.usable("metric")
     given = frozenset({"reference"} if has_reference else ())
     metrics, warnings = {}, []
     for header in headers:

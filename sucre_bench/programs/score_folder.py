@@ -135,17 +135,14 @@ def _is_jpeg(file: Path) -> bool:
 def _applicable(with_reference: bool) -> list[str]:
     """Every variant of every metric that needs no more than there is."""
     has = frozenset({"reference"} if with_reference else ())
-    known = [p for p in plugins.discover("metric").values() if isinstance(p, plugins.Plugin)]
-    return [f"{p.name}:all" for p in known if p.needs <= has]
+    return [f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has]
 
 
 def summary(rows: pd.DataFrame) -> Table:
     """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
-    from rich.table import Table
+    from sucre_bench.machine import terminal
 
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-    for name in ("metric", "variant", "mean", "std", "lowest", "highest", "images"):
-        table.add_column(name, justify="left" if name in ("metric", "variant") else "right", no_wrap=True)
+    table = terminal.table(["metric", "variant"], ["mean", "std", "lowest", "highest", "images"])
     ok = rows[rows["status"] == "ok"]
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
         values = scores["value"]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from sucre_bench import plugins
-from sucre_bench.plugins.plugin import Plugin, Role
+from sucre_bench.plugins.plugin import Role
 
 
 def metrics_of(*wanted: Role) -> list[str]:
@@ -11,14 +11,18 @@ def metrics_of(*wanted: Role) -> list[str]:
     return [name for name, role in roles().items() if role in wanted]
 
 
+def adding(*wanted: Role) -> str:
+    """Return the remedy for a lack of scores by metrics with these roles."""
+    return f"add metrics=[{','.join(metrics_of(*wanted))}]"
+
+
 def roles() -> dict[str, Role]:
     """Return the role of each installed metric that has one."""
-    found = plugins.discover("metric").items()
-    return {name: plugin.role for name, plugin in sorted(found) if isinstance(plugin, Plugin) and plugin.role}
+    return {name: plugin.role for name, plugin in plugins.usable("metric").items() if plugin.role}
 
 
 def symbol(metric: str, unit: str) -> str:
     """Return what an axis calls a metric."""
-    plugin = plugins.discover("metric").get(metric)
-    known = plugin.symbol if isinstance(plugin, Plugin) else ""
+    plugin = plugins.usable("metric").get(metric)
+    known = plugin.symbol if plugin else ""
     return known or " ".join(filter(None, [metric, f"({unit})" if unit else ""]))

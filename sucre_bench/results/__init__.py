@@ -15,13 +15,12 @@ from sucre_bench.results.rows import (
     score_rows,
     unreplicated,
 )
-from sucre_bench.results.table import PARTS, TABLE, Part, read
+from sucre_bench.results.table import PARTS, TABLE, read, write_rows
 
 __all__ = [
     "COLUMNS",
     "PARTS",
     "TABLE",
-    "Part",
     "Reason",
     "Row",
     "Status",
@@ -35,4 +34,5 @@ __all__ = [
     "score_rows",
     "unreplicated",
     "with_remedy",
+    "write_rows",
 ]

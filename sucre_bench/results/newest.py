@@ -10,14 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
+from sucre_bench.arrays import Indices, Mask
 from sucre_bench.results.rows import KEYS, RESTORATION
 
 if TYPE_CHECKING:
     import pandas as pd
     import pyarrow
-
-Indices = npt.NDArray[np.int64]
-Mask = npt.NDArray[np.bool_]
 
 
 def newest(rows: pyarrow.Table) -> pyarrow.Table:

@@ -129,12 +129,14 @@ class Part:
 
     def _join(self) -> None:
         """Write the last files, which are of one level, as one file of the next level."""
+        import pyarrow
+
         paths = [path for path, _ in self._files[-_JOINED:]]
         level = self._files[-1][1] + 1
         del self._files[-_JOINED:]
         tables = [table for path in paths if (table := _arrow_table(path)) is not None]  # else a merge has its rows
         if tables:
-            self._write(_joined(tables), level)
+            self._write(pyarrow.concat_tables(tables), level)
         for path in paths:
             path.unlink(missing_ok=True)
 
@@ -145,6 +147,13 @@ class Part:
         self._files.append((path, level))
 
 
+def write_rows(out: Path, job: str, rows: Sequence[Row]) -> None:
+    """Write rows that come all at once. Raises OutputError if they cannot be written. job: see `Part`."""
+    part = Part(out, job)
+    part.add(rows)
+    part.flush()
+
+
 def _arrow_table(path: Path) -> pyarrow.Table | None:
     """A part as it lies on the disk; None if it is no longer there."""
     import pyarrow.parquet
@@ -153,12 +162,6 @@ def _arrow_table(path: Path) -> pyarrow.Table | None:
         return pyarrow.parquet.read_table(io.BytesIO(path.read_bytes()))
     except FileNotFoundError:
         return None
-
-
-def _joined(tables: Sequence[pyarrow.Table]) -> pyarrow.Table:
-    import pyarrow
-
-    return pyarrow.concat_tables(tables)
 
 
 def _write_arrow(rows: pyarrow.Table, path: Path) -> None:

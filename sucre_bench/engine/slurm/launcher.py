@@ -107,9 +107,8 @@ class Launcher:
                 step()
         for (job, reason), *others in lost.values():
             more = f"; and {len(others)} more of its jobs" if others else ""
-            part = results.Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
-            part.add([row_without_value(base_row(job), "failed", reason + more)])
-            part.flush()
+            row = row_without_value(base_row(job), "failed", reason + more)
+            results.write_rows(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), [row])
 
 
 @contextmanager

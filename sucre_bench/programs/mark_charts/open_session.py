@@ -11,7 +11,6 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.loading.view_files import Files
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.mark_charts.charts_json import ChartsFile
 from sucre_bench.programs.mark_charts.session import Session
 from sucre_bench.scene import View
@@ -81,7 +80,7 @@ def _size(view: View) -> tuple[int, int]:
 def _path(selection: Selection) -> Path:
     options, plugin = selection.dataset.options, selection.dataset.plugin
     if not plugin.charts_file:
-        known = [p.name for p in plugins.discover("dataset").values() if isinstance(p, Plugin) and p.charts_file]
+        known = [p.name for p in plugins.usable("dataset").values() if p.charts_file]
         raise InputError(f"charts: dataset '{plugin.name}' has no charts.json in its root; use {' or '.join(known)}")
     if options.get("undistort"):
         remedy = "undistort the images before, or mark charts in the distorted ones"

@@ -99,9 +99,7 @@ def store(folder: Path, found: Evaluated) -> int:
         for row in whole.itertuples()
         if (row.scene, row.view) in places and row.method in arms
     ]
-    part = results.Part(folder, METRIC)
-    part.add(made)
-    part.flush()
+    results.write_rows(folder, METRIC, made)
     results.merge(folder)
     return len(made)
 

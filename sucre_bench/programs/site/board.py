@@ -16,7 +16,6 @@ from sucre_bench import compare, plugins
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.text import decisive
 from sucre_bench.errors import InputError
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.rows import RESTORATION
 
 if TYPE_CHECKING:
@@ -101,8 +100,7 @@ def board(entries: Sequence[Entry]) -> Board:
 
 def _rows(entry: Entry) -> pd.DataFrame:
     assert entry.rows is not None
-    known = [name for name, plugin in plugins.discover("metric").items() if isinstance(plugin, Plugin)]
-    return entry.rows[entry.rows["metric"].isin([*known, RESTORATION])]
+    return entry.rows[entry.rows["metric"].isin([*plugins.usable("metric"), RESTORATION])]
 
 
 @dataclass

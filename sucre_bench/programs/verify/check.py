@@ -16,7 +16,6 @@ from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, Lack
 from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
@@ -123,11 +122,11 @@ def _sizes(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
 
 def _wrong_meaning(rows: pd.DataFrame) -> Iterator[str]:
     """Metrics of which the bundle says another unit or direction than they have."""
-    known = plugins.discover("metric")
+    known = plugins.usable("metric")
     once = rows[~rows["metric"].isin(COSTS)].drop_duplicates(["metric", "unit", "better"])
     for row in once.itertuples():
         plugin = known.get(row.metric)
-        if isinstance(plugin, Plugin) and (row.unit, row.better) != (plugin.unit, plugin.better):
+        if plugin and (row.unit, row.better) != (plugin.unit, plugin.better):
             said, meant = f"'{row.unit}', {row.better} is better", f"'{plugin.unit}', {plugin.better}"
             yield f"scores.csv: {row.metric} in {said}; it is {meant}"
 

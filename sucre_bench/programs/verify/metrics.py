@@ -16,7 +16,6 @@ from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.errors import ANY_FAULT, SucreBenchError
 from sucre_bench.jobs.job import MetricChoice, metric_choices
 from sucre_bench.plugins.options import options_of, typed
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.bundle_format import Bundle
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
@@ -42,8 +41,8 @@ class Metrics:
         return self._known[key]
 
     def _made(self, metric: str, variant: str, options_hash: str) -> Scorer | str:
-        plugin = plugins.discover("metric").get(metric)
-        if not isinstance(plugin, Plugin):
+        plugin = plugins.usable("metric").get(metric)
+        if plugin is None:
             return f"no metric {metric} is registered here"
         if plugin.is_of_pairs:
             return f"{metric} is of several restored views together"

@@ -35,10 +35,12 @@ class Experiment:
 
     def end_abandoned(self) -> None:
         """Mark runs of this folder as killed whose process, on this machine, was killed."""
+        import psutil
+
         for run in self.client.search_runs([self.experiment], "attributes.status = 'RUNNING'"):
             machine, _, process = run.data.tags.get("process", "").rpartition(" ")
             is_of_here = run.data.tags.get("out") == str(self.out.resolve()) and machine == socket.gethostname()
-            if is_of_here and not _is_alive(int(process)):
+            if is_of_here and not psutil.pid_exists(int(process)):
                 self.client.set_terminated(run.info.run_id, "KILLED")
 
     def latest(self) -> dict[tuple[str, str], list[str]]:
@@ -81,16 +83,6 @@ class Experiment:
             path = Path(folder) / results.TABLE
             rows.to_parquet(path, index=False)
             self.client.log_artifact(run, str(path))
-
-
-def _is_alive(process: int) -> bool:
-    try:
-        os.kill(process, 0)
-    except ProcessLookupError:
-        return False
-    except PermissionError:
-        pass  # it is another user's
-    return True
 
 
 def _user() -> str:

@@ -15,7 +15,6 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.shown import counted
-from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.reports.mlflow.connection import connect, said_of
 from sucre_bench.reports.mlflow.experiment import Experiment, rows_hash, stamp
 from sucre_bench.reports.mlflow.logged import remember
@@ -221,8 +220,8 @@ def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataF
     """The description of a child run on mlflow's page."""
     views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
     head = f"**{method}** on **{dataset}**, {counted(len(views), 'view')}."
-    plugin = plugins.discover("method").get(str(options.get("name", "")))
-    plugin_text = [plugin.summary, plugin.cites] if isinstance(plugin, Plugin) else []
+    plugin = plugins.usable("method").get(str(options.get("name", "")))
+    plugin_text = [plugin.summary, plugin.cites] if plugin else []
     reasons = rows.loc[rows["status"] == "failed", "reason"].drop_duplicates().head(5)
     faults = [f"failed: `{reason}`" for reason in reasons]
     return "\n\n".join(part for part in (head, *plugin_text, *faults) if part)

@@ -6,7 +6,6 @@ stores begin as copies of it. mlflow retries a store that it cannot open for min
 
 from __future__ import annotations
 
-import os
 import shutil
 import sqlite3
 import tempfile
@@ -14,7 +13,7 @@ from contextlib import closing, suppress
 from pathlib import Path
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import user_cache, write_atomically
 from sucre_bench.machine.provenance import version_of
 
 _PATIENCE_S = 10
@@ -24,7 +23,7 @@ def make(store: Path) -> None:
     """Write an empty store, if there is none. If that fails, there is none: mlflow makes its own."""
     if store.exists() and store.stat().st_size:
         return
-    template = _cache() / f"mlflow-{version_of('mlflow')}.db"
+    template = user_cache() / f"mlflow-{version_of('mlflow')}.db"
     with suppress(OSError, sqlite3.Error):
         if not template.is_file():
             template.parent.mkdir(parents=True, exist_ok=True)
@@ -56,9 +55,3 @@ def _made_by_mlflow() -> bytes:
         return path.read_bytes()
     finally:
         shutil.rmtree(folder, ignore_errors=True)
-
-
-def _cache() -> Path:
-    """The folder of the user's cache."""
-    root = os.environ.get("XDG_CACHE_HOME", "")
-    return (Path(root) if root.startswith("/") else Path.home() / ".cache") / "sucre_bench"

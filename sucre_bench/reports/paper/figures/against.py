@@ -56,8 +56,7 @@ def positions(values: Sequence[Value]) -> tuple[list[float], bool]:
 
 def _figure(followed: Along, columns: list[Column]) -> Figure:
     wide = 2 if len(columns) > 1 else 1
-    n_rows = -(-len(columns) // wide)
-    figure, axes = style.figure(wide, 0.35 + 2.0 * n_rows, n_rows, wide, sharex=True)
+    figure, axes = style.grid(len(columns), wide, 0.35, 2.0, sharex=True)
     looks = style.looks(followed.methods)
     where, is_log = positions(followed.values)
     for column, panel in zip(columns, axes.flat, strict=False):
@@ -69,8 +68,6 @@ def _figure(followed: Along, columns: list[Column]) -> Figure:
             panel.set_xscale("log")
             panel.minorticks_off()
         panel.set_xticks(where, [value.word for value in followed.values])
-    for panel in axes.flat[len(columns) :]:
-        panel.set_visible(False)
     for panel in axes[:, 0] if wide == 1 else _lowest(axes, len(columns)):
         panel.set_xlabel(followed.axis)
         panel.tick_params(labelbottom=True)

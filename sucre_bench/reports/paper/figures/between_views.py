@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import metrics_of, symbol
+from sucre_bench.reports.roles import adding, metrics_of, symbol
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -29,8 +29,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     ends = rows["region"].str.extract(_RANGE).astype(float)
     rows = rows.assign(place=ends.mean(axis=1))[ends.notna().all(axis=1)]
     if rows.empty:
-        wanted = ",".join(metrics_of("change-with-distance"))
-        raise NotApplicableError(f"no scores of several restored views; add metrics=[{wanted}]")
+        raise NotApplicableError(f"no scores of several restored views; {adding('change-with-distance')}")
     for name, of_dataset in style.each_dataset(rows):
         yield name, _figure(of_dataset)
 

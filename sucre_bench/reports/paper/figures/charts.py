@@ -15,7 +15,7 @@ import numpy as np
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import metrics_of, symbol
+from sucre_bench.reports.roles import adding, metrics_of, symbol
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -36,8 +36,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     named = charts["metric"].isin(results.study.metrics) | full.isin(results.study.metrics)
     charts = charts[named] if named.any() else charts
     if charts.empty:
-        wanted = ",".join(metrics_of(*_ERRORS, "chart-distance"))
-        raise NotApplicableError(f"no errors of colour charts; add metrics=[{wanted}]")
+        raise NotApplicableError(f"no errors of colour charts; {adding(*_ERRORS, 'chart-distance')}")
     for name, of_dataset in style.each_dataset(charts):
         yield name, _against_distance(with_places(of_dataset))
 
@@ -55,10 +54,8 @@ def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
         .rename(columns={"value": "distance"})
     )
     if distances.empty:
-        wanted = ",".join(metrics_of("chart-distance"))
-        raise NotApplicableError(
-            f"no colour chart at a known distance; add metrics=[{wanted}], on images with charts and depth"
-        )
+        remedy = f"{adding('chart-distance')}, on images with charts and depth"
+        raise NotApplicableError(f"no colour chart at a known distance; {remedy}")
     return ok.merge(distances[[*_CHART, "distance"]], on=_CHART)
 
 
@@ -75,8 +72,7 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
     panels = list(dict.fromkeys(zip(charts["metric"], charts["variant"], strict=True)))
     looks = style.looks(charts["method"])
     width = min(len(panels), 2)
-    n_rows = -(-len(panels) // width)
-    figure, axes = style.figure(2 if width == 2 else 1, 0.5 + 2.3 * n_rows, n_rows, width, sharex=True)
+    figure, axes = style.grid(len(panels), width, 0.5, 2.3, sharex=True)
     step = 0.004 * np.ptp(charts["place"])  # beside each other, that bars do not hide bars
     for place, ((metric, variant), panel) in enumerate(zip(panels, axes.flat, strict=False)):
         scores = charts[(charts["metric"] == metric) & (charts["variant"] == variant)]
@@ -93,8 +89,6 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
         panel.set_ylim(bottom=0)
         panel.tick_params(labelbottom=place + width >= len(panels))
         panel.grid(axis="y")
-    for panel in axes.flat[len(panels) :]:
-        panel.set_visible(False)
     figure.supxlabel("distance of the chart (m); bars: standard deviation over its patches", fontsize=7)
     style.legend_above(figure, axes[0, 0], 5 if width == 2 else 3)
     return figure

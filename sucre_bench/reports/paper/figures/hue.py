@@ -18,7 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import PLACES, seen_charts, with_places
-from sucre_bench.reports.roles import metrics_of
+from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
@@ -38,8 +38,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     hues = hues[hues["metric"].isin(metrics_of("patch-hue"))]
     forms = [v for v in dict.fromkeys(hues["variant"]) if f"{v}-expected" in set(hues["variant"])]
     if not forms:
-        wanted = ",".join(metrics_of("patch-hue", "chart-distance"))
-        raise NotApplicableError(f"no hues of chart patches; add metrics=[{wanted}]")
+        raise NotApplicableError(f"no hues of chart patches; {adding('patch-hue', 'chart-distance')}")
     hues = hues.assign(patch=hues["region"].str.partition("/")[2])
     for name, of_dataset in style.each_dataset(hues):
         groups = list(_with_same_patches(of_dataset))
@@ -70,16 +69,13 @@ def _pages(hues: pd.DataFrame) -> list[list[str]]:
 def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
     looks = style.looks(hues["method"])
     width = 4
-    n_rows = -(-len(patches) // width)
-    figure, axes = style.figure(2, 0.6 + 1.25 * n_rows, n_rows, width, sharex=True)
+    figure, axes = style.grid(len(patches), width, 0.6, 1.25, sharex=True)
     for k, (patch, panel) in enumerate(zip(patches, axes.flat, strict=False)):
         of_patch = hues[hues["patch"] == patch]
         expected = float(of_patch.loc[of_patch["variant"] == f"{form}-expected", "value"].iloc[0])
         _panel(panel, of_patch[of_patch["variant"] == form], expected, looks)
         panel.tick_params(labelbottom=k + width >= len(patches))
         panel.set_title(patch.partition("-")[2], fontsize=7)
-    for panel in axes.flat[len(patches) :]:
-        panel.set_visible(False)
     figure.supxlabel("distance of the chart (m)", fontsize=7)
     figure.supylabel(f"hue ({form}, °)", fontsize=7)
     style.legend_above(figure, axes[0, 0], 5)
@@ -96,15 +92,8 @@ def _panel(panel: Axes, measured: pd.DataFrame, expected: float, looks: dict[str
             y = unbroken + 360 * turn
             if turn == 0 or (y.min() <= 180 and y.max() >= -180):
                 label = method if turn == 0 else "_again"
-                panel.plot(
-                    turns.index,
-                    expected + y,
-                    color=look.colour,
-                    marker=look.marker,
-                    label=label,
-                    markersize=2.5,
-                    lw=0.9,
-                )
+                drawn = {"color": look.colour, "marker": look.marker, "label": label, "markersize": 2.5, "lw": 0.9}
+                panel.plot(turns.index, expected + y, **drawn)
     panel.set_ylim(expected - 180, expected + 180)
     ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
     panel.set_yticks(ticks, [f"{tick % 360:.0f}" for tick in ticks])

@@ -16,7 +16,7 @@ import numpy as np
 
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import metrics_of
+from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restorations
 
@@ -45,8 +45,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 
     table = times(results.rows, results.out)
     if table.empty:
-        wanted = ",".join(metrics_of("observations"))
-        raise NotApplicableError(f"no restoration has a number of observations; add metrics=[{wanted}]")
+        raise NotApplicableError(f"no restoration has a number of observations; {adding('observations')}")
     few = table["n"].max() < _LABELLED * table["n"].min()
     stages = [stage for stage in _STAGES if table[stage].notna().any()]
     height = 2.8 if len(stages) > 1 else 2.6

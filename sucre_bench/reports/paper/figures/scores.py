@@ -58,14 +58,10 @@ def _height(comparison: Comparison) -> float:
 
 
 def _figure(comparison: Comparison, columns: list[Column]) -> Figure:
-    width = min(len(columns), 2)
-    n_rows = -(-len(columns) // width)
-    figure, axes = style.figure(width, n_rows * _height(comparison), n_rows, width)
+    figure, axes = style.grid(len(columns), min(len(columns), 2), 0.0, _height(comparison))
     looks = style.looks(comparison.methods)
     for column, panel in zip(columns, axes.flat, strict=False):
         _panel(panel, comparison, column, looks)
-    for panel in axes.flat[len(columns) :]:
-        panel.set_visible(False)
     return figure
 
 

@@ -19,7 +19,7 @@ from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.filters.seams import Seams, find_seams
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import metrics_of
+from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results import layout
 
 if TYPE_CHECKING:
@@ -53,13 +53,10 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
             pictures = _pictures(dataset, scene, view, values, out)
             if len(pictures) > 1:
                 drawn = True
-                yield (
-                    layout.file_name(f"{dataset}-{Path(view).stem}"),
-                    _figure(pictures, values, f"{view} of {dataset}"),
-                )
+                suffix = layout.file_name(f"{dataset}-{Path(view).stem}")
+                yield suffix, _figure(pictures, values, f"{view} of {dataset}")
     if not drawn:
-        wanted = ",".join(metrics_of("seams"))
-        raise NotApplicableError(f"no picture with a score of seams; add metrics=[{wanted}], and run methods on depth")
+        raise NotApplicableError(f"no picture with a score of seams; {adding('seams')}, and run methods on depth")
 
 
 def _pictures(dataset: str, scene: str, view: str, values: dict[str, float], out: Path) -> dict[str, Array]:

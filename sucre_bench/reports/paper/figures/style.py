@@ -137,6 +137,18 @@ def figure(
         return made, made.subplots(nrows, ncols, squeeze=False, **subplots)
 
 
+def grid(count: int, width: int, top: float, each: float, **subplots: Any) -> tuple[Figure, Any]:
+    """Return a figure of `count` panels, `width` of them side by side, and its axes: those beyond are hidden.
+
+    top, each: inches above the panels, and of each row of panels; subplots: see `figure`.
+    """
+    n_rows = -(-count // width)
+    made, axes = figure(min(width, 2), top + each * n_rows, n_rows, width, **subplots)
+    for panel in axes.flat[count:]:
+        panel.set_visible(False)
+    return made, axes
+
+
 def each_dataset(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield each dataset's rows with a suffix for its figures, empty where there is but one dataset."""
     datasets = list(dict.fromkeys(rows["dataset"]))

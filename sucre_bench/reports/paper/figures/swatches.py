@@ -14,7 +14,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import seen_charts
-from sucre_bench.reports.roles import metrics_of, roles
+from sucre_bench.reports.roles import adding, roles
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -34,8 +34,8 @@ def draw(results: StudyResults) -> Drawn:
     charts = seen_charts(results.rows)
     role = charts["metric"].map(roles())
     if not {"patch-colour", "colour-difference"} <= set(role):
-        wanted = ",".join(metrics_of("patch-colour", "colour-difference", "chart-distance"))
-        raise NotApplicableError(f"no colours of chart patches; add metrics=[{wanted}]")
+        remedy = adding("patch-colour", "colour-difference", "chart-distance")
+        raise NotApplicableError(f"no colours of chart patches; {remedy}")
     charts = charts.assign(role=role)[role.isin(("patch-colour", "colour-difference"))]
     for name, of_dataset in style.each_dataset(charts):
         try:

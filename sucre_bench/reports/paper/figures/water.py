@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.compare.text import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import metrics_of
+from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.restorations import read_record
 
 if TYPE_CHECKING:
@@ -48,11 +48,8 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     )
     water = water.merge(variances[[*_VIEW, "variance"]], on=_VIEW)
     if water.empty:
-        wanted = ",".join(metrics_of("water-parameters", "distance-variance"))
-        raise NotApplicableError(
-            f"no water beside a variance of distances; add metrics=[{wanted}], with a method "
-            "that estimates water, on images with depth"
-        )
+        remedy = f"{adding('water-parameters', 'distance-variance')}, with a method that estimates water, on images"
+        raise NotApplicableError(f"no water beside a variance of distances; {remedy} with depth")
     for name, of_dataset in style.each_dataset(water):
         methods = list(dict.fromkeys(of_dataset["method"]))
         pages = [methods[start : start + _METHODS] for start in range(0, len(methods), _METHODS)]
