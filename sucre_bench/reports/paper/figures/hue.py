@@ -10,7 +10,7 @@ from __future__ import annotations
 
 import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -92,7 +92,7 @@ def _panel(panel: Axes, measured: pd.DataFrame, expected: float, looks: dict[str
             y = unbroken + 360 * turn
             if turn == 0 or (y.min() <= 180 and y.max() >= -180):
                 label = method if turn == 0 else "_again"
-                drawn = {"color": look.colour, "marker": look.marker, "label": label, "markersize": 2.5, "lw": 0.9}
+                drawn: Any = {"color": look.colour, "marker": look.marker, "label": label, "markersize": 2.5, "lw": 0.9}
                 panel.plot(turns.index, expected + y, **drawn)
     panel.set_ylim(expected - 180, expected + 180)
     ticks = np.arange(np.ceil((expected - 180) / 90), (expected + 180) / 90 + 1e-9) * 90
