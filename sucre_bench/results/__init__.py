@@ -15,12 +15,13 @@ from sucre_bench.results.rows import (
     score_rows,
     unreplicated,
 )
-from sucre_bench.results.table import PARTS, TABLE, read, write_rows
+from sucre_bench.results.table import PARTS, TABLE, Part, read, write_rows
 
 __all__ = [
     "COLUMNS",
     "PARTS",
     "TABLE",
+    "Part",
     "Reason",
     "Row",
     "Status",
