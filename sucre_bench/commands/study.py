@@ -34,6 +34,13 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
     type=click.IntRange(100, 8000),
     help="Greatest width of a picture, in pixels.",
 )
+@click.option(
+    "--pixels",
+    type=click.Choice(["common", "own"]),
+    default="common",
+    show_default=True,
+    help="If methods leave different holes: show the pixels that all methods fill, or the own pixels of each.",
+)
 @click.option("--votes", is_flag=True, help="Evaluate the files of votes after FOLDER.")
 @click.argument("files", nargs=-1, type=click.Path(path_type=Path), metavar="[VOTES.json]...")
 @json_option
@@ -46,6 +53,7 @@ def study(
     pairs: int,
     views: int,
     width: int,
+    pixels: str,
     votes: bool,
     files: Sequence[Path],
     as_json: bool,
@@ -69,22 +77,33 @@ def study(
     elif out is None:
         raise click.UsageError("give --methods A,B --out FILE.html to write a page, or --votes FILE... to evaluate")
     else:
-        _write(folder, labels_of(methods), out, dataset, question, (pairs, views, width))
+        _write(folder, labels_of(methods), out, dataset, question, (pairs, views, width), pixels)
 
 
 def _write(
-    folder: Path, methods: Sequence[str], out: Path, dataset: str, question: str, sizes: tuple[int, int, int]
+    folder: Path,
+    methods: Sequence[str],
+    out: Path,
+    dataset: str,
+    question: str,
+    sizes: tuple[int, int, int],
+    pixels: str,
 ) -> None:
     from sucre_bench.machine import terminal
-    from sucre_bench.programs.people import design, page
+    from sucre_bench.programs.people import common_pixels, design, page
 
     pairs, views, width = sizes
     key = design.design(folder, methods, dataset, views)
+    masks = common_pixels.common_masks(folder, key) if pixels == "common" else {}
     with terminal.live():
-        page.write_page(out, folder, key, question or page.QUESTION, pairs, width)
+        page.write_page(out, folder, key, question or page.QUESTION, pairs, width, masks)
     path = design.write_key(folder, key)
     n_views = len(key.pictures) // len(key.methods)
     click.echo(f"page     {out}, {out.stat().st_size / 1e6:.1f} MB: {len(key.methods)} methods on {n_views} views")
+    if masks:
+        share = sum(float(mask.mean()) for mask in masks.values()) / len(masks)
+        of = f"{len(masks)} of {n_views} views"
+        click.echo(f"pixels   those that all methods fill: {100 * share:.0f} % of {of}; the others are black")
     click.echo(f"key      {path}: keep it, and do not send it")
     if out.stat().st_size > _LARGE:
         click.echo("smaller  for e-mail: --views 6, or --width 800")

@@ -19,6 +19,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
+from sucre_bench.results.common_scores import LEAST_FILLED
 from sucre_bench.results.rows import restorations
 
 if TYPE_CHECKING:
@@ -53,9 +54,12 @@ class Key:
 def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int = 12) -> Key:
     """Choose what a study shows: at most so many views, evenly over those that all methods restored.
 
+    A method that fills less than 1 % of a view counts as not having restored it.
+
     Raises InputError if a method or dataset is not in the results, or the methods share no view.
     """
     rows = restorations(results.read(folder))
+    rows = rows[rows["coverage"] >= LEAST_FILLED]
     rows = rows[rows["dataset"] == _dataset(rows, methods, dataset, folder)]
     candidates = rows[rows["method"].isin(methods)]
     shared = candidates.groupby(["scene", "view"])["method"].nunique() == len(methods)

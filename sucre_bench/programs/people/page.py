@@ -7,12 +7,15 @@ import hashlib
 import io
 import json
 import random
+from collections.abc import Mapping
 from importlib.resources import files
 from itertools import combinations
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 
+from sucre_bench.arrays import Mask
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
@@ -23,9 +26,18 @@ QUESTION = "Which picture shows the scene better?"
 _QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
 
 
-def write_page(path: Path, folder: Path, key: Key, question: str, pairs: int, width: int) -> None:
+def write_page(
+    path: Path,
+    folder: Path,
+    key: Key,
+    question: str,
+    pairs: int,
+    width: int,
+    masks: Mapping[tuple[str, str], Mask] = MappingProxyType({}),
+) -> None:
     """Write the page. pairs: of a sitting; width: most pixels of a picture's width.
 
+    masks: by scene and view, the pixels (H, W) that are shown, of all methods alike; the others are black.
     Raises InputError if the pictures of a view differ in size, OutputError if the page cannot be written.
     """
     from jinja2 import Environment, PackageLoader, StrictUndefined
@@ -42,7 +54,7 @@ def write_page(path: Path, folder: Path, key: Key, question: str, pairs: int, wi
         style_hash=_policy_hash(style),
         script_hash=_policy_hash(script),
         content=Markup(_content(key, pairs)),
-        pictures=_pictures(folder, key, width),
+        pictures=_pictures(folder, key, width, masks),
     )
     write_atomically(path, page.encode())
 
@@ -75,7 +87,7 @@ def _content(key: Key, pairs: int) -> str:
     return json.dumps({"study": key.study, "pairs": min(pairs, possible), "views": views, "orders": orders})
 
 
-def _pictures(folder: Path, key: Key, width: int) -> list[tuple[str, str]]:
+def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:
     """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
     sizes: dict[tuple[str, str], tuple[int, ...]] = {}
     made = []
@@ -84,6 +96,8 @@ def _pictures(folder: Path, key: Key, width: int) -> list[tuple[str, str]]:
         image = _read(path)
         if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
             raise InputError(f"{path}: is not of the size of the other methods' pictures; run this method again")
+        if (mask := masks.get((shown.scene, shown.view))) is not None:
+            image = np.where(mask[..., None], image, np.uint8(0))
         made.append((name, base64.b64encode(_jpeg(image, width)).decode()))
     return made
 

@@ -79,6 +79,7 @@ def judge(browser: Browser, folder: Path, prefers: Callable[[str, str], str], pa
         current = browser.until(f"{STATE}.votes.length == {n} && {STATE}.current")
         seen.append((methods[current["left"]], methods[current["right"]]))
         browser.press(prefers(*seen[-1]))
+    browser.until(f"{STATE}.votes.length == {pairs}")
     return seen
 
 
