@@ -74,7 +74,7 @@ def uiconm_blocks(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> Mask:
     """Return which blocks (k1, k2) have a colour in every pixel."""
     if form.levels == "each":
         return whole_resized_blocks(shown, form.block, margin=False)
-    return whole_blocks(shown, form.block, False, form.cut_blocks)
+    return whole_blocks(shown, form.block, margin=False, cut=form.cut_blocks)
 
 
 def _ratio(above: Array, below: Array) -> Array:

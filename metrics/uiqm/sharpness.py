@@ -60,7 +60,7 @@ def uism_blocks(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> Mask:
     """Return which blocks (k1, k2) are whole."""
     if form.edges == "resized":
         return whole_resized_blocks(shown, form.block, margin=True)
-    return whole_blocks(shown, form.block, True, form.cut_blocks)
+    return whole_blocks(shown, form.block, margin=True, cut=form.cut_blocks)
 
 
 def eme(

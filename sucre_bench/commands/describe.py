@@ -1,15 +1,26 @@
-"""`sucre-bench describe`: describes a dataset and lists its faults."""
+"""`sucre-bench describe`: describes a dataset and lists its faults, in the terminal or as JSON."""
 
 from __future__ import annotations
 
+from collections import Counter
+from collections.abc import Sequence
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.common import json_option, plugin_option, refuse_options
 
+if TYPE_CHECKING:
+    from sucre_bench.programs.describe.depth_and_poses import Overlap
+    from sucre_bench.programs.describe.description import Described
+    from sucre_bench.programs.describe.facts import ViewFacts
+    from sucre_bench.scene import Water
+
 _SUFFIXES = (".png", ".jpg", ".jpeg")
+_ROWS = 30  # of the table of views
+_HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -77,7 +88,7 @@ def describe(
         click.echo(description.as_json(described))
     for one in described:
         if not as_json:
-            description.show(one)
+            _show(one)
         if not no_sheet:
             name = f"{layout.file_name(one.name)}-sheet{suffix}"
             file_name = Path(name) if sheet is None else sheet if len(described) == 1 else sheet.with_name(name)
@@ -85,3 +96,90 @@ def describe(
             click.echo(f"sheet    {file_name}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
+
+
+def _show(one: Described) -> None:
+    """Print a description: facts, a table of views, the distances, and faults."""
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+
+    for name, text in _facts(one).items():
+        terminal.out.print(Text(f"{name:8} {text}"), soft_wrap=True)
+    between = {overlap.view: overlap for overlap in one.overlaps}
+    rows = [_row(view, between.get(view.name)) for view in one.facts[:_ROWS]]
+    _print_table([head.format(unit=one.unit) for head in _HEADS], rows)
+    if len(one.facts) > _ROWS:
+        click.echo(f"... and {len(one.facts) - _ROWS} more views; --json has them all")
+    for low, high, share in zip(one.edges, one.edges[1:], one.counts, strict=False):
+        click.echo(f"{low:7.2f} to {high:6.2f} {one.unit}  {share:4.0%} {'#' * round(60 * share / max(one.counts))}")
+    for fault in one.faults:
+        terminal.out.print(Text(f"wrong    {fault}", style="yellow"), soft_wrap=True)
+    things = {0: "nothing", 1: "1 thing"}.get(len(one.faults), f"{len(one.faults)} things")
+    click.echo(f"found    {things} wrong")
+
+
+def _facts(one: Described) -> dict[str, str]:
+    """What is said of the scene as a whole, by the word that begins the line."""
+    sizes = Counter(f"{view.width}x{view.height}" for view in one.facts)
+    encodings = " and ".join(sorted({view.encoding for view in one.facts}))
+    focals = sorted({view.focal for view in one.facts if view.focal})
+    has = ", ".join(one.has) or "images alone"
+    facts = {
+        "scene": f"{one.name} of {one.dataset}: {len(one.facts)} of {one.n_views} views; has {has}",
+        "images": f"{', '.join(f'{n} of {size}' for size, n in sizes.most_common(3))}, {encodings}",
+        "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
+        "travel": _travel(one.facts, one.unit),
+        "water": "not known" if one.water is None else _water(one.water),
+    }
+    if one.scale is not None:
+        remedy = "run `sucre-bench prepare` again with a known length for metres"
+        no_metres = f"; lengths are no metres, and beta and gamma not 1/m; {remedy}"
+        facts["scale"] = f"{one.scale.note}{'' if one.scale.is_metric else no_metres}"
+    return facts
+
+
+def _print_table(heads: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
+    """Print a table that fits a terminal; in a pipe, lines as long as need be."""
+    from rich import box
+    from rich.table import Table
+
+    from sucre_bench.machine import terminal
+
+    if terminal.out.is_terminal:
+        table = Table(box=box.SIMPLE_HEAD, pad_edge=False)
+        for head in heads:
+            table.add_column(head, justify="left" if head == "view" else "right", overflow="fold")
+        for row in rows:
+            table.add_row(*row)
+        terminal.out.print(table)
+        return
+    widths = [max(map(len, column)) for column in zip(heads, *rows, strict=True)]
+    for row in (heads, *rows):
+        cells = [row[0].ljust(widths[0]), *(c.rjust(w) for c, w in zip(row[1:], widths[1:], strict=True))]
+        click.echo("  ".join(cells))
+
+
+def _row(view: ViewFacts, overlap: Overlap | None) -> list[str]:
+    near = "-" if view.distances is None else " ".join(f"{d:.2f}" for d in view.distances)
+    lap = ["-"] * 3
+    if overlap is not None:
+        off = "-" if overlap.disagreement is None else f"{overlap.disagreement:.2%}"
+        lap = [f"{overlap.seen:.0%}", str(overlap.partners), off]
+    colours = " ".join(f"{m:.2f}" for m in view.mean) if view.mean else "unreadable"
+    depth = f"{view.coverage:.0%}" if view.has_depth else "-"
+    return [view.name, depth, near, *lap, colours, str(len(view.charts)) if view.charts else "-"]
+
+
+def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
+    import numpy as np
+
+    places = np.array([view.position for view in facts if view.position])
+    if len(places) < 2:
+        return "not known, no poses" if not len(places) else "one pose"
+    return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} {unit} between the outermost of {len(places)} cameras"
+
+
+def _water(water: Water) -> str:
+    parts = (("B", water.veiling_light), ("beta", water.attenuation), ("gamma", water.backscatter))
+    return ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in parts)

@@ -5,10 +5,16 @@ from __future__ import annotations
 import json
 import sys
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands.common import json_option
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.doctor import Examined
+
+_COLOURS = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "dim"}
 
 
 @click.command("doctor")
@@ -36,5 +42,28 @@ def doctor(out: Path, as_json: bool) -> None:
     if as_json:
         click.echo(json.dumps(doctor.as_object(found), indent=1))
     else:
-        doctor.show(found)
+        _show(found)
     sys.exit(1 if found.faults else 0)
+
+
+def _show(found: Examined) -> None:
+    """Print a line a fact and a feature; below a feature that is not ready, its remedy."""
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+
+    def line(*parts: str | tuple[str, str]) -> None:
+        terminal.out.print(Text.assemble(*parts), soft_wrap=True)
+
+    line(f"sucre_bench {found.version} on Python {found.python}")
+    for name, said in {"source": found.commit, **found.machine}.items():
+        if said:
+            line(f"{name:9}{said}")
+    width = max(len(feature.name) for feature in found.features)
+    for feature in found.features:
+        dim = "dim" if feature.state == "absent" else ""
+        state = (f"{feature.state:9}", _COLOURS[feature.state])
+        line(state, (f"{feature.name:{width}}  ", dim), (feature.said, dim))
+        if feature.remedy:
+            line(f"{'':9}", (f"$ {feature.remedy}", "bold"))
+    line("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")

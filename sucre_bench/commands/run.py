@@ -5,7 +5,10 @@ from __future__ import annotations
 import contextlib
 import json
 import sys
+from collections.abc import Sequence
+from contextlib import AbstractContextManager
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -73,7 +76,6 @@ def run(
     Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was done; 2,
     the command has a mistake; 130, stopped by Ctrl-C.
     """
-    from sucre_bench.engine import sweep
     from sucre_bench.jobs.quoting import value_of
 
     refuse_options(overrides, "run")
@@ -85,22 +87,35 @@ def run(
 
         command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
         click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
-        return
-    if dry_run:
-        from sucre_bench.commands import run_forecast
-        from sucre_bench.engine.forecast import forecast
+    elif dry_run:
+        _forecast(overrides, multirun, as_json)
+    else:
+        sys.exit(_run(overrides, multirun, as_json))
 
-        with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
-            found = forecast(overrides, multirun)
-        if as_json:
-            click.echo(run_forecast.as_json(found))
-        else:
-            run_forecast.show(found)
-        return
+
+def _no_prints(as_json: bool) -> AbstractContextManager[Any]:
+    """What a plugin prints is no part of a JSON object."""
+    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
+
+
+def _forecast(overrides: Sequence[str], multirun: bool, as_json: bool) -> None:
+    from sucre_bench.commands import run_forecast
+    from sucre_bench.engine.forecast import forecast
+
+    with _no_prints(as_json):
+        found = forecast(overrides, multirun)
+    if as_json:
+        click.echo(run_forecast.as_json(found))
+    else:
+        run_forecast.show(found)
+
+
+def _run(overrides: Sequence[str], multirun: bool, as_json: bool) -> int:
+    """Run the jobs, print what became of them, and return the exit code."""
     from sucre_bench.commands import run_summary
+    from sucre_bench.engine import sweep
 
-    # What a plugin prints is no part of the object.
-    with contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext():
+    with _no_prints(as_json):
         outcome = sweep.run(overrides, multirun)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
@@ -113,4 +128,4 @@ def run(
     finally:  # also when whoever reads our output has gone
         with contextlib.redirect_stdout(sys.stderr):
             run_summary.track(outcome, comparisons)
-    sys.exit(outcome.exit_code)
+    return outcome.exit_code

@@ -50,7 +50,10 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
     ties = any(cell.mark for laid in laid_out for cell in laid.cells)
     parts: list[Any] = [_wrapped(_head(comparison, chosen), width, "bold")]
     parts += [part for lines in aligned(comparison.methods, laid_out, width) for part in (lines, Text(""))]
-    said = ["" if intervals else rough(comparison.columns), legend(comparison, spread, True, intervals, ties)]
+    said = [
+        "" if intervals else rough(comparison.columns),
+        legend(comparison, spread, colours=True, intervals=intervals, ties=ties),
+    ]
     parts += [_wrapped(line, width, "dim") for line in (*said, *left_out(comparison)) if line]
     leads = [verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
     return Group(*parts, *(_wrapped(line, width) for line in leads))
@@ -183,7 +186,7 @@ def _decider(comparison: Comparison, column: Column, chosen: Deciding) -> LaidOu
         head = ("s/view", "")
     else:
         head = (f"{column.metric} {ARROW[column.better]}".rstrip(), column.unit)
-    laid_out = LaidOut.of(comparison, column, False, False, head)
+    laid_out = LaidOut.of(comparison, column, spread=False, intervals=False, head=head)
     cells = laid_out.cells
     if column == chosen.filled:
         cells = tuple(

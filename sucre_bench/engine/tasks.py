@@ -44,7 +44,7 @@ def select(overrides: Sequence[str]) -> list[Selection]:
     """
     from sucre_bench.jobs import command
 
-    job = command.jobs(overrides, False).jobs[0]
+    job = command.jobs(overrides, multirun=False).jobs[0]
     job = replace(job, degrade=replace(job.degrade, within=None, keep=None))
     chosen: dict[str, tuple[Scene, list[View]]] = {}
     for task in tasks(job, open_scenes(job.dataset)):

@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any, Literal
 
 from sucre_bench import plugins
-from sucre_bench.machine import provenance, terminal
+from sucre_bench.machine import provenance
 from sucre_bench.machine.children import python
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.plugins.plugin import Broken
@@ -38,7 +38,6 @@ OPEN3D_LIBRARIES = {
 _LITTLE_DISK_GB = 2.0
 
 State = Literal["ready", "missing", "broken", "absent"]
-_SIGNS: dict[State, str] = {"ready": "green", "missing": "yellow", "broken": "red", "absent": "dim"}
 
 
 @dataclass(frozen=True)
@@ -87,27 +86,6 @@ def examine(out: Path = Path()) -> Examined:
 def as_object(found: Examined) -> dict[str, Any]:
     """Return the result as plain data for JSON, with `faults`, the number of broken features."""
     return {**asdict(found), "faults": found.faults}
-
-
-def show(found: Examined) -> None:
-    """Print a line a fact and a feature; below a feature that is not ready, its remedy."""
-    from rich.text import Text
-
-    def line(*parts: str | tuple[str, str]) -> None:
-        terminal.out.print(Text.assemble(*parts), soft_wrap=True)
-
-    line(f"sucre_bench {found.version} on Python {found.python}")
-    for name, said in {"source": found.commit, **found.machine}.items():
-        if said:
-            line(f"{name:9}{said}")
-    width = max(len(feature.name) for feature in found.features)
-    for feature in found.features:
-        style = _SIGNS[feature.state]
-        line((f"{feature.state:9}", style), (f"{feature.name:{width}}  ", "" if feature.state != "absent" else "dim"),
-             (feature.said, "" if feature.state != "absent" else "dim"))  # fmt: skip
-        if feature.remedy:
-            line(f"{'':9}", (f"$ {feature.remedy}", "bold"))
-    line("everything that sucre_bench needs is there" if not found.faults else f"{found.faults} to mend")
 
 
 # -- the machine ---------------------------------------------------------------------------------------------

@@ -6,8 +6,8 @@ import io
 import os
 import pickle
 import time
-from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 
 from sucre_bench import results
@@ -99,8 +99,7 @@ def wait(
     waited for again.
     """
     left = {job.id: job for job in jobs}
-    ended_at: dict[str, float] = {}
-    last: dict[str, str] = {}
+    known = _Known()
     started, asked = time.monotonic(), float("-inf")
     while left:
         seen = _files({job.result.parent for job in left.values()})
@@ -112,19 +111,32 @@ def wait(
             answer, asked = states(), now
             if answer is not None:
                 for id_ in left:
-                    before = last.get(id_, "")
-                    last[id_] = answer.get(id_, before if before in ENDED else "")  # the ended are listed for a while
-                    if last[id_] in ENDED or not last[id_]:
-                        ended_at.setdefault(id_, now)
-                    else:
-                        ended_at.pop(id_, None)
-                waiting = sum(last[id_] == "PENDING" for id_ in left)
+                    known.note(id_, answer, now)
+                waiting = sum(known.last[id_] == "PENDING" for id_ in left)
                 tell(Counts(waiting, len(left) - waiting, len(jobs) - len(left)))
-        for job in [job for job in left.values() if now - ended_at.get(job.id, now) > latency_s]:
+        for job in [job for job in left.values() if now - known.ended_at.get(job.id, now) > latency_s]:
             del left[job.id]
-            yield job, _lost(job, last[job.id])
+            yield job, _lost(job, known.last[job.id])
         if left:
             time.sleep(look_s)
+
+
+@dataclass(frozen=True)
+class _Known:
+    """What the queue said of jobs, by their ids: the last state, and when they were first seen to have ended."""
+
+    last: dict[str, str] = field(default_factory=dict)
+    ended_at: dict[str, float] = field(default_factory=dict)
+
+    def note(self, id_: str, answer: Mapping[str, str], now: float) -> None:
+        """Note the answer about one job; one that the queue does not list any more is as it last ended."""
+        before = self.last.get(id_, "")
+        state = answer.get(id_, before if before in ENDED else "")
+        self.last[id_] = state
+        if state in ENDED or not state:
+            self.ended_at.setdefault(id_, now)
+        else:
+            self.ended_at.pop(id_, None)
 
 
 def _files(folders: set[Path]) -> set[Path]:

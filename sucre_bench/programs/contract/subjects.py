@@ -62,6 +62,6 @@ def _options(plugin: Plugin, overrides: Sequence[str]) -> Mapping[str, Any]:
     if not overrides:
         return {}
     chosen = f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
-    job = command.jobs([chosen, *overrides], False).jobs[0]
+    job = command.jobs([chosen, *overrides], multirun=False).jobs[0]
     choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0].choice}
     return choices[plugin.kind].options

@@ -39,16 +39,16 @@ def contact_sheet(
         x, y = _GAP + column * tile[0], _HEAD + row * tile[1]
         view, look, distance = facts[k], looks[k], looks[k].distance
         size = (_WIDE, _height(look))
-        for at, picture in (
-            (x, look.picture),
-            (x + _WIDE + 2, None if distance is None else depth_colours(distance, low, top, _GRAY)),
+        depth = None if distance is None else depth_colours(distance, low, top, _GRAY)
+        for at, picture, absent, how in (
+            (x, look.picture, "cannot be read", Image.Resampling.BOX),
+            (x + _WIDE + 2, depth, "no depth", Image.Resampling.NEAREST),
         ):
             if picture is None:
                 pen.rectangle((at, y, at + _WIDE - 1, y + size[1] - 1), fill="#dddddd")
-                pen.text((at + 8, y + 8), "cannot be read" if at == x else "no depth", fill="black", font=font)
+                pen.text((at + 8, y + 8), absent, fill="black", font=font)
             else:
-                nearest = Image.Resampling.NEAREST if at != x else Image.Resampling.BOX
-                sheet.paste(Image.fromarray(picture).resize(size, nearest), (at, y))
+                sheet.paste(Image.fromarray(picture).resize(size, how), (at, y))
         if look.picture is not None:
             for corners in look.charts * (_WIDE / look.picture.shape[1]) + [x, y]:
                 outline = [tuple(corner) for corner in (*corners, corners[0])]

@@ -15,7 +15,7 @@ from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, write_depth
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, write_page
-from sucre_bench.programs.prepare.record import Prepared, write_record
+from sucre_bench.programs.prepare.record import Prepared, Quality, write_record
 from sucre_bench.programs.prepare.sparse_points import Shot
 
 _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
@@ -58,15 +58,11 @@ def write(
     for folder in ("sparse", "depths"):
         _swap(aside / folder, out / folder)
 
-    seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
-    error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
     surface = "plane sweep, confirmed by other photos" if isinstance(maps, Dense) else "relief of the sparse points"
     facts = {
         "photos placed": f"{len(shots)} of {made.photos}, at the {asked['attempt']} attempt",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
-        "reprojection error": f"{error:.2f} px",
-        "pixels with depth": f"{100 * np.mean([q.coverage for q in qualities]):.0f} %",
-        "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
+        **_figures(qualities),
         "surface": surface,
         "scale": made.scale.note,
     }
@@ -81,6 +77,17 @@ def write(
     }
     write_record(made, more)
     return made
+
+
+def _figures(qualities: Sequence[Quality]) -> dict[str, str]:
+    """Means over the photos, as the page says them."""
+    seen = [(q.reprojection_px, q.points) for q in qualities if q.points]
+    error = np.average([px for px, _ in seen], weights=[count for _, count in seen])
+    return {
+        "reprojection error": f"{error:.2f} px",
+        "pixels with depth": f"{100 * np.mean([q.coverage for q in qualities]):.0f} %",
+        "depth against sparse points": f"{100 * np.nanmedian([q.depth_error for q in qualities]):.2f} % (median)",
+    }
 
 
 def _swap(new: Path, place: Path) -> None:

@@ -97,9 +97,9 @@ def settled_by(before: Prepared | None, known: Known, keys: tuple[str, str]) -> 
     if keys[0] == before.keys[0]:
         return Settled(before.scale, earlier, before.scale.is_metric)
     if earlier.distances or earlier.depth_track:
-        return Settled(None, earlier, True)
+        return Settled(None, earlier, is_kept=True)
     old = f"the scale of before ({before.scale.note}) was of another model; give it again"
-    return Settled(None, known, False, (old,) if before.scale.is_metric else ())
+    return Settled(None, known, is_kept=False, warnings=(old,) if before.scale.is_metric else ())
 
 
 def _known_of(values: Mapping[str, Any]) -> Known:

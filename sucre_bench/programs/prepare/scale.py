@@ -89,7 +89,7 @@ def find_scale(
         return by_name[output]
 
     if known.factor is not None:
-        return Scale(known.factor, True, f"given, {known.factor:g} m per unit")
+        return Scale(known.factor, is_metric=True, note=f"given, {known.factor:g} m per unit")
     if known.distances:
         pairs = [(placed(a, "--distance"), placed(b, "--distance"), m) for a, b, m in known.distances]
         return _ratio(
