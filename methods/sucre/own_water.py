@@ -18,6 +18,7 @@ from sucre_bench.methods.sucre.apply_gains import AtOneExposure, corrected
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.exposure import differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
+from sucre_bench.methods.sucre.falloff import Falloff, find_falloff
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.lamp import lit
 from sucre_bench.methods.sucre.robust import robust_noise
@@ -32,6 +33,9 @@ if TYPE_CHECKING:
 # Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
 _MATCHED, _FEWEST_MATCHED = 20_000, 200
 
+# Distances are alike if their percentile 95 is less than this many times their percentile 5.
+_ALIKE = 1.5
+
 
 def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
     """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
@@ -42,7 +46,9 @@ def matched_sample(options: Sucre, scene: Scene, view: View, observations: Obser
         return None
     places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
     views = [other for other in scene.views if other.name in set(observations.views)]
-    found = matched_footprints(view, views, observations.pixels[places], **options.pairing_with(view=True))
+    how = options.pairing_with(view=True)
+    how["with_ray"] = True
+    found = matched_footprints(view, views, observations.pixels[places], **how)
     return found if found.n_repeated >= _FEWEST_MATCHED else None
 
 
@@ -62,13 +68,19 @@ class OwnWater:
         if self.options.exposure == "per_view":
             return self._with_gains(observations, matched)
         solution = self._solved(observations, matched, {})
-        limits = () if matched is None else differing_exposure(matched, solution.water)
-        if matched is not None and limits and self.options.exposure == "auto":
-            found = self._with_gains_that_explain(observations, matched, solution)
-            if found is not None:
-                return found
+        limits: tuple[str, ...] = ()
+        falloff = None
+        if matched is not None:
+            limits = differing_exposure(matched, solution.water)
+            if falloff := find_falloff(matched, self.view.name, solution.water, seed=self.options.seed):
+                solution, limits = _doubted(solution, falloff), (falloff.limit,)
+            elif limits and self.options.exposure == "auto":
+                found = self._with_gains_that_explain(observations, matched, solution)
+                if found is not None:
+                    return found
         if is_guess(solution):  # no exposure is known without a water
-            return observations, self._photograph(observations, solution)
+            photograph = self._photograph(observations, solution)
+            return observations, photograph.with_limits([falloff.limit] if falloff else [])
         return observations, solution.with_limits(limits)
 
     def _solved(self, observations: Observations, matched: Observations | None, about: Mapping[str, Any]) -> Solution:
@@ -135,4 +147,26 @@ class OwnWater:
         if not observations.n_repeated:
             raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
         even = None if matched is None else lit(matched, found.lamp)
-        return observations, self._solved(observations, even, {"lamp": about})
+        return observations, self._solved(observations, even, {"lamp": about}).with_limits(_limits_of_lamp(sample))
+
+
+def _limits_of_lamp(sample: Observations) -> tuple[str, ...]:
+    """Say how wrong attenuation may be if distances are alike.
+
+    Light may fall with the square of its way d from the lamp, which the lobe does not model. Over the whole way of
+    about 2 d, that is d log(d^-2) / d(2 d) = -1 / d, as much as attenuation of 1 / d.
+    """
+    near, middle, far = np.quantile(sample.distance, (0.05, 0.5, 0.95))
+    if far > _ALIKE * near:
+        return ()
+    return (
+        f"distances are alike ({near:.3g} to {far:.3g} m), and a lamp's falloff with distance looks like attenuation "
+        f"there: beta may be {1 / middle:.2g} 1/m too high",
+    )
+
+
+def _doubted(solution: Solution, falloff: Falloff) -> Solution:
+    """Return the solution with no trust in its water, and a record of the falloff."""
+    about = {"least": falloff.least, "noise": falloff.noise, "noise_without": falloff.noise_without}
+    uncertainty = replace(solution.uncertainty, is_weak=(True, True, True))
+    return replace(solution, uncertainty=uncertainty, about=solution.about | {"falloff": about})
