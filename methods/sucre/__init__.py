@@ -14,7 +14,7 @@ one water and one colour a pixel.
 | `adam.py`, `solvers.py` | the paper's optimiser; all solvers with one kind of result |
 | `own_water.py` | the exact fit to one image, with the options below |
 | `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
-| `falloff.py`, `light_and_water.py` | light that falls off across images, to be reported; light and water fitted together |
+| `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `apply_gains.py` | observations of all views in one exposure |
 | `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
 | `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |

@@ -75,12 +75,15 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         """
         from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
+        from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil
 
         observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
         started = time.perf_counter()
         with named(view):
             observations, solution = self._solve(scene, view, observations)
+            if has_unknown_veil(solution) and not type(self).__plugin__.display.startswith("stretch"):  # type: ignore[attr-defined]
+                solution = solution.with_limits([UNKNOWN_VEIL])
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":

@@ -28,6 +28,17 @@ _LIMIT = (
 )
 
 
+UNKNOWN_VEIL = (
+    "the veil of most channels is not determined, so it stays in the colours as an offset of each channel; "
+    "method.display=stretch-1-99 removes it from the picture"
+)
+
+
+def has_unknown_veil(solution: Solution) -> bool:
+    """Return whether the colours of most channels hold an offset that the observations do not determine."""
+    return not solution.is_photograph and not is_determined(solution.uncertainty)
+
+
 def gains_explain_better(even: Observations, water: WaterParameters, without: Solution) -> bool:
     """Return whether gains of views explain the observations clearly better than one exposure does.
 

@@ -9,7 +9,7 @@ from support.made_survey import make_survey
 
 from sucre_bench import Restoration, Scene
 from sucre_bench.imaging.display import display
-from sucre_bench.methods.sucre import Sucre
+from sucre_bench.methods.sucre import Sucre, SucrePlus
 
 
 @pytest.fixture(scope="module")
@@ -52,3 +52,12 @@ def test_a_lamp_over_flat_ground_says_what_distances_leave_open(strobe_lit: Scen
     assert (excess < 1.2 / np.median(view.distance)).all()
     assert excess.max() > 0.1  # so it has to be said
     assert shown_error(result.image, strobe_lit) < 0.7 * shown_error(view.rgb, strobe_lit)
+
+
+def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it(strobe_lit: Scene) -> None:
+    view = strobe_lit["4.png"]
+    result = SucrePlus(lamp=True).restore(strobe_lit, view)
+    named = "stretch-1-99"
+    assert named in limits(result)
+    default = np.nanmean((display(result.image, "black-0.5-white-99") - view.reference) ** 2)
+    assert np.nanmean((display(result.image, named) - view.reference) ** 2) < 0.5 * default
