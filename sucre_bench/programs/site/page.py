@@ -10,7 +10,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from sucre_bench.compare import Column
-from sucre_bench.compare.text import legend, shown, title
+from sucre_bench.compare.text import left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.site.board import Board, Line, Table
 
@@ -25,13 +25,14 @@ class _Shown:
 
 @dataclass(frozen=True)
 class _Block:
-    """A table as the template has it."""
+    """A table as the template has it. notes: what is not counted, and on which pixels scores are if these differ."""
 
     dataset: str
     apart: str
     heads: tuple[tuple[str, str], ...]
     rows: tuple[_Shown, ...]
     legend: str
+    notes: tuple[str, ...]
 
 
 def write_page(folder: Path, board: Board, heading: str) -> Path:
@@ -67,6 +68,7 @@ def _block(table: Table) -> _Block:
         tuple((title(column), column.variant) for column in compared.columns),
         tuple(_Shown(line, tuple(_cells(table, line))) for line in lines),
         legend(compared),
+        tuple(left_out(compared)),
     )
 
 

@@ -14,6 +14,7 @@ import pytest
 
 from sucre_bench import results
 from sucre_bench.programs.site.board import Entry, State, board
+from sucre_bench.programs.site.page import write_page
 from sucre_bench.results.bundle_format import write_bundle
 from sucre_bench.results.rows import Row
 
@@ -77,6 +78,13 @@ def test_other_data_variants_versions_and_images_stand_apart(other: dict[str, st
     first, second = tables(entry("a", rows("plain")), entry("b", rows("clever", **other)))
     assert (first, second[0]) == (({"a"}, ""), {"b"})
     assert reason in second[1]
+
+
+def test_methods_that_fill_different_pixels_are_named_below_their_table(tmp_path: Path):
+    for share, expected in ((1.0, False), (0.5, True)):
+        with_holes = rows("clever").assign(coverage=share)
+        page = write_page(tmp_path, board([entry("a", rows("plain")), entry("b", with_holes)]), "Lab").read_text()
+        assert ("own pixels" in html.unescape(page)) is expected
 
 
 def test_what_differs_is_in_no_table():
