@@ -53,7 +53,8 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
     from sucre_bench.results.bundle_format import open_bundle
 
     with contextlib.redirect_stdout(sys.stderr), terminal.live(), open_bundle(file) as bundle:
-        found = check.verify(bundle, data_folders(set(bundle.rows["dataset"]), data), tolerance)
+        datasets = set(bundle.rows["dataset"])
+        found = check.verify(bundle, data_folders(datasets, data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id
     if as_json:
         click.echo(json.dumps(_as_object(found, is_other), indent=1))
@@ -63,7 +64,8 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
         _print(found, tolerance)
         if not data and found.needs_data:
             words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
-            echo_wrapped(f"more     {words}; for the dataset demo, DIR may be any folder", 9)
+            made = "; for the dataset demo, DIR may be any folder" if "demo" in datasets else ""
+            echo_wrapped(f"more     {words}{made}", 9)
         echo_wrapped(_verdict(found, is_other))
     sys.exit(0 if found.holds and not is_other else 1)
 
