@@ -47,7 +47,7 @@ def test_a_broken_plugin_file_is_one_line_and_exit_2(bench, tmp_path: Path):
     (tmp_path / "broken.py").write_text("import nonexistent_package_xyz\n")
     done = bench("run", "--plugin", "broken.py", "method=gain")
     assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.errors) == 1
     assert "broken.py: does not import, ModuleNotFoundError" in done.stderr
 
 
@@ -62,7 +62,7 @@ def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str],
     done = bench(*arguments)
     assert done.returncode == 2
     assert done.stdout == ""
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.errors) == 1
     assert said in done.stderr
 
 
@@ -100,8 +100,8 @@ def test_a_place_that_cannot_be_written_to_is_one_line(bench, toys: str, tmp_pat
     (tmp_path / "a_file").write_text("")
     done = bench("run", "--plugin", toys, "dataset=toy", "method=gain", "tracking.uri=off", f"out={out}")
     assert done.returncode == 2
-    assert len(done.stderr.splitlines()) == 1
-    assert done.stderr.startswith("error: a_file")
+    assert len(done.errors) == 1
+    assert done.errors[0].startswith("error: a_file")
 
 
 def test_no_page_is_written_where_none_is_wanted(bench, toys: str, tmp_path: Path):
@@ -129,7 +129,7 @@ def test_compare_says_why_where_there_is_no_score(bench, tmp_path: Path):
     for more in ([], ["--json"]):
         done = bench("compare", "results", *more)
         assert (done.returncode, done.stdout) == (2, "")
-        assert done.stderr == "error: reef: m has no result (4 failed: ValueError: boom)\n"
+        assert done.errors == ["error: reef: m has no result (4 failed: ValueError: boom)"]
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")

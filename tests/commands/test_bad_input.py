@@ -111,7 +111,7 @@ def test_a_fault_of_the_whole_dataset_is_one_line_before_any_work(bench, dive: P
     done = run(bench, dive)
     assert done.returncode == 2
     assert done.stdout == ""
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.errors) == 1
     assert said in done.stderr
     assert not (tmp_path / "results").exists()
 

@@ -174,7 +174,7 @@ def test_folders_with_other_values_of_one_score_are_named(bench, tmp_path):
     assert "one and two share 3 scores, and have different values of 2 of them" in done.stderr
     assert "the newest, from one." in done.stderr
     assert ",1.0," in done.stdout, "the newest"
-    assert bench("compare", "one", "same").stderr == ""
+    assert bench("compare", "one", "same").errors == []
 
 
 def test_ranks_tie_where_chance_cannot_be_told_from_a_lead():

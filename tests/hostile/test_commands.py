@@ -124,7 +124,7 @@ def test_a_fault_is_one_line_that_names_place_and_remedy(place: Path, command: s
     assert done.returncode == status
     assert re.search(said, done.stderr), done.stderr
     assert "Traceback" not in done.stdout + done.stderr
-    assert len(done.stderr.splitlines()) <= 2
+    assert len(done.errors) <= 2
 
 
 ESCAPE = "a\x1b[2J\x1b]0;x\x07\u202eb.png"
@@ -189,7 +189,7 @@ def test_a_port_in_use_is_said_and_the_remedy_works(place: Path):
     assert done.returncode == 2
     assert f"--port {port}: " in done.stderr
     assert "0 for any that is free" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.errors) == 1
 
 
 @contextlib.contextmanager

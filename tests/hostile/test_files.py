@@ -213,7 +213,7 @@ def test_a_charts_file_that_is_none_is_named_in_one_line(tmp_path: Path, content
     done = run(tmp_path, "method=gray_world")
     assert done.returncode == 2
     assert "charts.json" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.errors) == 1
     assert len(done.stderr) < 3000
 
 

@@ -138,7 +138,7 @@ def test_a_plugin_that_ends_the_process_as_it_is_imported_is_named(tmp_path: Pat
     done = run_program(tmp_path, "run", "--plugin", "mine.py", "method=mine", PYTHONPATH=str(ROOT))
     assert done.returncode == 2
     assert "mine.py: does not import" in done.stderr
-    assert len(done.stderr.splitlines()) == 1
+    assert len(done.errors) == 1
 
 
 def test_a_step_at_which_three_jobs_of_a_queue_died_is_left_out_by_the_next(tmp_path: Path):

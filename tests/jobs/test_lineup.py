@@ -219,7 +219,7 @@ def test_what_is_wrong_with_a_line_up_is_one_line_with_its_name(bench, tmp_path:
     done = bench("run", "--plugin", str(TOYS), "l.yaml", "tracking.uri=off", "report=false")
     assert done.returncode == 2
     assert said in done.stderr
-    assert done.stderr.count("\n") == 1
+    assert len(done.errors) == 1
     if not said.startswith(("baseline", "two jobs")):
         assert "l.yaml" in done.stderr
 
@@ -236,7 +236,7 @@ def test_what_is_wrong_with_a_line_up_is_one_line_with_its_name(bench, tmp_path:
 def test_a_line_up_that_cannot_be_had(bench, tmp_path: Path, words: list[str], said: str):
     (tmp_path / "folder.yaml").mkdir()
     done = bench("run", *words)
-    assert (done.returncode, done.stderr.count("\n")) == (2, 1)
+    assert (done.returncode, len(done.errors)) == (2, 1)
     assert said in done.stderr
 
 
@@ -322,7 +322,7 @@ def test_a_method_that_lacks_a_file_names_the_option_as_it_was_typed(bench, key:
 def test_the_command_writes_a_file_that_runs(bench, tmp_path: Path):
     run(tmp_path / "results", "method=gain,halved", multirun=True)
     done = bench("lineup", "results", "--plugin", str(TOYS))
-    assert (done.returncode, done.stderr) == (0, "")
+    assert (done.returncode, done.errors) == (0, [])
     again = bench(
         "run", "--plugin", str(TOYS), "results/lineup.yaml", "out=results", "tracking.uri=off", "report=false"
     )

@@ -5,17 +5,17 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from subprocess import CompletedProcess
 
 import cv2
 import numpy as np
 import pytest
+from support.command_line import Done
 from support.published import published
 
 import sucre_bench as sb
 from sucre_bench.scene import Arrays, Restoration, View
 
-Bench = Callable[..., CompletedProcess[str]]
+Bench = Callable[..., Done]
 
 
 @pytest.fixture
@@ -46,7 +46,7 @@ def table(place: Path, headers: str, rows: Sequence[Sequence[object]]) -> str:
     return str(place)
 
 
-def matches(done: CompletedProcess[str]) -> dict[str, list[dict[str, object]]]:
+def matches(done: Done) -> dict[str, list[dict[str, object]]]:
     """The variants by the column they were compared with, the nearest first."""
     found: dict[str, list[dict[str, object]]] = {}
     for record in json.loads(done.stdout):
@@ -168,7 +168,7 @@ def test_a_table_that_cannot_be_compared_is_one_line(
 ) -> None:
     done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", headers, rows))
     assert done.returncode == 2
-    (line,) = done.stderr.splitlines()
+    (line,) = done.errors
     assert line.startswith(f"error: {tmp_path / 't.csv'}: ")
     assert fault in line
 
@@ -177,7 +177,7 @@ def test_a_missing_or_binary_table_is_one_line(bench: Bench, folder: Path, tmp_p
     (tmp_path / "t.xlsx").write_bytes(b"PK\x03\x04\xff\xfe")
     for name in ("t.xlsx", "none.csv"):
         done = bench("score", str(folder), "--like", str(tmp_path / name))
-        assert (done.returncode, len(done.stderr.splitlines())) == (2, 1)
+        assert (done.returncode, len(done.errors)) == (2, 1)
         assert name in done.stderr
 
 

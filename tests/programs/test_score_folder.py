@@ -100,7 +100,7 @@ def test_a_reference_in_a_folder_of_another_name_is_another_image(bench, folders
 def test_a_missing_folder_of_references_is_one_line(bench, folders):
     done = bench("score", str(folders[0]), "--reference", "nowhere")
     assert done.returncode == 2
-    assert done.stderr.splitlines() == ["error: nowhere: no such folder; give the references as a folder or one image"]
+    assert done.errors == ["error: nowhere: no such folder; give the references as a folder or one image"]
 
 
 def test_a_reference_of_another_size_is_named(bench, folders):

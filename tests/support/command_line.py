@@ -6,6 +6,7 @@ import contextlib
 import io
 import multiprocessing
 import os
+import re
 import resource
 import shutil
 import signal
@@ -26,6 +27,7 @@ from sucre_bench.plugins.registry import using
 from support.registries import registry
 
 PROGRAM = str(Path(sys.executable).with_name("sucre-bench"))
+_PROGRESS = re.compile(r": (\d+/\d+(, about .* left)?|\d+ done in [\d.]+ s)$")
 WIDTH = 200  # columns, so that no line is folded
 
 
@@ -36,6 +38,13 @@ class Done:
     returncode: int
     stdout: str
     stderr: str
+
+    @property
+    def errors(self) -> list[str]:
+        """The lines on stderr but for those of progress: whatever takes a second prints one, and on a busy machine
+        anything does.
+        """
+        return [line for line in self.stderr.splitlines() if not _PROGRESS.search(line)]
 
 
 def run_here(folder: Path, *arguments: str) -> Done:

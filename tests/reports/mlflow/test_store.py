@@ -85,7 +85,7 @@ def test_a_port_that_cannot_be_served_is_a_line_before_anything_is_done(bench, o
         for wrong in (port, "0", "70000"):
             done = bench("track", "out", "--ui", "--port", wrong)
             assert done.returncode == 2
-            assert len(done.stderr.splitlines()) == 1
+            assert len(done.errors) == 1
             assert wrong in done.stderr
     assert not (out / "mlflow.db").exists()
 
