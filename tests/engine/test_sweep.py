@@ -367,28 +367,23 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, t
     assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2
 
 
-def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str):
-    """A worker that is killed, by the system for its memory say, takes its view with it but not the sweep."""
-    arguments = ["dataset=toy", "method=faulty", "method.fault=die,none", "metrics=[psnr]", "tracking.uri=off"]
-    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
+@pytest.mark.parametrize("has_results", [False, True])
+def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str, has_results: bool):
+    """A worker that is killed, by the system for its memory say, takes its view with it but not the sweep.
+
+    Results of before hide nothing of it where all is to be done again.
+    """
+    if has_results:
+        run(out, "method=faulty", "method.fault=none", "method.label='faulty,fault=die'", "views=[v0.png,v2.png]")
+        run(out, "method=faulty", "method.fault=none", "method.label='faulty,fault=nan'", "views=[v0.png,v2.png]")
+    arguments = ["dataset=toy", "method=faulty", "method.fault=die,nan", "metrics=[psnr]", "tracking.uri=off"]
+    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "overwrite=always"]
     outcome = sweep.run([*arguments, f"out={out}", *launcher, f"plugins=[{toys}]"], True)
     # The views before and after it, and two views of the other job, whose worker was taken down with it.
-    assert (outcome.ok, outcome.exit_code) == (4, 1)
+    assert (outcome.ok, outcome.cached, outcome.exit_code) == (4, 0, 1)
     (killed,) = (f for f in outcome.failed if "die" in f.where)
     assert killed.view == "v1.png"
     assert "the process died (signal 9" in killed.reason
-
-
-def test_results_of_before_do_not_hide_that_a_worker_died(out: Path, toys: str):
-    run(out, "method.label=x")
-    arguments = ["dataset=toy", "method=faulty,gain", "metrics=[psnr]", "tracking.uri=off", f"out={out}"]
-    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    run(out, "method=faulty", "method.fault=none", "views=[v0.png,v2.png]")
-    outcome = sweep.run([*arguments, "overwrite=always", *launcher, f"plugins=[{toys}]"], True)
-    assert (outcome.exit_code, outcome.cached) == (1, 0)
-    arguments[1] = "method=faulty"
-    outcome = sweep.run([*arguments, "method.fault=die,nan", "overwrite=always", *launcher, f"plugins=[{toys}]"], True)
-    assert (outcome.exit_code, outcome.cached, outcome.ok) == (1, 0, 4)
 
 
 def test_a_method_that_is_not_installed_stops_before_any_work(out: Path, tmp_path: Path):
