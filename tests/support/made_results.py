@@ -75,7 +75,8 @@ def _chart_rows(row: Row, number: int) -> Iterator[Row]:
 
 def _write(out: Path, row: Row, size: tuple[int, int], rng: np.random.Generator, holes: bool) -> None:
     place = layout.Place(row.dataset, Path(row.view).with_suffix(""))
-    image = rng.integers(30, 255, (size[1], size[0], 3), dtype=np.uint8)
+    # Smooth: a page of large pictures of noise would be 16 MB.
+    image = cv2.resize(rng.integers(30, 255, (8, 12, 3), dtype=np.uint8), size, interpolation=cv2.INTER_LINEAR)
     if holes:
         image[:, : size[0] // 4] = 0
     told: dict[str, Any] = {**ESTIMATE, "encoding": "gamma", "true_water": TRUTH, "steps": 7, "write_seconds": 0.1}
