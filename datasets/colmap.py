@@ -20,7 +20,7 @@ from pathlib import Path
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
-from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.find_folders import check_chosen, existing
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
@@ -61,10 +61,7 @@ class Colmap(ImageScaleOption):
         charts.json. What is wrong with the files of one view is raised when they are loaded.
         """
         root = existing(self.root, f"{self.images}/")
-        for option in ("depths", "reference", "charts"):  # they need not exist, unless they were asked for
-            given = getattr(self, option)
-            if given != getattr(type(self), option) and not (root / given).exists():
-                raise InputError(f"{root / given}: is not there; correct or drop dataset.{option}={given}")
+        check_chosen(self, root, "depths", "reference", "charts")
         images = root / self.images
         posed = read_model(root / self.sparse, images, distorted=self.undistort)
         names = [image.name for image in posed]

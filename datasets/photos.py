@@ -11,9 +11,8 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES
-from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.find_folders import check_chosen, existing
 from sucre_bench.loading.image_folder import image_folder_scene
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
@@ -53,10 +52,7 @@ class Photos(ImageScaleOption):
         """
         root = existing(self.root)
         references, charts = (root / Path(place).expanduser() for place in (self.reference, self.charts))
-        if not references.is_dir() and self.reference != type(self).reference:
-            raise InputError(f"{references}: no such folder; correct or drop dataset.reference={self.reference}")
-        if not charts.is_file() and self.charts != type(self).charts:
-            raise InputError(f"{charts}: no such file; correct or drop dataset.charts={self.charts}")
+        check_chosen(self, root, "reference", "charts")
         yield image_folder_scene(
             root.resolve().name,
             root,

@@ -19,7 +19,7 @@ from typing import Literal
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
-from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.plugins.decorators import dataset
@@ -74,8 +74,7 @@ class SeathruNerf(ImageScaleOption):
 
     def _scene(self, place: Path, images: Path, name: str) -> Scene:
         depths = place / self.depths
-        if self.depths != type(self).depths and not depths.is_dir():
-            raise InputError(f"{depths}: no such folder; correct or drop dataset.depths={self.depths}")
+        check_chosen(self, place, "depths")
         sparse = next((path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()), None)
         model = read_model(sparse or place / "sparse", images, distorted=True)
         if self.split != "all":

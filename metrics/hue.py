@@ -60,10 +60,7 @@ class Hue:
     better="lower",
     range=(0, 180),
     cites="Boittiaux et al. 2024",
-    variants={
-        "hsv": "of HSV, against the sRGB list",
-        "lab": "h_ab of CIE Lab under D50, against the maker's Lab list",
-    },
+    variants={"hsv": "of HSV, against the sRGB list", "lab": "h_ab of CIE Lab under D50, against the maker's Lab list"},
 )
 @dataclass(frozen=True)
 class HueError:

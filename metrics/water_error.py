@@ -21,11 +21,7 @@ from sucre_bench.scene import Water as TrueWater
     better="lower",
     range=(0, np.inf),
     default=["attenuation", "backscatter", "veiling_light"],
-    variants={
-        "attenuation": "of beta, 1/m",
-        "backscatter": "of gamma, 1/m",
-        "veiling_light": "of B",
-    },
+    variants={"attenuation": "of beta, 1/m", "backscatter": "of gamma, 1/m", "veiling_light": "of B"},
 )
 @dataclass(frozen=True)
 class Water:

@@ -49,12 +49,7 @@ class MadeScene:
 
 
 def make(
-    views: int = 16,
-    width: int = 640,
-    height: int = 480,
-    seed: int = 0,
-    water: Preset = "coastal",
-    noise: float = 0.004,
+    views: int = 16, width: int = 640, height: int = 480, seed: int = 0, water: Preset = "coastal", noise: float = 0.004
 ) -> MadeScene:
     """Make a scene; equal arguments give equal scenes. noise: standard deviation of the sensor's, of full scale.
 

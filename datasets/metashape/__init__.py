@@ -11,18 +11,17 @@ and units: `chunk.py`; where the parts of a project are: `document.py`.
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath
 from typing import Literal
 
-from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.datasets.metashape.chunk import Aligned, Component, read_components
 from sucre_bench.datasets.metashape.document import find_document, read_chunk
 from sucre_bench.errors import InputError
 from sucre_bench.loading.depth_maps import find_depths, read_depth
-from sucre_bench.loading.find_folders import existing
+from sucre_bench.loading.find_folders import check_chosen, existing
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder, inner_path
@@ -69,10 +68,7 @@ class Metashape(ImageScaleOption):
         at all. What is wrong with the files of one view is raised when they are loaded.
         """
         root = existing(self.root, "cameras.xml")
-        for option in ("images", "depths"):
-            given = getattr(self, option)
-            if given != getattr(type(self), option) and not (root / given).is_dir():
-                raise InputError(f"{root / given}: no such folder; correct or drop dataset.{option}={given}")
+        check_chosen(self, root, "images", "depths")
         document = find_document(root, self.document)
         chunk = read_chunk(document, self.chunk)
         components = read_components(chunk, document)
@@ -93,7 +89,7 @@ class Metashape(ImageScaleOption):
         if component.scale is None:
             say(f"{document}: {component.label} has no scale, lengths are in units of its own; set a scale bar there")
         scale = component.scale or 1.0
-        read = _in_units(scale) if self.depth_units == "chunk" else read_depth
+        read = (lambda path: read_depth(path) * scale) if self.depth_units == "chunk" else read_depth
         views = []
         for camera, photograph in track(list(zip(component.cameras, photographs, strict=True)), "image sizes"):
             of = photograph.lens if self.depth_camera == "image" else straight_lens(camera.lens.camera)
@@ -142,7 +138,3 @@ def _middle(camera: Camera) -> Camera:
     K = camera.K.copy()
     K[0, 0], K[0, 1], K[0, 2], K[1, 2] = K[1, 1], 0, camera.width / 2, camera.height / 2
     return Camera(K, camera.width, camera.height)
-
-
-def _in_units(scale: float) -> Callable[[Path], Array]:
-    return lambda path: read_depth(path) * scale

@@ -29,7 +29,7 @@ from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
@@ -136,9 +136,8 @@ class Seathru(ImageScaleOption):
         Raises InputError when none of them is any of the images.
         """
         sparse = place / self.sparse
+        check_chosen(self, place, "sparse")
         if not sparse.is_dir():
-            if self.sparse != type(self).sparse:
-                raise InputError(f"{sparse}: is not there; correct or drop dataset.sparse={self.sparse}")
             return {}
         by_stem: dict[str, list[Posed]] = defaultdict(list)
         for posed in read_model(sparse, folder):
@@ -157,8 +156,7 @@ class Seathru(ImageScaleOption):
         file = place / self.charts
         if file.is_file():
             return {name: [(c, sizes[name]) for c in charts] for name, charts in read_charts(file, sizes).items()}
-        if self.charts != type(self).charts:
-            raise InputError(f"{file}: is not there; correct or drop dataset.charts={self.charts}")
+        check_chosen(self, place, "charts")
         found = {}
         for name, size in sizes.items():
             charts = published_charts().get(PurePosixPath(name).stem, ())

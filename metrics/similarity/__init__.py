@@ -116,10 +116,7 @@ def _gaussian(sigma: float) -> Array:
 
 
 # Weights along a row and a column, and what variances are multiplied by.
-_WINDOWS = {
-    "gaussian": (_gaussian(1.5), 1.0),
-    "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48),
-}
+_WINDOWS = {"gaussian": (_gaussian(1.5), 1.0), "uniform7": (np.array([0, 0, *[1 / 7] * 7, 0, 0]), 49 / 48)}
 
 
 def _whole_windows(mask: Mask, radius: int) -> Mask:

@@ -44,6 +44,18 @@ def _load_plugins(context: click.Context, _: click.Parameter, files: Sequence[st
             plugins.load_file(file)
 
 
+def scene_options(command: _F) -> _F:
+    """Add --dataset and --scene, which choose one scene of a results folder."""
+    text = "Needed if the dataset has several scenes."
+    return dataset_option(click.option("--scene", default="", metavar="NAME", help=text)(command))
+
+
+def dataset_option(command: _F) -> _F:
+    """Add --dataset, which chooses one dataset of a results folder."""
+    text = "Needed if the results have several datasets."
+    return click.option("--dataset", default="", metavar="LABEL", help=text)(command)
+
+
 def refuse_options(words: Sequence[str], command: str) -> None:
     """Raise click.UsageError if one of a command's words looks like an option, which click would pass on as a word.
 

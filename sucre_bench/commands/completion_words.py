@@ -16,9 +16,7 @@ if TYPE_CHECKING:
     from sucre_bench.plugins.options import Option
 
 # Words of `sucre-bench run` whose values are these alone; booleans are known by their type.
-_VALUES = {
-    "hydra/launcher": ("joblib", "slurm"),
-}
+_VALUES = {"hydra/launcher": ("joblib", "slurm")}
 
 
 def complete_words(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem[str]]:

@@ -47,13 +47,7 @@ _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagree
     help="Describe at most this many views of a scene, evenly spread.",
 )
 @plugin_option
-def describe(
-    words: tuple[str, ...],
-    as_json: bool,
-    sheet: Path | None,
-    no_sheet: bool,
-    most: int,
-) -> None:
+def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet: bool, most: int) -> None:
     """Describe what a dataset holds, write a contact sheet, and list faults with their remedies.
 
     \b

@@ -30,12 +30,7 @@ from sucre_bench.commands.common import json_option, plugin_files_option, refuse
 @click.option("--dry-run", is_flag=True, help="Print jobs, views, and the expected time, memory and disk, and stop.")
 @json_option
 def run(
-    overrides: tuple[str, ...],
-    multirun: bool,
-    plugin_files: tuple[str, ...],
-    cfg: bool,
-    dry_run: bool,
-    as_json: bool,
+    overrides: tuple[str, ...], multirun: bool, plugin_files: tuple[str, ...], cfg: bool, dry_run: bool, as_json: bool
 ) -> None:
     """Restore views of a dataset with a method, and score them.
 

@@ -51,13 +51,7 @@ if TYPE_CHECKING:
 @click.option("--csv", "file", type=click.Path(path_type=Path), help="Also write every score to this CSV file.")
 @plugin_option
 def score(
-    images: Path,
-    reference: Path | None,
-    metrics: str,
-    like: Path | None,
-    how: str,
-    as_json: bool,
-    file: Path | None,
+    images: Path, reference: Path | None, metrics: str, like: Path | None, how: str, as_json: bool, file: Path | None
 ) -> None:
     """Score a folder of images, or one image, with any metric in any published variant.
 
@@ -124,10 +118,7 @@ def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> 
             for column, found in matches
             for one in found
         )
-        click.echo(
-            table.to_json(orient="records", indent=1) if form == "json" else csv_text(table),
-            nl=form == "json",
-        )
+        click.echo(table.to_json(orient="records", indent=1) if form == "json" else csv_text(table), nl=form == "json")
         return
     for column, found in matches:
         terminal.out.print(match_published.as_table(column, found))

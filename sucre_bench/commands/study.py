@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import echo_wrapped, json_option, labels_of
+from sucre_bench.commands.common import dataset_option, echo_wrapped, json_option, labels_of
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.notices import say
 
@@ -23,7 +23,7 @@ _LARGE = 20_000_000  # bytes; many mail servers refuse more
 @click.argument("folder", type=click.Path(path_type=Path))
 @click.option("--methods", default="", metavar="A,B", help="Labels of the methods to compare.")
 @click.option("--out", type=click.Path(path_type=Path), metavar="FILE.html", help="The page to write.")
-@click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
+@dataset_option
 @click.option("--question", default="", metavar="TEXT", help="The question on the page.")
 @click.option("--pairs", default=20, show_default=True, type=click.IntRange(2, 500), help="Pairs in one sitting.")
 @click.option("--views", default=12, show_default=True, type=click.IntRange(1, 200), help="Most views, evenly spread.")

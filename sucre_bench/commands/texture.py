@@ -7,20 +7,16 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands.common import plugin_option
+from sucre_bench.commands.common import plugin_option, scene_options
 
 
 @click.command()
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option(
-    "--method",
-    required=True,
-    metavar="LABEL",
-    help='Label of the method that gives the colours; "input": the views.',
+    "--method", required=True, metavar="LABEL", help='Label of the method that gives the colours; "input": the views.'
 )
-@click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
-@click.option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
+@scene_options
 @click.option(
     "--voxel",
     type=click.FloatRange(0, min_open=True),

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import labels_of, plugin_option
+from sucre_bench.commands.common import labels_of, plugin_option, scene_options
 from sucre_bench.machine.json_text import json_text
 
 if TYPE_CHECKING:
@@ -21,8 +21,7 @@ if TYPE_CHECKING:
 @click.argument("results", type=click.Path(path_type=Path))
 @click.argument("out", type=click.Path(path_type=Path))
 @click.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of the panels.")
-@click.option("--dataset", default="", metavar="LABEL", help="Needed if the results have several datasets.")
-@click.option("--scene", default="", metavar="NAME", help="Needed if the dataset has several scenes.")
+@scene_options
 @click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(0.1, 120), help="Views a second.")
 @click.option(
     "--split",
@@ -38,14 +37,7 @@ if TYPE_CHECKING:
 )
 @plugin_option
 def video(
-    results: Path,
-    out: Path,
-    methods: str,
-    dataset: str,
-    scene: str,
-    fps: float,
-    split: bool,
-    height: int,
+    results: Path, out: Path, methods: str, dataset: str, scene: str, fps: float, split: bool, height: int
 ) -> None:
     """Write a video of the views before and after, and measure how much each method flickers.
 

@@ -33,11 +33,7 @@ _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", 
 
 
 def compare(
-    rows: pd.DataFrame,
-    metrics: Sequence[str] = (),
-    by: By = "method",
-    order: Sequence[str] = (),
-    baseline: str = "",
+    rows: pd.DataFrame, metrics: Sequence[str] = (), by: By = "method", order: Sequence[str] = (), baseline: str = ""
 ) -> list[Comparison]:
     """Return a table per dataset; by "view" or "region", a table for each of those.
 

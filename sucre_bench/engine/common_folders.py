@@ -13,14 +13,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import results
 from sucre_bench.compare import is_fresh
-from sucre_bench.engine.common_view import (
-    CommonView,
-    PixelMetrics,
-    Stored,
-    add_scores,
-    of_views,
-    rows_of,
-)
+from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.jobs.config_file import config_path, read_config

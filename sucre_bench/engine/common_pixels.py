@@ -13,15 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
-from sucre_bench.engine.common_view import (
-    CommonView,
-    PixelMetrics,
-    Stored,
-    add_scores,
-    of_views,
-    rows_of,
-    score_of,
-)
+from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of, score_of
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.tasks import Task
 from sucre_bench.errors import DamagedTableError

@@ -10,14 +10,7 @@ from dataclasses import dataclass, replace
 
 from sucre_bench import results
 from sucre_bench.degrade import Degradation, around, degraded_whole
-from sucre_bench.errors import (
-    InputError,
-    PluginError,
-    SucreBenchError,
-    did_you_mean,
-    one_line,
-    raise_if_stop,
-)
+from sucre_bench.errors import InputError, PluginError, SucreBenchError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.machine.steps import step
 from sucre_bench.plugins.code_hash import source_hash

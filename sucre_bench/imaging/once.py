@@ -19,9 +19,7 @@ Key = tuple[Any, ...]
 _results: dict[int, tuple[weakref.ref[npt.NDArray[Any]], dict[Key, Any]]] = {}
 
 
-def once(
-    work: Callable[Concatenate[npt.NDArray[Any], P], T],
-) -> Callable[Concatenate[npt.NDArray[Any], P], T]:
+def once(work: Callable[Concatenate[npt.NDArray[Any], P], T]) -> Callable[Concatenate[npt.NDArray[Any], P], T]:
     """Decorate a function of an array so that it runs once while that array lives.
 
     Only read-only arrays are remembered (a score's `shown`, a view's planes): a writable one may change between calls.

@@ -18,6 +18,14 @@ def existing(root: Path, holds: str = "the data") -> Path:
     return root
 
 
+def check_chosen(dataset: object, root: Path, *options: str) -> None:
+    """Raise InputError if an option names a folder or file in `root` that is not there; its default need not be."""
+    for option in options:
+        given, place = getattr(dataset, option), root / Path(getattr(dataset, option)).expanduser()
+        if given != getattr(type(dataset), option) and not place.exists():
+            raise InputError(f"{place}: no such folder or file; correct or drop dataset.{option}={given}")
+
+
 def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     """Yield each folder from `root` down with the names of its folders and of its files, in order of name.
 

@@ -22,13 +22,7 @@ from sucre_bench.machine.compiling import compiled
 
 
 def agreeing(
-    points: Array,
-    pixels: Indices,
-    ranges: Indices,
-    camera: Camera,
-    depth: Array,
-    to_view: Array,
-    tolerance: float,
+    points: Array, pixels: Indices, ranges: Indices, camera: Camera, depth: Array, to_view: Array, tolerance: float
 ) -> tuple[Indices, Indices, Array, Array, Mask]:
     """Return the pairs of a target and another view: pixels, others, distance, at, smooth, as `Matches` has them.
 

@@ -154,11 +154,7 @@ def _in_order(work: Callable[[View], T], views: Sequence[View]) -> Generator[Fut
 
 
 def _see(
-    surface: Surface,
-    target: str,
-    least: float,
-    how: tuple[Rule, float, Kept, bool],
-    view: View,
+    surface: Surface, target: str, least: float, how: tuple[Rule, float, Kept, bool], view: View
 ) -> tuple[Seen | None, float]:
     """The observations in a view, None if there are `least` or fewer; and the seconds spent reading."""
     rule, tolerance, encoding, with_ray = how

@@ -59,17 +59,13 @@ def stored_mask(out: Path, place: Place, base: Row) -> Mask:
         mask = read_mask(place.mask(out, base.method))
     except InputError:
         known = _mask_of_arrays(out, place, base)
-        mask = known if known is not None else _not_black(stored_picture(out, place, base.method))
+        mask = known if known is not None else stored_picture(out, place, base.method).any(axis=-1)
         if int(mask.sum()) != base.n_pixels:
             raise
     if int(mask.sum()) != base.n_pixels:
         path = place.mask(out, base.method)
         raise InputError(f"{path}: is of another restoration; run {base.method} again with overwrite=always")
     return mask
-
-
-def _not_black(picture: Picture) -> Mask:
-    return np.asarray(picture.any(axis=-1))
 
 
 def _mask_of_arrays(out: Path, place: Place, base: Row) -> Mask | None:
