@@ -59,7 +59,7 @@ def stored_mask(out: Path, place: Place, base: Row) -> Mask:
         mask = read_mask(place.mask(out, base.method))
     except InputError:
         known = _mask_of_arrays(out, place, base)
-        mask = known if known is not None else stored_picture(out, place, base.method).any(axis=-1)
+        mask = known if known is not None else np.asarray(stored_picture(out, place, base.method).any(-1))
         if int(mask.sum()) != base.n_pixels:
             raise
     if int(mask.sum()) != base.n_pixels:

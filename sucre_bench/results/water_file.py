@@ -50,7 +50,7 @@ def read_water(path: Path) -> Water | None:
         if path.suffix == ".npz":
             with zipfile.ZipFile(regular(path)) as archive:
                 known = {name.removesuffix(".npy") for name in archive.namelist()} & {*_NAMES, "encoding"}
-            return water_of({name: read_array(path, lambda _, name=name: name) for name in known}, path)
+            return water_of({name: _member(path, name) for name in known}, path)
         return water_of(json.loads(regular(path).read_text(encoding="utf-8")), path)
     except (FileNotFoundError, InputError):
         raise
@@ -86,6 +86,10 @@ def _is_gain(value: Any) -> bool:
 
 
 _NAMES = ("B", "beta", "gamma")
+
+
+def _member(path: Path, name: str) -> Array:
+    return read_array(path, lambda _: name)
 
 
 def water_of(content: Any, path: Path) -> Water | None:
