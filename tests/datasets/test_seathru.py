@@ -169,7 +169,7 @@ def test_charts_of_d5_are_scaled_to_the_image_and_ones_own_go_first(tmp_path: Pa
     first, second = load(tmp_path, image_scale=0.5)
     assert first.charts == ()
     np.testing.assert_array_equal(second.charts[0].corners, np.array(corners) / 2)
-    with pytest.raises(InputError, match=r"c\.json: is not there"):
+    with pytest.raises(InputError, match=r"c\.json: no such folder or file"):
         load(tmp_path, charts="c.json")
 
 
