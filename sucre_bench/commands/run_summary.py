@@ -24,6 +24,7 @@ from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
+from sucre_bench.results.reasons import without_view
 from sucre_bench.results.unscored import unscored
 
 if TYPE_CHECKING:
@@ -125,7 +126,7 @@ def _grouped(faults: Sequence[Fault]) -> Iterator[str]:
     """A line a reason; many views that share one are counted."""
     by_reason: dict[tuple[str, str], list[str]] = {}
     for fault in faults:
-        by_reason.setdefault((fault.where, fault.reason), []).append(fault.view)
+        by_reason.setdefault((fault.where, without_view(fault.reason, fault.view)), []).append(fault.view)
     for (where, reason), views in by_reason.items():
         which = views[0] if len(views) == 1 else f"{len(views)} views"
         yield f"{where} / {which}: {with_remedy(reason)}"

@@ -9,6 +9,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare.model import Column, Note
+from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples, values_of
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ class _Why:
         """Made when something is missing that others have."""
         known: dict[tuple[str, str, str, _View], str] = {}
         for r in tuples(self.rows[(self.rows["status"] != "ok") | ~self.rows["_fresh"]], *_WHY):
-            reason = str(r.reason).removeprefix(r.view).lstrip(" :")  # so that views with one reason count together
+            reason = without_view(str(r.reason), r.view)
             text = f"{r.status}: {reason}".rstrip(": ") if r.status != "ok" else "of other data"
             known[r.method, r.metric, r.variant, (r.scene, r.view)] = text
         return known

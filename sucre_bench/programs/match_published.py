@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, one_line
+from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.shown import counted
@@ -131,9 +131,7 @@ def _rows(table: Path) -> list[dict[str, str]]:
     except OSError as fault:
         raise InputError(f"{table}: cannot be read, {fault.strerror}; give a CSV file of published numbers") from fault
     except (UnicodeDecodeError, csv.Error) as fault:
-        raise InputError(
-            f"{table}: cannot be read as CSV, {one_line(fault)}; save the table as CSV in UTF-8"
-        ) from fault
+        raise InputError(f"{table}: is no CSV file in UTF-8; save the table of published numbers as one") from fault
     if not rows:
         raise InputError(f"{table}: has no rows; give a line of headers, then a line an image")
     return rows

@@ -201,6 +201,8 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
 
     Raises InputError if the file is no bundle, or an entry's name, kind or size is not one that a bundle may have.
     """
+    if path.is_dir():
+        raise InputError(f"{path}: is a folder, not a bundle; `sucre-bench bundle {path} FILE.zip` makes one of it")
     if not path.is_file():
         raise InputError(f"{path}: no such file; give a bundle that `sucre-bench bundle` wrote")
     try:

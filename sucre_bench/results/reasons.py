@@ -45,3 +45,8 @@ def with_remedy(text: str) -> str:
     lack = Lack.read(text)
     makes = {"depth", "poses"} & ({*lack.needs} - {*lack.has} if lack else set())
     return f"{text}; `sucre-bench prepare` makes {' and '.join(sorted(makes))}" if makes else text
+
+
+def without_view(text: str, view: str) -> str:
+    """Return a reason without the view's name at its start, so that views with one reason count together."""
+    return text.removeprefix(view).lstrip(" :") if view else text

@@ -150,6 +150,11 @@ def test_a_table_of_another_kind_is_refused(tmp_path: Path, table: bytes):
         _ = bundle.rows
 
 
+def test_a_results_folder_is_no_bundle_and_the_command_that_makes_one_is_named(tmp_path: Path):
+    with pytest.raises(InputError, match="sucre-bench bundle"), open_bundle(tmp_path):
+        pass
+
+
 def test_a_bundle_cut_short_is_refused(tmp_path: Path):
     written(tmp_path / "b.zip", one=b"picture" * 100)
     content = (tmp_path / "b.zip").read_bytes()

@@ -5,6 +5,7 @@ import pytest
 from sucre_bench import plugins
 from sucre_bench.errors import Death, DiedError, Lack, PluginError, one_line
 from sucre_bench.results import Reason, brief, with_remedy
+from sucre_bench.results.reasons import without_view
 
 
 @pytest.mark.parametrize("has", [frozenset(), frozenset({"depth"}), frozenset({"charts", "poses"})])
@@ -25,6 +26,12 @@ def test_a_reason_of_a_methods_own_words_is_kept_whole():
     text = "too dark, nothing to score in this view"
     assert Reason.of(text) is Reason.OTHER
     assert brief(text) == text
+
+
+@pytest.mark.parametrize("text", ["a.png has no depth map", "a.png: has no depth map", "has no depth map"])
+def test_views_with_one_reason_count_together(text: str):
+    assert without_view(text, "a.png") == "has no depth map"
+    assert without_view(text, "") == text
 
 
 def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():

@@ -30,6 +30,7 @@ from sucre_bench.reports.page.policy import policy
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import roles
 from sucre_bench.results import layout, restoration_rows, with_remedy
+from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import RESTORATION, restorations
 from sucre_bench.results.unscored import unscored
 
@@ -115,6 +116,8 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
 def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
     """Where and why, with the views that share a fault in one entry."""
     of_status = rows[rows["status"] == status]
+    pairs = zip(of_status["reason"], of_status["view"], strict=True)
+    of_status = of_status.assign(reason=[without_view(str(reason), view) for reason, view in pairs])
     faults = []
     for (dataset, method, metric, reason), same in of_status.groupby(
         ["dataset", "method", "metric", "reason"], sort=False

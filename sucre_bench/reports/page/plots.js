@@ -36,12 +36,16 @@ const seen = new IntersectionObserver(
   { rootMargin: "300px" },
 );
 
-// Plot when the place is in view: make() -> {traces, layout}, or null where there is nothing to draw.
+// A printer waits for no plot, so the browser draws those out of view, too, when it has time.
+const whenIdle = window.requestIdleCallback || ((act) => setTimeout(act, 1000));
+
+// Plot when the place is in view, or nothing else is to do: make() -> {traces, layout}, or null where there is nothing to draw.
 export function plot(id, make) {
   const place = $(id);
   pending.set(place, make);
   seen.unobserve(place);
   seen.observe(place);
+  whenIdle(() => paint(place));
 }
 
 async function paint(place) {

@@ -528,6 +528,14 @@ def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
     assert {"theme", "filter", "view", "before", "after", "divider", "clever"} <= reached
 
 
+def test_plots_are_drawn_before_anybody_scrolls_to_them_as_a_printer_needs(page: Browser):
+    shown = "[...document.querySelectorAll('main .plot')].filter((e) => e.offsetParent)"
+    drawn = f"{shown}.map((e) => !!e.querySelector('svg'))"
+    assert len(page.ask(drawn)) > 1
+    page.until(f"{drawn}.every(Boolean)")
+    assert page.ask("window.scrollY") == 0
+
+
 def test_printing_shows_tables_and_pictures_without_controls(page: Browser, tmp_path: Path):
     ink = "getComputedStyle(document.body).color"
     light = page.ask(ink)
