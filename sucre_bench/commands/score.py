@@ -14,9 +14,7 @@ from sucre_bench.commands.common import plugin_option
 from sucre_bench.machine.notices import say
 
 if TYPE_CHECKING:
-    import pandas as pd
-
-    from sucre_bench.programs.match_published import PublishedTable
+    pass
 
 
 @click.command()
@@ -67,6 +65,7 @@ def score(
 
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
+    from sucre_bench.commands import score_tables
     from sucre_bench.machine import terminal
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
@@ -87,41 +86,15 @@ def score(
         write_atomically(file, csv_text(rows).encode())
     form = "json" if as_json else how
     if published:
-        _print_matches(published, rows, form)
+        score_tables.print_matches(published, rows, form)
     elif form == "csv":
         click.echo(csv_text(rows), nl=False)
     elif form == "json":
         click.echo(rows.to_json(orient="records", indent=1))
     elif (rows["status"] == "ok").any():
-        terminal.out.print(score_folder.summary(rows))
+        terminal.out.print(score_tables.summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
     for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
         say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
-
-
-def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> None:
-    """Print, for each column of a published table, how far the variants are from it."""
-    from dataclasses import asdict
-
-    import pandas as pd
-
-    from sucre_bench.machine import terminal
-    from sucre_bench.programs import match_published
-    from sucre_bench.results.csv_text import csv_text
-
-    matches = [(column, match_published.compare(column, rows)) for column in published.columns]
-    if form != "terminal":
-        table = pd.DataFrame(
-            {"column": column.header, "metric": column.metric, **asdict(one)}
-            for column, found in matches
-            for one in found
-        )
-        click.echo(table.to_json(orient="records", indent=1) if form == "json" else csv_text(table), nl=form == "json")
-        return
-    for column, found in matches:
-        terminal.out.print(match_published.as_table(column, found))
-        terminal.out.print()
-    for column, found in matches:
-        terminal.out.print(match_published.verdict(column, found), soft_wrap=True, highlight=False)

@@ -11,7 +11,7 @@ from collections import deque
 from collections.abc import Callable, Generator, Sequence
 from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import ExitStack, closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict, TypeVar, get_args
@@ -96,18 +96,10 @@ def observe(
         spool = stack.enter_context(Spool(folder)) if folder is not None else None
         outcomes = stack.enter_context(closing(_in_order(see, tried)))
         seen: list[Seen] = []
-        unreadable: list[str] = []
+        reading = _Reading(target.name)
         held = _Held(target.name, with_view, int(most[-1]))
         for k, view in enumerate(track(tried, "pairing")):
-            try:
-                one, seconds = next(outcomes).result()
-            except InputError as fault:
-                if view.name == target.name:
-                    raise
-                unreadable.append(str(fault))
-                say(f"{target.name}: leaves out {view.name}: {fault}")
-                continue
-            read_s += seconds
+            one = reading.result(view, next(outcomes))
             if one is not None and spool is not None:
                 spool.append(one)
             elif one is not None:
@@ -120,7 +112,29 @@ def observe(
     empty = in_memory if folder is None else partial(new_file, folder)
     observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
     pair_s = time.perf_counter() - began
-    return replace(observations, unreadable=tuple(unreadable), read_s=read_s, pair_s=pair_s)
+    return replace(observations, unreadable=tuple(reading.unreadable), read_s=read_s + reading.seconds, pair_s=pair_s)
+
+
+@dataclass(slots=True)
+class _Reading:
+    """The views whose files cannot be read, and the seconds spent reading those of the others."""
+
+    target: str
+    unreadable: list[str] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def result(self, view: View, outcome: Future[tuple[Seen | None, float]]) -> Seen | None:
+        """Return the observations in a view, None if there are none. Raises InputError if the target is unreadable."""
+        try:
+            seen, seconds = outcome.result()
+        except InputError as fault:
+            if view.name == self.target:
+                raise
+            self.unreadable.append(str(fault))
+            say(f"{self.target}: leaves out {view.name}: {fault}")
+            return None
+        self.seconds += seconds
+        return seen
 
 
 def _check(rule: str, tolerance: float, encoding: str) -> None:

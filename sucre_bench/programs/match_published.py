@@ -25,7 +25,6 @@ from sucre_bench.machine.shown import counted
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _NAMES = frozenset(
@@ -268,33 +267,3 @@ def _candidate(column: Column, variant: str, scores: Mapping[str, float]) -> Can
     worst = int(off.argmax())
     fits = bool(not lacking and close.mean() >= _MOST and near.all())
     return Candidate(variant, float(off.mean()), float(off[worst]), cells[worst].label, len(cells), lacking, fits)
-
-
-# -- for the terminal --------------------------------------------------------------------------------------------
-
-
-def as_table(column: Column, candidates: Sequence[Candidate], most: int = 10) -> Table:
-    """Return the nearest variants of a column, a line each."""
-    from rich.table import Table
-
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
-    for name in (column.metric, "mean difference", "largest", "at", "compared", ""):
-        table.add_column(name, justify="left" if name in (column.metric, "at", "") else "right", no_wrap=True)
-    for one in candidates[:most]:
-        note = f"no score of {one.lacking}" if one.lacking else ""
-        figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)
-        table.add_row(one.variant, *figures, style="green" if one.fits else None)
-    return table
-
-
-def verdict(column: Column, candidates: Sequence[Candidate]) -> str:
-    """Return which variants give a column's numbers, as a sentence."""
-    about = f"{column.metric}: column '{column.header}'"
-    if fitting := [one for one in candidates if one.fits]:
-        names = " or ".join(one.variant for one in fitting[:4]) + (" or others" if len(fitting) > 4 else "")
-        return f"{about} is {names}, within {fitting[0].largest:.2g}"
-    if not candidates:
-        return f"{about}: no variant has a score of these images"
-    nearest = candidates[0]
-    off = f"differs by {nearest.mean:.2g} on average and by up to {nearest.largest:.2g}"
-    return f"{about} is none of the public variants; the nearest, {nearest.variant}, {off}"

@@ -7,11 +7,8 @@ from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 from typing import TYPE_CHECKING
 
-import numpy as np
-
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
-from sucre_bench.compare.text import ARROW, number
 from sucre_bench.engine.one_view import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError
@@ -24,7 +21,6 @@ from sucre_bench.scene import Plane, Restoration, View
 
 if TYPE_CHECKING:
     import pandas as pd
-    from rich.table import Table
 
 
 @dataclass(frozen=True)
@@ -136,19 +132,3 @@ def _applicable(with_reference: bool) -> list[str]:
     """Every variant of every metric that needs no more than there is."""
     has = frozenset({"reference"} if with_reference else ())
     return [f"{name}:all" for name, plugin in plugins.usable("metric").items() if plugin.needs <= has]
-
-
-def summary(rows: pd.DataFrame) -> Table:
-    """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
-    from sucre_bench.machine import terminal
-
-    table = terminal.table(["metric", "variant"], ["mean", "std", "lowest", "highest", "images"])
-    ok = rows[rows["status"] == "ok"]
-    for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
-        values = scores["value"]
-        title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
-        finite = values[np.isfinite(values)]
-        spread = finite.std(ddof=0) if len(finite) == len(values) else np.nan
-        figures = (values.mean(), spread, values.min(), values.max())
-        table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
-    return table

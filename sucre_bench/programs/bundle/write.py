@@ -6,7 +6,7 @@ import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal
 
 from sucre_bench import results
 from sucre_bench.errors import InputError
@@ -24,7 +24,6 @@ if TYPE_CHECKING:
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
 Pictures = Literal["none", "restored", "all"]
-PICTURES: tuple[Pictures, ...] = get_args(Pictures)
 
 _TEXTS = ("config.yaml", "environment.json")
 

@@ -74,10 +74,7 @@ def prepare(
 
     straight = stage(work, "images", mapping.key)
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
-    if not straight.done or not all((out / "images" / name).is_file() for name in mapped.registered):
-        by_output = {photo.output: photo for photo in photos}
-        _guarded(out, lambda: undistort(by_output, mapped.model, out / "images", masks, pinhole))
-        straight.finish()
+    _undistort(photos, mapped, out, straight)
 
     dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
     surface = stage(work, "sweeps", straight.key, options.depth_size if dense else 0)
@@ -161,6 +158,16 @@ def _guarded(out: Path, do: Callable[[], T]) -> T:
         if full or shutil.disk_usage(out).free < 1 << 20:
             raise OutputError(f"{out}: the disk is full; free some space and repeat the command") from fault
         raise
+
+
+def _undistort(photos: Sequence[Photo], mapped: Mapped, out: Path, straight: Stage) -> None:
+    """Write the undistorted images and their model, unless they are there."""
+    if straight.done and all((out / "images" / name).is_file() for name in mapped.registered):
+        return
+    by_output = {photo.output: photo for photo in photos}
+    masks, pinhole = straight.folder / "masks", straight.folder / "sparse"
+    _guarded(out, lambda: undistort(by_output, mapped.model, out / "images", masks, pinhole))
+    straight.finish()
 
 
 def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, longest: int | None) -> DepthMaps:
