@@ -9,9 +9,8 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.networks.on_torch import loaded
-from sucre_bench.methods.networks.sizes import tiled
+from sucre_bench.methods.networks.sizes import restored_at, tiled
 from sucre_bench.methods.networks.weights import check_file
-from sucre_bench.methods.networks.working import restored_at
 
 # Pixels: sides of tiles, what neighbours share, and what sides are multiples of. A pixel sees 90 others to each side at
 # most, fewer than a quarter of the overlap: tiles leave no trace.

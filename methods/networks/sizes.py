@@ -8,6 +8,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.machine.progress import track
+from sucre_bench.scene import Restoration, View
 
 
 def limited(height: int, width: int, longest: int | None) -> tuple[int, int]:
@@ -27,6 +28,17 @@ def resized(image: Array, height: int, width: int) -> Array:
 
     planes = (Image.fromarray(np.ascontiguousarray(image[..., c], dtype=np.float32)) for c in range(image.shape[2]))
     return np.stack([np.asarray(p.resize((width, height), Image.Resampling.BICUBIC)) for p in planes], axis=-1)
+
+
+def restored_at(view: View, at: tuple[int, int], device: str, run: Callable[[Array], Array]) -> Restoration:
+    """Return the whole image of a view, restored by `run` at another size and brought back to the view's.
+
+    at: height and width that `run` is given, (H, W, 3) to (H, W, 3); device: where it runs. info: device, worked_at
+    (height and width).
+    """
+    height, width = view.rgb.shape[:2]
+    restored = run(resized(view.rgb, *at))
+    return Restoration(resized(restored, height, width), info={"device": device, "worked_at": f"{at[0]}x{at[1]}"})
 
 
 def tiled(

@@ -94,13 +94,9 @@ def look_at(views: Sequence[View], references: bool) -> list[tuple[ViewFacts, Lo
 def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
     rgb, image_fault = _loaded(view, "rgb")
     depth, depth_fault = _loaded(view, "depth")
-    plane = next((p for p in (rgb, depth) if p is not None), None)
     camera, pose = view.camera, view.cam_from_world
-    if plane is not None:
-        height, width = plane.shape[:2]
-    else:
-        width, height = (camera.width, camera.height) if camera else (0, 0)
-    if camera and plane is not None and (camera.width, camera.height) != (width, height):
+    width, height = next((p.shape[1::-1] for p in (rgb, depth) if p is not None), _size_of(camera))
+    if camera and _size_of(camera) != (width, height):
         fault = f"the image is {width}x{height}, its camera {camera.width}x{camera.height}"
         remedy = "use the images that its camera was found for, uncropped"
         image_fault = image_fault or f"{view.name}: {fault}; {remedy}"
@@ -134,6 +130,10 @@ def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
     return facts, Look(
         view, picture, _sampled(depth, small), at_scale, corners * np.divide(small, (max(width, 1), max(height, 1)))
     )
+
+
+def _size_of(camera: Camera | None) -> tuple[int, ...]:
+    return (camera.width, camera.height) if camera else (0, 0)
 
 
 def _loaded(view: View, plane: str) -> tuple[Array | None, str]:
