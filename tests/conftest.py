@@ -5,7 +5,9 @@ from __future__ import annotations
 import functools
 import gc
 import os
+import re
 import signal
+import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -13,6 +15,8 @@ import pytest
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
 os.environ.pop("COLUMNS", None)  # a terminal made while it is set keeps this width
+if not re.fullmatch(r"[\w./-]+", tempfile.gettempdir(), re.ASCII):  # tests write such paths as Hydra's words, unquoted
+    os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/tmp")
 
 import numpy as np
 from support import process_state

@@ -2,6 +2,7 @@ from __future__ import annotations
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pandas as pd
@@ -16,6 +17,7 @@ from sucre_bench.engine.outcome import Outcome
 from sucre_bench.errors import OutputError
 from sucre_bench.reports import mlflow
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.results.rows import Row
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -168,17 +170,22 @@ def test_a_server_that_is_down_costs_no_result(tmp_path: Path, capsys: pytest.Ca
 
 
 def test_means_are_those_of_the_table(tmp_path: Path):
-    """Views count alike there, however many charts each has."""
-    from sucre_bench.datasets.demo import Demo
-
-    list(Demo(root=tmp_path, width=480, height=360, views=5).scenes())
-    demo = ["dataset=demo", f"dataset.root={tmp_path}", "dataset.width=480", "dataset.height=360", "dataset.views=5"]
-    outcome = run_and_track(*demo, "method=underwater", "metrics=[psi]", f"out={tmp_path / 'out'}")
-    (column,) = [c for c in compare.compare(outcome.rows)[0].columns if c.metric == "psi"]
-    (child,) = [r for r in runs(f"sqlite:///{tmp_path / 'out' / 'mlflow.db'}") if "method" in r.data.tags]
-    assert column.n_units % column.n_views, "the views must differ in their number of charts to show it"
-    mean = compare.compare(outcome.rows)[0].cells["underwater", column].mean
-    assert child.data.metrics["psi.colour"] == pytest.approx(mean)
+    """Views count alike there, however many charts each has: 10 in one view, 30 in another."""
+    options = json.dumps({"name": "gray_world", "dataset": {"name": "demo"}})
+    base = Row("demo", "reef", method="gray_world", options=options, options_id="o", data_id="d")
+    angles = {"a.png": (10.0,), "b.png": (20.0, 30.0, 40.0)}
+    kind = {"metric": "psi", "variant": "colour", "unit": "deg", "better": "lower"}
+    psi = [
+        replace(base, **kind, view=view, region=f"chart{number}", value=value)
+        for view, values in angles.items()
+        for number, value in enumerate(values)
+    ]
+    rows = results.frame([*(replace(base, view=view, value=1.0) for view in angles), *psi])
+    tables, uri = compare.compare(rows), f"sqlite:///{tmp_path / 'mlflow.db'}"
+    assert mlflow.log(tmp_path, rows, tables, uri, "sucre_bench") == 1
+    (child,) = [r for r in runs(uri) if "method" in r.data.tags]
+    (column,) = [c for c in tables[0].columns if c.metric == "psi"]
+    assert child.data.metrics["psi.colour"] == tables[0].cells["gray_world", column].mean == 20
 
 
 def test_a_path_that_mlflow_cannot_take_costs_no_result(tmp_path: Path, capsys: pytest.CaptureFixture[str]):
