@@ -1,4 +1,4 @@
-"""The design of a people's study: its views, its restored images, and the key to the method of each picture.
+"""The design of a people's study: its views, its restored images, their order, and the key to each picture's method.
 
 The page has pictures under random names and knows no method. The key stays in the results folder, as
 people/<study>.json.
@@ -7,10 +7,12 @@ people/<study>.json.
 from __future__ import annotations
 
 import json
+import random
 import re
 import secrets
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -88,6 +90,25 @@ def _dataset(rows: pd.DataFrame, methods: Sequence[str], given: str, folder: Pat
     if not given and len(known) > 1:
         raise InputError(f"{folder}: several datasets; choose one with --dataset, of {', '.join(known)}")
     return given or known[0]
+
+
+def page_order(key: Key, pairs: int) -> dict[str, Any]:
+    """Return what the page's script reads: pictures by view, methods as numbers in random order, and common orders of views.
+
+    orders: for each pair of methods, the order in which every observer is shown views of it, so that several observers
+    judge the same pairs of pictures.
+    """
+    rng = random.SystemRandom()
+    arms = list(key.methods)
+    rng.shuffle(arms)
+    places = list(dict.fromkeys((one.scene, one.view) for one in key.pictures.values()))
+    rng.shuffle(places)
+    views: list[list[str]] = [[""] * len(arms) for _ in places]
+    for name, one in key.pictures.items():
+        views[places.index((one.scene, one.view))][arms.index(one.method)] = name
+    possible = len(views) * len(arms) * (len(arms) - 1) // 2
+    orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in combinations(range(len(arms)), 2)}
+    return {"study": key.study, "pairs": min(pairs, possible), "views": views, "orders": orders}
 
 
 def picture_path(folder: Path, key: Key, shown: Shown) -> Path:

@@ -6,10 +6,8 @@ import base64
 import hashlib
 import io
 import json
-import random
 from collections.abc import Mapping
 from importlib.resources import files
-from itertools import combinations
 from pathlib import Path
 from types import MappingProxyType
 
@@ -20,7 +18,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.programs.people.design import Key, picture_path
+from sucre_bench.programs.people.design import Key, page_order, picture_path
 
 QUESTION = "Which picture shows the scene better?"
 _QUALITY = 95  # of JPEG, without loss of colour resolution: about 0.3 MB a picture of 1200 pixels
@@ -53,7 +51,7 @@ def write_page(
         script=Markup(script),
         style_hash=_policy_hash(style),
         script_hash=_policy_hash(script),
-        content=Markup(_content(key, pairs)),
+        content=Markup(json.dumps(page_order(key, pairs))),
         pictures=_pictures(folder, key, width, masks),
     )
     write_atomically(path, page.encode())
@@ -66,25 +64,6 @@ def _source(name: str) -> str:
 def _policy_hash(text: str) -> str:
     """What a Content-Security-Policy says of an inline style or script."""
     return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
-
-
-def _content(key: Key, pairs: int) -> str:
-    """What the page's script reads: pictures by view, methods as numbers in random order, and common orders of views.
-
-    orders: for each pair of methods, the order in which every observer is shown views of it, so that several observers
-    judge the same pairs of pictures.
-    """
-    rng = random.SystemRandom()
-    arms = list(key.methods)
-    rng.shuffle(arms)
-    places = list(dict.fromkeys((one.scene, one.view) for one in key.pictures.values()))
-    rng.shuffle(places)
-    views: list[list[str]] = [[""] * len(arms) for _ in places]
-    for name, one in key.pictures.items():
-        views[places.index((one.scene, one.view))][arms.index(one.method)] = name
-    possible = len(views) * len(arms) * (len(arms) - 1) // 2
-    orders = {f"{i},{j}": rng.sample(range(len(places)), len(places)) for i, j in combinations(range(len(arms)), 2)}
-    return json.dumps({"study": key.study, "pairs": min(pairs, possible), "views": views, "orders": orders})
 
 
 def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:

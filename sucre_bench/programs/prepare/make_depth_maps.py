@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Protocol
+from typing import Literal, Protocol
 
 import numpy as np
 
@@ -23,11 +23,19 @@ from sucre_bench.programs.prepare.plane_sweep import agreeing, planes_of, sweep
 from sucre_bench.programs.prepare.relief import Relief
 from sucre_bench.programs.prepare.sparse_points import Shot, neighbours
 
+Surface = Literal["auto", "dense", "sparse"]
+
+_MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 _SOURCES = 4
 _FEWEST_POINTS = 6  # sparse points of a photo that a sweep needs
 _SMOOTH = 0.01  # a larger relative difference between neighbours is a border
 _MOST_MILLIMETRES = 65_500
 _NEAR_M = 0.5  # metres; nearer scenes need finer steps than a millimetre
+
+
+def is_dense(surface: Surface, photos: int) -> bool:
+    """Whether depth maps come from plane sweeps; else from a relief of the sparse points. photos: how many are placed."""
+    return surface == "dense" or (surface == "auto" and photos <= _MOST_DENSE)
 
 
 class DepthMaps(Protocol):

@@ -8,12 +8,12 @@ import shutil
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, Literal, TypeVar
+from typing import Any, TypeVar
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
-from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse
+from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse, Surface, is_dense
 from sucre_bench.programs.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos, read_mapped
 from sucre_bench.programs.prepare.output import write
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
@@ -25,8 +25,6 @@ from sucre_bench.programs.prepare.sparse_points import Shot, read_shots
 from sucre_bench.programs.prepare.undistort import undistort
 
 T = TypeVar("T")
-
-_MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +42,7 @@ class Options:
     camera: str = "SIMPLE_RADIAL"
     cameras: Cameras = "single"
     max_size: int = 0
-    surface: Literal["auto", "dense", "sparse"] = "auto"
+    surface: Surface = "auto"
     depth_size: int = 800
 
 
@@ -76,7 +74,7 @@ def prepare(
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
     _undistort(photos, mapped, out, straight)
 
-    dense = options.surface == "dense" or (options.surface == "auto" and len(mapped.registered) <= _MOST_DENSE)
+    dense = is_dense(options.surface, len(mapped.registered))
     surface = stage(work, "sweeps", straight.key, options.depth_size if dense else 0)
     keys = mapping.key, surface.key
     settled = settled_by(before, known, keys)
