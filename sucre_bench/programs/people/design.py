@@ -93,7 +93,7 @@ def _dataset(rows: pd.DataFrame, methods: Sequence[str], given: str, folder: Pat
 
 
 def page_order(key: Key, pairs: int) -> dict[str, Any]:
-    """Return what the page's script reads: pictures by view, methods as numbers in random order, and common orders of views.
+    """Return what the page's script reads: pictures by view, methods as numbers in random order, orders of views.
 
     orders: for each pair of methods, the order in which every observer is shown views of it, so that several observers
     judge the same pairs of pictures.

@@ -34,7 +34,7 @@ _NEAR_M = 0.5  # metres; nearer scenes need finer steps than a millimetre
 
 
 def is_dense(surface: Surface, photos: int) -> bool:
-    """Whether depth maps come from plane sweeps; else from a relief of the sparse points. photos: how many are placed."""
+    """Whether depth maps come from plane sweeps; else from a relief of the sparse points. photos: placed ones."""
     return surface == "dense" or (surface == "auto" and photos <= _MOST_DENSE)
 
 
