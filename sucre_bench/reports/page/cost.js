@@ -2,7 +2,7 @@
 
 import { $, choose, columnOf, data, fill, ranked, shownMethods, state, watch } from "./page.js";
 import { isKnown, number, withUnit } from "./words.js";
-import { inked, label, ownColour, plot, signOf } from "./plots.js";
+import { inked, isNarrow, label, legendBelow, ownColour, plot, signOf } from "./plots.js";
 
 watch(["dataset", "metric"], () => {
   const scores = ranked();
@@ -23,6 +23,7 @@ watch(["dataset", "metric", "hidden", "theme"], () =>
       (m) => isKnown(data.cells[m.at][at]?.mean) && data.cells[m.at][seconds]?.mean > 0,
     );
     if (!known.length) return null;
+    const named = known.length <= (isNarrow() ? 3 : 6); // more names beside points would cover each other
     const traces = known.map((m) => {
       const [cell, took] = [data.cells[m.at][at], data.cells[m.at][seconds]];
       const bar = (c) =>
@@ -37,11 +38,11 @@ watch(["dataset", "metric", "hidden", "theme"], () =>
             }
           : undefined;
       return {
-        name: m.label,
+        name: label(m.label),
         x: [took.mean],
         y: [cell.mean],
         error_y: bar(cell),
-        mode: "markers+text",
+        mode: named ? "markers+text" : "markers",
         text: [`  ${label(m.label)}`],
         textposition: "middle right",
         cliponaxis: false,
@@ -50,12 +51,20 @@ watch(["dataset", "metric", "hidden", "theme"], () =>
         hovertemplate: `${label(m.label)}<br>%{x:.3g} s, ${number(cell.mean)} ${column.unit}<extra></extra>`,
       };
     });
+    const inRows = isNarrow() && !named; // two names in a row
+    $("cost-plot").style.height = inRows ? `${340 + 20 * Math.ceil(known.length / 2)}px` : "";
     const decades = known.map((m) => Math.log10(data.cells[m.at][seconds].mean));
     return {
       traces,
       layout: {
-        showlegend: false,
-        margin: { l: 58, r: 110, t: 14, b: 56 },
+        showlegend: !named,
+        ...(named ? { margin: { l: 58, r: 110, t: 14, b: 56 } } : {}),
+        ...(inRows
+          ? {
+              margin: { l: 58, r: 16, t: 14, b: 64 + 20 * Math.ceil(known.length / 2) },
+              legend: { ...legendBelow(), entrywidth: 0.5, entrywidthmode: "fraction", font: { size: 11 } },
+            }
+          : {}),
         xaxis: {
           type: "log",
           title: { text: "seconds a view" },

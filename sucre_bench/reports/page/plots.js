@@ -106,7 +106,7 @@ function paper() {
 }
 
 // A legend at the bottom, and about how much of the height it takes.
-const legendBelow = () => ({
+export const legendBelow = () => ({
   orientation: "h",
   yref: "container",
   y: 0,

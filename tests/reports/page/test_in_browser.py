@@ -528,6 +528,17 @@ def test_every_control_has_a_name_and_can_be_reached_by_tab(page: Browser):
     assert {"theme", "filter", "view", "before", "after", "divider", "clever"} <= reached
 
 
+def test_names_of_many_methods_stand_below_the_plot_and_not_on_each_other(page: Browser, tmp_path: Path):
+    rows = made_results(tmp_path)
+    write_page(tmp_path, pd.concat([rows.assign(method=rows["method"] + str(n)) for n in range(3)], ignore_index=True))
+    opened(page, tmp_path)
+    page.place("#cost-plot")
+    page.until("document.querySelector('#cost-plot').data?.length === 9")
+    assert page.ask("document.querySelector('#cost-plot').layout.showlegend")
+    assert page.ask("document.querySelectorAll('#cost-plot .legend .traces').length") == 9
+    assert page.ask("document.querySelectorAll('#cost-plot .textpoint').length") == 0
+
+
 def test_plots_are_drawn_before_anybody_scrolls_to_them_as_a_printer_needs(page: Browser):
     shown = "[...document.querySelectorAll('main .plot')].filter((e) => e.offsetParent)"
     drawn = f"{shown}.map((e) => !!e.querySelector('svg'))"
