@@ -121,6 +121,7 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool) -> int:
             run_summary.show(outcome, comparisons)
         sys.stdout.flush()
     finally:  # also when whoever reads our output has gone
-        with contextlib.redirect_stdout(sys.stderr):
-            run_summary.track(outcome, comparisons)
+        if not outcome.interrupted:  # who stops a run wants the shell back; the same command logs all of it
+            with contextlib.redirect_stdout(sys.stderr):
+                run_summary.track(outcome, comparisons)
     return outcome.exit_code

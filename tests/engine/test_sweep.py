@@ -356,10 +356,13 @@ def test_a_killed_run_goes_on_where_it_was(out: Path, toys: str, tmp_path: Path)
 @pytest.mark.parametrize("how", [signal.SIGINT, signal.SIGTERM])
 def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, tmp_path: Path, how: signal.Signals):
     log = tmp_path / "log"
-    stopped = start(out, toys, log, "method.stays_at=v2.png")
+    words = [word for word in STAYING if word != "tracking.uri=off"]
+    more = (f"out={out}", f"method.log={log}", "method.stays_at=v2.png", "--plugin", toys)
+    stopped = Started(out.parent, *words, *more)
     wait_until_it_stays_at("v2.png", log)
     stopped.send(how)
     done = stopped.ended()
+    assert not (out / "mlflow.db").exists(), "who stops a run does not wait for mlflow"
     assert done.returncode == 130
     assert "stopped; the same command continues from here" in done.stdout
     assert "2 ok, 0 failed" in done.stdout
