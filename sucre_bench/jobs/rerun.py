@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import shlex
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -86,6 +86,11 @@ def metric_words(metric: str, variants: Collection[str]) -> list[str]:
     return [] if is_default else [f"metrics.{metric}.variants={value_of(list(variants))}"]
 
 
-def shell(words: list[str]) -> str:
+def shell(words: Sequence[str]) -> str:
     """Words as a shell takes them."""
-    return shlex.join(words)
+    return " ".join(map(_shell_word, words))
+
+
+def _shell_word(word: str) -> str:
+    """In double quotes if the word has single ones, and nothing that a shell would read within double ones."""
+    return f'"{word}"' if "'" in word and not set(word) & set('"$`\\!') else shlex.quote(word)

@@ -11,7 +11,6 @@ import base64
 import gzip
 import json
 import math
-import shlex
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
 from importlib.resources import files
@@ -20,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.text import NUMBERS
+from sucre_bench.jobs.rerun import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.secrets import masked
@@ -56,7 +56,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
 
     loader = PackageLoader("sucre_bench.reports.page", "")
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    pages.filters["shell"] = lambda words: masked(shlex.join(words))
+    pages.filters["shell"] = lambda words: masked(shell(words))
     gallery = Gallery(out, _most_pictures(rows), widths)
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
