@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import click
 
-from sucre_bench.errors import SucreBenchError, did_you_mean
+from sucre_bench.errors import SucreBenchError, did_you_mean, one_line
 from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.memory_limit import limit_mb, too_little
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.shown import escaped_output, with_fewer_letters
 from sucre_bench.machine.standard_streams import open_closed_streams
@@ -31,6 +32,8 @@ def main() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
     with_fewer_letters()
+    if fault := too_little():
+        sys.exit(_fault(fault, 2))
     sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
 
 
@@ -79,6 +82,11 @@ def _status() -> int:
             raise
         reason = fault.strerror or type(fault).__name__
         return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
+    except ImportError as fault:
+        if limit_mb() is None or (fault.name or "").startswith("sucre_bench"):
+            raise
+        remedy = f"`ulimit -v` allows {limit_mb()} MB, allow more"
+        return _fault(f"a library cannot be loaded, {one_line(fault)}; {remedy}", 1)
     except MemoryError:
         return _fault("there is not enough memory; end other programs, or give smaller images (dataset.image_scale)", 1)
     except RuntimeError as fault:

@@ -7,6 +7,7 @@ launchers get each job as text and run `run_text` with it in another process.
 from __future__ import annotations
 
 import logging
+import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -63,7 +64,8 @@ def launch(command: Command, restorations: int) -> Ended:
     except Exception as fault:  # of a launcher: jobs turn their own faults into rows
         keep_traceback(log_path(command.jobs[0].out), "launcher")
         reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
-        progress.say(f"failed  the launcher: {reason}", is_fault=True)
+        remedy = "; free /dev/shm, or leave out hydra/launcher=" * (isinstance(fault, OSError) and command.is_sweep)
+        progress.say(f"failed  the launcher: {reason}{remedy}", is_fault=True)
         return Ended.CRASHED
     return Ended.WELL
 
@@ -114,7 +116,7 @@ class _ThroughHydra:
 
         context = HydraContext(config_loader=_Composed(), callbacks=Callback())  # type: ignore[arg-type]
         self.launcher.setup(hydra_context=context, task_function=_task, config=self.settings)
-        with _same_log_level():
+        with _same_log_level(), _warnings_as_lines():
             for ended in self.launcher.launch([[job.config, job.shared_pairs] for job in jobs], 0):
                 _ = ended.return_value  # raises what ended the job
 
@@ -127,6 +129,18 @@ def _same_log_level() -> Iterator[None]:
         yield
     finally:
         logging.root.setLevel(level)
+
+
+@contextmanager
+def _warnings_as_lines() -> Iterator[None]:
+    """What joblib warns of, for example that it has no shared memory, is a line without paths and code."""
+
+    def shown(message: Warning | str, *_: object, **__: object) -> None:
+        progress.say(f"hydra/launcher: {' '.join(str(message).split())}")
+
+    with warnings.catch_warnings():
+        warnings.showwarning = shown
+        yield
 
 
 class _Composed:

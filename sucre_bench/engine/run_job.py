@@ -23,6 +23,7 @@ from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.machine import progress
+from sucre_bench.machine.files import remove
 from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.machine.steps import earlier_start, step
 from sucre_bench.multiview.cache import sharing
@@ -124,7 +125,7 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
     if job.save == "full":
         write_full(whole, measured, task.base)
     else:
-        whole.unlink(missing_ok=True)  # of another restoration than the picture that is now beside it
+        remove(whole)  # of another restoration than the picture that is now beside it
     return measured
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -85,6 +86,9 @@ def _open(dataset: Choice) -> list[Scene]:
     except SucreBenchError:
         raise
     except (ImportError, OSError) as fault:
+        if isinstance(fault, OSError) and fault.filename is not None:
+            remedy = "let this user read it, or give another path"
+            raise InputError(f"{os.fsdecode(fault.filename)}: {fault.strerror}; {remedy}") from fault
         reason = f"dataset '{dataset.label}': {one_line(fault)}"
         raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
     except BaseException as fault:

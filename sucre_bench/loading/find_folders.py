@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.progress import say
 
 
 def existing(root: Path, holds: str = "the data") -> Path:
@@ -30,10 +31,17 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
     """Yield each folder from `root` down with the names of its folders and of its files, in order of name.
 
     Links are followed, after real folders. A folder that several paths lead to is yielded once, so circular links end.
-    The caller may remove names from the list of folders: these are not entered.
+    The caller may remove names from the list of folders: these are not entered. A folder below that this user must not
+    list is left out with a line. Raises OSError if it is the root.
     """
+
+    def unlisted(fault: OSError) -> None:
+        if Path(fault.filename) == root:
+            raise fault
+        say(f"{fault.filename}: {fault.strerror}, so this folder is left out; let this user read it if it holds data")
+
     seen = set()
-    for place, below, names in os.walk(root, followlinks=True):
+    for place, below, names in os.walk(root, onerror=unlisted, followlinks=True):
         folder = Path(place)
         status = folder.stat()
         identity = (status.st_dev, status.st_ino)

@@ -108,6 +108,14 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
         raise not_writable(path, fault) from fault
 
 
+def remove(path: Path) -> None:
+    """Remove a file if it is there. Raises OutputError if that is not allowed."""
+    try:
+        path.unlink(missing_ok=True)
+    except OSError as fault:
+        raise not_writable(path, fault) from fault
+
+
 @functools.cache
 def _remove_leftovers(folder: Path) -> None:
     """Remove the unfinished files of processes that were killed a day ago or earlier, once in a process."""
@@ -126,7 +134,11 @@ def user_cache() -> Path:
 
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
-    if fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EFBIG):
+    if fault.errno == errno.EFBIG:
+        return OutputError(f"{path}: is larger than a file may be here; raise that limit, `ulimit -f unlimited`")
+    if fault.errno in (errno.EMFILE, errno.ENFILE):
+        return OutputError(f"{path}: too many files are open; allow more, for example `ulimit -n 1024`")
+    if fault.errno in (errno.ENOSPC, errno.EDQUOT):
         return OutputError(f"{path}: the disk is full; free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):
         return OutputError(f"{blocking}: is a file; name a folder to write into")

@@ -13,6 +13,7 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
+from sucre_bench.machine.memory_limit import limit_mb
 from sucre_bench.machine.sigterm import stop_at_signals
 from sucre_bench.machine.steps import Note, NoteFile, at_work
 
@@ -59,8 +60,9 @@ def how_it_ended(status: int, note: Note) -> str:
         return f"after {note.limit_s:g} s, which view_timeout_s allows"
     if status >= 0:
         return f"exit code {status}"
-    hint = ", perhaps for want of memory" if -status == signal.SIGKILL else ""
-    return f"signal {-status}{hint}"
+    limit = limit_mb()
+    hint = ", perhaps for want of memory" if -status == signal.SIGKILL or limit is not None else ""
+    return f"signal {-status}{hint}" + (f", of which ulimit -v allows {limit} MB" if limit is not None else "")
 
 
 def _may_fork() -> bool:

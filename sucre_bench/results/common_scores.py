@@ -105,7 +105,7 @@ def _read(path: Path) -> pd.DataFrame:
     import pyarrow
 
     try:
-        rows = pd.read_parquet(io.BytesIO(regular(path).read_bytes()))
+        rows = pd.read_parquet(io.BytesIO(regular(path).read_bytes()), use_threads=False)
         return rows[list(_COLUMNS)]
     except (pyarrow.ArrowInvalid, OSError, KeyError) as fault:
         reason = f"not a table of scores on common pixels ({one_line(fault)})"

@@ -74,4 +74,8 @@ def as_frame(rows: pyarrow.Table) -> pd.DataFrame:
 
     text = pyarrow.large_string()
     columns = [rows[name] if name in NUMBERS else rows[name].cast(text) for name in COLUMNS]
-    return pyarrow.Table.from_arrays(columns, names=list(COLUMNS)).to_pandas().astype(frame([]).dtypes.to_dict())
+    return (
+        pyarrow.Table.from_arrays(columns, names=list(COLUMNS))
+        .to_pandas(use_threads=False)
+        .astype(frame([]).dtypes.to_dict())
+    )

@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Mask
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
-from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.files import remove, write_atomically
 
 
 def write_mask(path: Path, mask: Mask) -> None:
@@ -24,7 +24,7 @@ def write_mask(path: Path, mask: Mask) -> None:
     import cv2
 
     if mask.all():
-        path.unlink(missing_ok=True)
+        remove(path)
         return
     bits = cv2.imencode(".png", mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])[1]
     write_atomically(path, bytes(bits))

@@ -18,7 +18,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.errors import ANY_FAULT, InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, DamagedTableError, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.files import NoRegularFileError, regular, write_atomically
 from sucre_bench.machine.log import not_before
 from sucre_bench.results.check_table import check_columns, check_values, damaged
@@ -79,13 +79,16 @@ def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
     try:
         content = io.BytesIO(regular(path).read_bytes())  # whole: the file may be replaced while it is read
         check_columns(path, ParquetFile(content))
-        rows = encoded(ParquetFile(content, read_dictionary=list(TEXTS)).read(list(COLUMNS)))
+        file = ParquetFile(content, read_dictionary=list(TEXTS))
+        rows = encoded(file.read(list(COLUMNS), use_threads=False))  # where none can start, pyarrow waits for ever
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
     except NoRegularFileError as no_file:
         raise damaged(path, no_file.fault) from no_file
     except SucreBenchError:
         raise
+    except OSError as fault:
+        raise DamagedTableError(f"{path}: cannot be read, {fault.strerror}; let this user read it") from fault
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
         raise damaged(path, one_line(fault)) from fault
     check_values(path, rows)
@@ -159,7 +162,7 @@ def _arrow_table(path: Path) -> pyarrow.Table | None:
     import pyarrow.parquet
 
     try:
-        return pyarrow.parquet.read_table(io.BytesIO(path.read_bytes()))
+        return pyarrow.parquet.read_table(io.BytesIO(path.read_bytes()), use_threads=False)
     except FileNotFoundError:
         return None
 

@@ -13,6 +13,7 @@ import signal
 import subprocess
 import sys
 import tempfile
+from collections.abc import Callable
 from dataclasses import dataclass
 from multiprocessing import forkserver
 from multiprocessing.context import ForkServerContext
@@ -74,12 +75,14 @@ class Started:
 
     The process is forked from one that has imported the engine already: for tests that kill many.
     dies_at: the change of a file in the folder before which it is killed, counted from 1; 0 for never.
-    is_bounded: it may take 1 GB more than what it has at its start, and 100 s of a processor.
+    before: is called in the process first, to take rights or room from it.
     """
 
-    def __init__(self, folder: Path, *arguments: str, dies_at: int = 0, is_bounded: bool = False) -> None:
+    def __init__(
+        self, folder: Path, *arguments: str, dies_at: int = 0, before: Callable[[], None] | None = None
+    ) -> None:
         self._said = Path(tempfile.mkdtemp())
-        self._process = forks().Process(target=_run, args=(folder, self._said, arguments, dies_at, is_bounded))
+        self._process = forks().Process(target=_run, args=(folder, self._said, arguments, dies_at, before))
         self._process.start()
 
     def send(self, number: signal.Signals, to_group: bool = False) -> None:
@@ -111,7 +114,7 @@ def forks() -> ForkServerContext:
     return context
 
 
-def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, is_bounded: bool) -> None:
+def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, before: Callable[[], None] | None) -> None:
     os.setsid()
     os.chdir(folder)
     _count_changes(folder, said / "changes", dies_at)
@@ -120,14 +123,14 @@ def _run(folder: Path, said: Path, arguments: tuple[str, ...], dies_at: int, is_
     sys.stdout, sys.stderr = (open(stream, "w", encoding="utf-8") for stream in (1, 2))  # noqa: PTH123, SIM115
     terminal.out.width = terminal.err.width = WIDTH
     sys.argv = [PROGRAM, *arguments]
-    if is_bounded:
-        _bound()
+    if before is not None:
+        before()
     main()
 
 
 def run_bounded(folder: Path, *arguments: str) -> Done:
     """Run `sucre-bench ARGUMENTS` as `Started` does, with little memory and time, to its end."""
-    return Started(folder, *arguments, is_bounded=True).ended()
+    return Started(folder, *arguments, before=_bound).ended()
 
 
 def _bound() -> None:

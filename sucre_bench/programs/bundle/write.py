@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 from sucre_bench import results
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import is_file
+from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
@@ -74,9 +74,10 @@ def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
         picture = place.restored(folder, row.method) if place else None
-        if place is None or picture is None or not is_file(picture):
+        if place is None or picture is None or (fault := fault_of(picture)):
             where = picture or f"{folder}: {row.dataset} / {row.method} / {row.view}"
-            raise InputError(f"{where}: the restored image is gone; repeat the run's command, which makes it again")
+            fault = "the restored image is gone" if picture is None or not picture.exists() else fault
+            raise InputError(f"{where}: {fault}; repeat the run's command, which makes it again")
         more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
         yield from (picture, *(file for file in more if is_file(file)))
 

@@ -13,7 +13,8 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.plugins.plugin import Kind
 from sucre_bench.programs.contract.text import shown_path
 
@@ -146,9 +147,8 @@ def _write(files: Mapping[Path, str]) -> None:
             raise InputError(f"{path}: is there already; use another name, or move it away")
     try:
         for path, text in files.items():
-            path.parent.mkdir(parents=True, exist_ok=True)
-            path.write_text(text, encoding="utf-8")
-    except OSError as fault:
-        raise InputError(
-            f"{fault.filename or path}: cannot be written, {fault.strerror}; choose another folder"
-        ) from fault
+            write_atomically(path, text.encode())
+    except OutputError:
+        for path in files:
+            path.unlink(missing_ok=True)
+        raise

@@ -14,6 +14,7 @@ import numpy.typing as npt
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size, same_shape, write_png
 from sucre_bench.loading.find_folders import walk
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 
 
@@ -54,7 +55,7 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
         path, pure = folder / name, PurePosixPath(name)
         size = image_size(path)
         if size is None:
-            damaged[name] = "cannot be read, damaged or not an image; copy it again"
+            damaged[name] = _damage_of_header(path)
             continue
         shrink = min(1.0, max_size / max(size)) if max_size else 1.0
         output = f"{name}.png" if shared[pure.with_suffix("")] > 1 else pure.with_suffix(".png").as_posix()
@@ -108,6 +109,17 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
     if stored.dtype not in (np.uint8, np.uint16):
         raise InputError(f"{photo.path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
     return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
+
+
+def _damage_of_header(path: Path) -> str:
+    """Why the header of a photo cannot be read, and the remedy."""
+    try:
+        with regular(path).open("rb"):
+            return "cannot be read, damaged or not an image; copy it again"
+    except OSError as fault:
+        return f"cannot be read, {fault.strerror}; let this user read it"
+    except InputError as fault:
+        return str(fault).removeprefix(f"{path}: ")
 
 
 def _damage(photo: Photo) -> str:
