@@ -145,7 +145,7 @@ def _replaced(
     none = scored["_kind"] == "none"
     new.loc[none, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
     # Of one score of a view, either all methods are on common pixels or none.
-    lacks = new["status"].isna() | (new["reason"] == Reason.NOT_STORED.value)
+    lacks = new["status"].isna() | new["reason"].isin([Reason.NOT_STORED.value, Reason.NOT_HELD.value])
     why = new["reason"].fillna(pd.Series([state.reason or NOT_SCORED for state in of], scored.index)).where(lacks)
     score = [scored[name] for name in _SCORE]
     lacks, why = lacks.groupby(score).transform("any"), why.groupby(score).transform("first")

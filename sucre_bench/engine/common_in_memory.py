@@ -13,6 +13,7 @@ from sucre_bench.arrays import Mask, Picture
 from sucre_bench.engine.common_view import CommonView, PixelMetrics, add_scores, of_views, rows_of
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.results.common_scores import ViewKey, common_frame, differing_views, filled_restorations
+from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import row_objects
 from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
@@ -46,7 +47,7 @@ class InMemory:
 
     def restoration(self, mask: Mask) -> Restoration:
         """Return a restoration with a mask alone."""
-        return PictureOnly(mask)
+        return PictureOnly(mask, Reason.NOT_HELD)
 
 
 def score_in_memory(

@@ -9,8 +9,6 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.guard import limited, unharmed
@@ -109,8 +107,8 @@ class Scored:
         return self.sizes[resizing]
 
     def _restoration_at(self, resizing: Resizing) -> Restoration:
-        if isinstance(self.restoration, PictureOnly):  # at another size holes are black pixels
-            return PictureOnly(np.ones((resizing.side, resizing.side), np.bool_))
+        if isinstance(self.restoration, PictureOnly):
+            return self.restoration.at_size(resizing.side)
         return resized_restoration(self.restoration, self.view.encoding, resizing)
 
 

@@ -100,7 +100,7 @@ def _machine(out: Path, gpu: str | None) -> dict[str, str]:
         "cores": str(cores),
         "memory": f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GB free",
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
-        "gpu": gpu or "none that a driver tells of: torch and JAX run on the CPU",
+        "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
 
 

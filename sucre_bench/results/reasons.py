@@ -13,6 +13,7 @@ class Reason(Enum):
     NOTHING_TO_SCORE = "nothing to score in this view"
     NO_VALUE = "no value (NaN)"
     NOT_STORED = "the computed image is not stored; save=full stores it"
+    NOT_HELD = "compare_methods holds pictures, not computed images; sucre-bench run with save=full stores them"
     FILLS_LITTLE = "fills less than 1 % of the image"
     NO_SHARED_PIXELS = "no pixel that all methods fill"
     ONE_VIEW = "only one view of the scene is restored; two are needed"

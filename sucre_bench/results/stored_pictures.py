@@ -19,19 +19,24 @@ from sucre_bench.scene import Restoration
 
 
 class PictureOnly(Restoration):
-    """A restoration of which the folder holds picture and mask, but not the computed image.
+    """A restoration of which there are picture and mask, but not the computed image.
 
-    Asking for `image` raises NotApplicableError. mask: (H, W), the pixels with a colour.
+    Asking for `image` raises NotApplicableError. mask: (H, W), the pixels with a colour; reason: why it is not there.
     """
 
-    def __init__(self, mask: Mask) -> None:
+    def __init__(self, mask: Mask, reason: Reason = Reason.NOT_STORED) -> None:
+        object.__setattr__(self, "_reason", reason)
         object.__setattr__(self, "_mask", mask)
         object.__setattr__(self, "info", {})
 
     def __getattr__(self, name: str) -> Any:
         if name == "image":
-            raise NotApplicableError(Reason.NOT_STORED.value)
+            raise NotApplicableError(self.__dict__["_reason"].value)
         raise AttributeError(name)
+
+    def at_size(self, side: int) -> PictureOnly:
+        """Return the same for a square of other size, where holes are black pixels."""
+        return PictureOnly(np.ones((side, side), np.bool_), self.__dict__["_reason"])
 
     @property
     def valid(self) -> Mask:

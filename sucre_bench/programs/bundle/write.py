@@ -13,6 +13,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
+from sucre_bench.programs.bundle.unverifiable import unverifiable
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
@@ -34,7 +35,8 @@ class Bundled:
 
     id: see `Bundle`; n_scores: number of rows with a value, without seconds and memory; n_inside, n_outside: number of
     pictures in the bundle, and of pictures of which it has only the hash; local_paths: folders of this machine that
-    options of methods or datasets name.
+    options of methods or datasets name; unverifiable: number of scores that need the restoration before it was rounded
+    to 8 bits, by "metric:variant".
     """
 
     path: Path
@@ -43,6 +45,7 @@ class Bundled:
     n_inside: int
     n_outside: int
     local_paths: tuple[str, ...]
+    unverifiable: Mapping[str, int]
 
 
 def bundle_results(
@@ -66,7 +69,9 @@ def bundle_results(
     outside = {name: hash_of(file) for name, file in progress.track(left.items(), "hashing pictures")}
     made = write_bundle(path, rows, files, outside, by, version_of("sucre-bench") or "")
     n_scores = int(((rows["status"] == "ok") & ~rows["metric"].isin(COSTS)).sum())
-    return Bundled(path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows))
+    return Bundled(
+        path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows), unverifiable(rows)
+    )
 
 
 def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import io
 import json
+import re
 import shutil
 import zipfile
 from collections.abc import Callable
@@ -96,6 +97,14 @@ def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Pa
     assert (status, found["holds"], found["differing"], found["faults"]) == (0, True, [], [])
     assert found["n_agree"] == 12  # of psnr, uciqe and coverage, two methods on two views
     assert sum(found["unchecked"].values()) == 4  # negative intensities are not in a picture
+
+
+def test_bundle_says_which_scores_nobody_can_verify(folder: Path, tmp_path: Path):
+    said = {}
+    for pictures in ("none", "restored"):
+        done = run_here(folder, "bundle", "results", str(tmp_path / "again.zip"), "--pictures", pictures)
+        said[pictures] = re.findall(r"(\d+) of (\w+):\w+", done.stderr)
+    assert said == {"none": [], "restored": [("4", "negative")]}
 
 
 @pytest.fixture(scope="module")
