@@ -42,7 +42,7 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for
     every metric that applies, in all its variants. An image that cannot be read, or has no reference of its name, is a
     failed row. A line says when PNG or TIFF images are compared with JPEG references. Raises InputError when there is
-    no image, or no folder of references.
+    no image, no folder of references, or no reference of any image.
     """
     import pandas as pd
 
@@ -50,6 +50,11 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     metric_choices(names)  # raises for a mistyped name, before any image is read
     files = images_in(images)
     references = None if reference is None else _References(reference)
+    if references is not None and not any(map(references.has, files)):
+        stem = PurePosixPath(next(iter(files))).stem
+        raise InputError(
+            f"{reference}: no image has the name of one in {images}, for example {stem}; rename the references"
+        )
     label, tables, pairs = images.resolve().name, [], list[_Files]()
     for name, path in progress.track(files.items(), f"scoring {label}"):
         try:
@@ -98,7 +103,7 @@ class _References:
             return self._place
         if (self._place / name).is_file():
             return self._place / name
-        found = [file for file in self._folder.find(name) if _is_in_folder_of(PurePosixPath(file), PurePosixPath(name))]
+        found = self._fitting(name)
         if not found:
             stem = PurePosixPath(name).stem
             raise InputError(f"{self._place / name}: no such reference; give a folder with an image named {stem}")
@@ -107,6 +112,14 @@ class _References:
                 f"{self._place}: {name} may be {' or '.join(found[:2])}; give the folder of one of them as --reference"
             )
         return self._place / found[0]
+
+    def has(self, name: str) -> bool:
+        """Whether some file fits an image."""
+        return self._folder is None or (self._place / name).is_file() or bool(self._fitting(name))
+
+    def _fitting(self, name: str) -> list[str]:
+        assert self._folder is not None
+        return [file for file in self._folder.find(name) if _is_in_folder_of(PurePosixPath(file), PurePosixPath(name))]
 
 
 def _is_in_folder_of(file: PurePosixPath, image: PurePosixPath) -> bool:

@@ -70,6 +70,16 @@ def test_a_missing_reference_is_named_and_the_others_are_scored(bench, folders):
     assert (scores(done.stdout)["metric"] == "psnr").sum() == 1
 
 
+def test_a_folder_of_other_names_is_one_line(bench, folders):
+    images, truth = folders
+    for n, path in enumerate(sorted(truth.rglob("*.png"))):
+        path.rename(truth / f"other{n}.png")
+    done = bench("score", str(images), "--reference", str(truth), "--metrics", "psnr")
+    assert done.returncode == 2
+    assert len(done.errors) == 1
+    assert done.errors[0].startswith(f"error: {truth}")
+
+
 def test_references_of_a_results_folder_are_found_by_stem_and_said_to_be_lossy(bench, folders, tmp_path: Path):
     """Their suffix is .jpg, and they lie in a folder of the dataset."""
     references = tmp_path / "references" / "demo"
