@@ -119,6 +119,10 @@ class ColourOptions:
     """Draw noisy colours towards the image's mean colour at their own brightness, in proportion to their noise. The
     three channels are treated together."""
 
+    edges: bool = False
+    """Where other views contradict the image, at edges of depth and of texture and on animals, show what the image
+    shows (colours=multi_view; no effect with lamp or robust)."""
+
     even: bool = False
     """Remove dots, lines and steps that appear where a view misses some pixels between those that it shows
     (colours=multi_view)."""

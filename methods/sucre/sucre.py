@@ -107,16 +107,23 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         if solution.is_photograph:
             return solution
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
+        from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
         from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
 
         if self.prior or self.robust:
             solution = calibrated(observations, solution, decoded=self._decodes(view))
-        if not self.even:
-            return solution
         if solution.weight is not None:
             observations = replace(observations, weight=solution.weight)
-        J = evened(observations, solution.J, solution.water, view.name)
-        return replace(solution, J=J, deviation=even_deviation(observations, solution.deviation, view.distance))
+        J, deviation = solution.J, solution.deviation
+        if self.even:
+            J = evened(observations, J, solution.water, view.name)
+        if self.edges and not (self.lamp or self.robust):
+            target = Target(self.intensities(view).reshape(*observations.shape, 3), view.rgb, view.distance)
+            images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
+            J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
+        if self.even:
+            deviation = even_deviation(observations, deviation, view.distance)
+        return replace(solution, J=J, deviation=deviation)
 
     def observe(self, scene: Scene, view: View, known: Observations | None = None) -> Observations:
         """Return the observations of a view; known: the same without `view`, to be paired again with it."""

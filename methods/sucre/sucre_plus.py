@@ -18,7 +18,7 @@ from sucre_bench.methods.sucre.sucre_paper import CITES
 )
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
-    """SUCRe with colours above zero, less noise, no dots, and one black for all channels.
+    """SUCRe with colours above zero, less noise, no dots, edges as in the image, and one black for all channels.
 
     The veil can absorb an offset of all colours without changing any residual, so an offset is the least known quantity
     of the model. A black of each channel would make up for it by turning hues; one black for all channels cannot. White
@@ -27,4 +27,5 @@ class SucrePlus(Sucre):
 
     physical: bool = True
     prior: bool = True
+    edges: bool = True
     even: bool = True

@@ -1,0 +1,72 @@
+"""A board in front of ground, whose depth map is off by some pixels, and pixels that other views show wrongly."""
+
+from __future__ import annotations
+
+import numpy as np
+from support.made_ground import WATERS
+
+from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
+from sucre_bench.methods.sucre.model import WaterParameters
+
+SHAPE = (80, 120)
+ROW, COLUMN = np.mgrid[: SHAPE[0], : SHAPE[1]]
+BOARD = (COLUMN >= 40) & (COLUMN < 80) & (ROW >= 20) & (ROW < 60)
+SHIFTED = (COLUMN >= 37) & (COLUMN < 77) & (ROW >= 20) & (ROW < 60)  # the board in the depth map
+NEAR, FAR = 2.0, 5.0
+WATER = WaterParameters(*(getattr(WATERS["coast"], k) for k in ("veiling_light", "attenuation", "backscatter")))
+
+
+def in_water(J: np.ndarray, z: np.ndarray) -> np.ndarray:
+    z = z[..., None]
+    return J * np.exp(-WATER.beta * z) + WATER.B * (1 - np.exp(-WATER.gamma * z))
+
+
+def scene() -> tuple[np.ndarray, np.ndarray]:
+    """Colours without water, and intensities with noise, (H, W, 3)."""
+    rng = np.random.default_rng(0)
+    J = np.where(BOARD[..., None], 0.8, (0.35, 0.25, 0.15)) * (1 + 0.05 * rng.standard_normal((*SHAPE, 1)))
+    I = in_water(J, np.where(BOARD, NEAR, FAR))  # noqa: E741
+    return J, I + 0.003 * rng.standard_normal(I.shape)
+
+
+def test_pixels_on_the_wrong_side_of_a_depth_edge_take_the_side_that_they_look_like() -> None:
+    J, I = scene()  # noqa: E741
+    distance = np.where(SHIFTED, NEAR, FAR)
+    # what views show that are paired by that depth map: the board where it says so
+    paired = np.where(SHIFTED[..., None], 0.8, (0.35, 0.25, 0.15)).astype(np.float32)
+    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
+    found, _ = corrected_edges(Target(I, I, distance), paired, deviation, WATER)
+    wrong = (SHIFTED != BOARD) & (ROW >= 24) & (ROW < 56)
+    before, after = (np.abs(image - J)[wrong].mean() for image in (paired, found))
+    assert before > 0.3
+    assert after < 0.1
+    right = SHIFTED == BOARD
+    assert np.abs(found - J)[right].mean() < 1.1 * np.abs(paired - J)[right].mean()
+
+
+def test_pixels_that_other_views_show_wrongly_get_what_the_image_shows_and_its_noise() -> None:
+    rng = np.random.default_rng(1)
+    J = (0.5 + 0.05 * rng.standard_normal((*SHAPE, 3))).astype(np.float32)
+    distance = np.full(SHAPE, NEAR)
+    I = in_water(J, distance) + 0.003 * rng.standard_normal(J.shape)  # noqa: E741
+    wrong = (ROW % 9 == 4) & (COLUMN % 9 == 4)
+    paired = np.where(wrong[..., None], J + 0.3, J).astype(np.float32)
+    deviation = np.full((*SHAPE, 3), 0.002, np.float32)
+    found, left = corrected_edges(Target(I, I, distance), paired, deviation, WATER)
+    assert np.abs(found - J)[wrong].mean() < 0.04
+    assert (left[wrong] > deviation[wrong]).all()
+    np.testing.assert_array_equal(found[~wrong], paired[~wrong])
+
+
+def test_where_views_agree_nothing_changes_and_holes_stay() -> None:
+    J, I = scene()  # noqa: E741
+    distance = np.where(BOARD, NEAR, FAR)
+    hole = (ROW < 10) & (COLUMN < 10)
+    colours = np.where(hole[..., None], np.nan, J).astype(np.float32)
+    I[70, 100] = np.nan
+    deviation = np.full((*SHAPE, 3), 0.01, np.float32)
+    found, left = corrected_edges(Target(I, I, np.where(hole, 0, distance)), colours, deviation, WATER)
+    np.testing.assert_array_equal(np.isnan(found), np.isnan(colours))
+    known = ~hole
+    assert np.mean(found[known] == colours[known]) > 0.99
+    assert np.isfinite(left[known]).all()
