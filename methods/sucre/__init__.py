@@ -17,6 +17,7 @@ one water and one colour a pixel.
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `apply_gains.py` | observations of all views in one exposure |
 | `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
+| `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py` | colours and their errors after the fit, one subject each |
 | `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
 """
 

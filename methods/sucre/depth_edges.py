@@ -46,6 +46,9 @@ _ALIKE, _LEAST, _MORE = 0.04, 0.2, 4.0
 
 _DARK = 1e-3
 
+# Pixels that typical differences are taken from, and entries of their table over distance.
+_SAMPLE, _FINE = 200_000, 1000
+
 # Metres that no distance exceeds.
 _FAR = 1e9
 
@@ -74,7 +77,7 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     """
     known = np.isfinite(J + target.intensity).all(axis=-1) & (target.distance > 0)
     own, a = _own(target.intensity, target.distance, water)
-    difference = np.where(known[..., None], own - J, 0)
+    difference = np.where(known[..., None], own - J, np.float32(0))
     most = _CLIPPED * _deviation(difference, a, target.distance, known)
     e = difference - _mean(difference.clip(-most, most), known, target.half)
     e[~known] = 0
@@ -93,27 +96,35 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
 
 def _own(intensity: Array, distance: Array, water: WaterParameters) -> tuple[Array, Array]:
     """Return the colours (..., 3) that intensities alone have at distances (...,), and the transmission."""
-    z = distance[..., None]
-    a = transmission(z, water.beta).clip(min=_DARK)
-    return (intensity - veil(z, water.B, water.gamma)) / a, a
+    z = distance[..., None].astype(np.float32)
+    B, beta, gamma = (column.astype(np.float32)[:, 0] for column in water.columns())
+    a = transmission(z, beta).clip(min=_DARK)
+    return (intensity.astype(np.float32) - veil(z, B, gamma)) / a, a
 
 
 def _deviation(e: Array, a: Array, distance: Array, known: Mask) -> Array:
     """Return the typical size (H, W, 3) of differences e of colours: that of e a at similar distances, over a."""
-    order = np.argsort(distance[known], kind="stable")
-    z, squares = distance[known][order], ((e * a)[known] ** 2)[order]
+    places = np.flatnonzero(known)
+    few = places[:: max(1, len(places) // _SAMPLE)]
+    few = few[np.argsort(distance.ravel()[few], kind="stable")]
+    z, squares = distance.ravel()[few], (e.reshape(-1, 3)[few] * a.reshape(-1, 3)[few]) ** 2
     classes = [part for part in np.array_split(np.arange(len(z)), _CLASSES) if len(part)]
     middle = [z[part].mean() for part in classes]
-    typical = np.array([np.median(squares[part], axis=0) / _MEDIAN_OF_SQUARE for part in classes])
-    return np.stack([np.sqrt(np.interp(distance, middle, of_channel)) for of_channel in typical.T], axis=-1) / a
+    typical = np.sqrt([np.median(squares[part], axis=0) / _MEDIAN_OF_SQUARE for part in classes])
+    if not classes:
+        return np.ones_like(a)
+    fine = np.linspace(middle[0], middle[-1], _FINE)  # a table: distances are many
+    table = np.stack([np.interp(fine, middle, of_channel) for of_channel in typical.T], axis=-1).astype(np.float32)
+    step = max((middle[-1] - middle[0]) / (_FINE - 1), 1e-9)
+    return np.asarray(table[((distance - middle[0]) / step).clip(0, _FINE - 1).astype(np.int32)] / a)
 
 
 def _mean(values: Array, known: Mask, half: int) -> Array:
     import cv2
 
     size = (2 * half + 1, 2 * half + 1)
-    n = cv2.boxFilter(known.astype(np.float64), -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
-    total = cv2.boxFilter(values.astype(np.float64), -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    n = cv2.boxFilter(known.astype(np.float32), -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
+    total = cv2.boxFilter(values.astype(np.float32), -1, size, normalize=False, borderType=cv2.BORDER_CONSTANT)
     return np.asarray(total / np.maximum(n, 1)[..., None])
 
 
