@@ -12,10 +12,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine.one_view import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import SUFFIXES, read_rgb
+from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.machine import progress
+from sucre_bench.machine.files import fault_of
 from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
 
@@ -88,9 +89,11 @@ class _References:
     """The images that others are compared with: one file, or a folder with the same names, with any image's suffix."""
 
     def __init__(self, place: Path) -> None:
-        """Raises InputError where there is no such file or folder."""
-        if not place.exists():
-            raise InputError(f"{place}: no such folder; give the references as a folder or one image")
+        """Raises InputError where there is no such image or folder."""
+        if not place.is_dir():
+            fault = fault_of(place) if place.exists() else "no such folder"
+            if fault or image_size(place) is None:
+                raise InputError(f"{place}: {fault or 'is no image'}; give the references as a folder or one image")
         self._place, self._folder = place, None if place.is_file() else ImageFolder(place)
 
     def of(self, name: str) -> Path:

@@ -75,6 +75,8 @@ CASES: dict[str, tuple[str, int, str]] = {
     ),
     "a file as folder of pairs": (f"{RUN_SUCRE} method.pairs=empty.json", 2, r"empty\.json: is no folder; "),
     "a pipe as list of views": (f"{RUN} views=views.txt", 2, r"views\.txt: is a named pipe; "),
+    "a pipe as reference": ("score dive/images --reference pipe.py", 2, r"pipe\.py: is a named pipe; "),
+    "a text as reference": ("score dive/images --reference empty.json", 2, r"empty\.json: is no image; "),
     "a pipe as score table": (f"{RUN} out=piped", 2, r"piped/scores\.parquet: .*is a named pipe; "),
     "a device as line-up": ("run /dev/zero", 2, r"/dev/zero"),
     "a device as list of numbers": ("score dive/images --like /dev/zero", 2, r"/dev/zero: is a device; "),
