@@ -26,7 +26,17 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The folder it is installed in."""
     target = tmp_path_factory.mktemp("installed")
-    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-compile"]
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-compile",
+    ]
     done = subprocess.run([*install, "--target", str(target), str(copied)], capture_output=True, text=True, check=False)
     assert done.returncode == 0, done.stderr
     return str(target)

@@ -110,7 +110,17 @@ def is_text(node: ast.AST) -> bool:
 def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:
     done = new("method", "tried_out", "--package", "my-restorers")
     assert "install  pip install -e my-restorers" in done.stdout
-    install = [sys.executable, "-m", "pip", "install", "-q", "--no-deps", "--no-build-isolation", "--no-compile"]
+    install = [
+        sys.executable,
+        "-m",
+        "pip",
+        "install",
+        "-q",
+        "--disable-pip-version-check",
+        "--no-deps",
+        "--no-build-isolation",
+        "--no-compile",
+    ]
     subprocess.run([*install, "--target", "there", "./my-restorers"], check=True)
     listed = program("list", "methods", PYTHONPATH=str(folder / "there")).stdout
     assert "tried_out\n    Multiply the red channel by a factor." in listed

@@ -18,8 +18,20 @@ PASSWORD = "pa55word"
 
 @pytest.fixture
 def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """An empty cache of the user's."""
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     return tmp_path / "cache"
+
+
+@pytest.fixture(scope="module")
+def place_of_cache(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    return tmp_path_factory.mktemp("cache")
+
+
+@pytest.fixture
+def used_cache(place_of_cache: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """A cache of the user's that keeps what these tests put into it: an empty store takes seconds to make."""
+    monkeypatch.setenv("XDG_CACHE_HOME", str(place_of_cache))
 
 
 @pytest.fixture
@@ -43,7 +55,7 @@ def test_later_stores_are_copies_of_the_first_and_keep_nothing_of_where_that_was
         assert len([*(cache / "sucre_bench").iterdir()]) == 1
 
 
-def test_a_table_that_is_logged_is_known_without_asking_mlflow(cache: Path, out: Path):
+def test_a_table_that_is_logged_is_known_without_asking_mlflow(used_cache: None, out: Path):
     uri = mlflow.default_uri(out)
     assert not mlflow.is_logged(out, uri, "sucre_bench")
     log(out)
@@ -58,7 +70,7 @@ def test_a_table_that_is_logged_is_known_without_asking_mlflow(cache: Path, out:
     assert not mlflow.is_logged(out, uri, "sucre_bench")
 
 
-def test_mlflows_first_screen_has_the_columns_that_decide(cache: Path, out: Path):
+def test_mlflows_first_screen_has_the_columns_that_decide(used_cache: None, out: Path):
     log(out)
     client = MlflowClient(tracking_uri=mlflow.default_uri(out))
     experiment = client.get_experiment_by_name("sucre_bench")
@@ -70,7 +82,7 @@ def test_mlflows_first_screen_has_the_columns_that_decide(cache: Path, out: Path
 
 
 @pytest.mark.parametrize("content", [b"no database", None])
-def test_a_store_that_cannot_be_used_is_named_with_the_reason(cache: Path, out: Path, content: bytes | None):
+def test_a_store_that_cannot_be_used_is_named_with_the_reason(used_cache: None, out: Path, content: bytes | None):
     store = out.parent / "store.db"
     store.mkdir() if content is None else store.write_bytes(content)
     with pytest.raises(InputError, match=r"store\.db: mlflow cannot use this store"):
