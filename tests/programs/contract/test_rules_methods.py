@@ -55,7 +55,12 @@ def test_what_keeps_the_contract_is_found_to_keep_it(tmp_path: Path, needs: str,
             "its input",
             "rgb of far.png is changed",
         ),
-        ("()", GOOD + "return Restoration(image * np.random.rand())", "same twice", r"differs by up to 0\.\d+; seed"),
+        (
+            "()",
+            GOOD + "return Restoration(image * np.random.rand(*image.shape[:2], 1))",
+            "same twice",
+            r"differs by up to 0\.\d+; seed",
+        ),
         (
             "()",
             "np.random.seed(3)\n" + GOOD + "return Restoration(image)",
@@ -193,6 +198,8 @@ def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_p
 
 
 def test_what_is_random_is_accused_of_nothing_else(tmp_path: Path) -> None:
-    found = broken(tmp_path, "method", METHOD, "return Restoration(view.rgb * np.random.rand())", needs="()")
+    found = broken(
+        tmp_path, "method", METHOD, "return Restoration(view.rgb * np.random.rand(*view.rgb.shape[:2], 1))", needs="()"
+    )
     assert "does not look" not in found
     assert "same twice" in found
