@@ -11,6 +11,7 @@ Of two rows for one score the one with the later `time` counts. Reading moves th
 from __future__ import annotations
 
 import io
+import os
 import time
 import uuid
 from collections.abc import Mapping, Sequence
@@ -34,6 +35,7 @@ TABLE = "scores.parquet"
 PARTS = "parts"
 FLUSH_S = 1.0
 _JOINED = 8  # files at a time
+_SCARCE_BYTES = 100_000_000  # on a disk with less room, rows are written at once
 _ATTEMPTS = 5  # at reading or writing parts while another process merges them
 
 
@@ -117,8 +119,16 @@ class Part:
     def add(self, rows: Sequence[Row]) -> None:
         """Store rows. Raises OutputError if they cannot be written."""
         self._pending.extend(rows)
-        if time.monotonic() - self._written >= self._flush_s:
+        if time.monotonic() - self._written >= self._flush_s or self._is_room_scarce():
             self.flush()
+
+    def _is_room_scarce(self) -> bool:
+        """Whether the disk may be full soon: then rows that wait could no longer be written."""
+        try:
+            disk = os.statvfs(self._folder.parent)
+        except (OSError, AttributeError):  # no folder yet, or Windows
+            return False
+        return disk.f_bavail * disk.f_frsize < _SCARCE_BYTES
 
     def flush(self) -> None:
         """Write the rows since the last flush to the disk."""
