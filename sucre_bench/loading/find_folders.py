@@ -32,10 +32,12 @@ def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:
 
     Links are followed, after real folders. A folder that several paths lead to is yielded once, so circular links end.
     The caller may remove names from the list of folders: these are not entered. A folder below that this user must not
-    list is left out with a line. Raises OSError if it is the root.
+    list is left out with a line. Raises OSError if it is the root; a root that is not there has no files.
     """
 
     def unlisted(fault: OSError) -> None:
+        if isinstance(fault, FileNotFoundError | NotADirectoryError):
+            return
         if Path(fault.filename) == root:
             raise fault
         say(f"{fault.filename}: {fault.strerror}, so this folder is left out; let this user read it if it holds data")
