@@ -1,4 +1,4 @@
-"""Dots where a view misses pixels, with even=false and even=true: the table of "Gaps of a view" in docs/sucre.md.
+"""Dots where a view misses pixels, with even=false and even=true: for "Gaps of a view" in docs/sucre.md.
 
 Run: python benchmarks/gaps.py [--size 640x480]
 
