@@ -76,26 +76,35 @@ def _tables(out: Path, labels: Mapping[str, str]) -> list[pyarrow.Table]:
 
 def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
     """The encoded rows of a file; None if it is no longer there."""
-    from pyarrow.parquet import ParquetFile
-
     try:
-        content = io.BytesIO(regular(path).read_bytes())  # whole: the file may be replaced while it is read
-        check_columns(path, ParquetFile(content))
-        file = ParquetFile(content, read_dictionary=list(TEXTS))
-        rows = encoded(file.read(list(COLUMNS), use_threads=False))  # where none can start, pyarrow waits for ever
+        content = regular(path).read_bytes()  # whole: the file may be replaced while it is read
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
     except NoRegularFileError as no_file:
         raise damaged(path, no_file.fault) from no_file
-    except SucreBenchError:
-        raise
     except OSError as fault:
         raise DamagedTableError(f"{path}: cannot be read, {fault.strerror}; let this user read it") from fault
-    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
+    try:
+        rows = _decoded(path, content)
+    except SucreBenchError:
+        raise
+    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
         raise damaged(path, one_line(fault)) from fault
-    check_values(path, rows)
     for name, label in labels.items():
         rows = of_label(rows, name, label)
+    return rows
+
+
+def _decoded(path: Path, content: bytes) -> pyarrow.Table:
+    """The encoded rows that the content of a file holds, checked."""
+    from pyarrow.parquet import ParquetFile
+
+    check_columns(path, ParquetFile(io.BytesIO(content)))
+    file = ParquetFile(io.BytesIO(content), read_dictionary=list(TEXTS))
+    held = file.read(list(COLUMNS), use_threads=False)  # where none can start, pyarrow waits for ever
+    held.validate(full=True)  # text that is no text, and numbers that point to none
+    rows = encoded(held)
+    check_values(path, rows)
     return rows
 
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -16,6 +17,7 @@ from support.command_line import run_here
 from support.places import TOYS
 
 from sucre_bench import results
+from sucre_bench.errors import DamagedTableError
 from sucre_bench.results.rows import Row
 
 ROWS = results.frame(
@@ -56,6 +58,11 @@ def scrambled(path: Path) -> None:
     path.write_bytes(content)
 
 
+def no_text(path: Path) -> None:
+    ROWS.to_parquet(path, index=False, compression=None)
+    path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
+
+
 def endless(path: Path) -> None:
     one = pyarrow.table({name: pyarrow.nulls(1) for name in ROWS})
     pyarrow.parquet.write_table(one, path)
@@ -83,6 +90,7 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "a column is there twice": (twice, "two columns 'value'"),
     "cut short": (cut, "not a table of scores"),
     "overwritten inside": (scrambled, "not a table of scores"),
+    "bytes that are no text": (no_text, "not a table of scores"),
     "only nulls": (endless, "column 'dataset'"),
     "a folder": (lambda path: path.mkdir(), ""),
 }
@@ -110,6 +118,31 @@ def test_a_table_that_cannot_be_used_is_one_line_with_file_and_column(
         assert len(done.errors) == 1
         assert "Traceback" not in done.stderr
         assert (path.read_bytes() if path.is_file() else None) == before
+
+
+def fault_of_reading(folder: Path) -> str:
+    try:
+        results.read(folder)
+    except DamagedTableError as fault:
+        return str(fault)
+    return ""
+
+
+def test_bytes_that_change_anywhere_in_a_table_give_the_one_error_or_none(tmp_path: Path):
+    path = tmp_path / "scores.parquet"
+    ROWS.assign(time="2026-01-01T00:00:00.000000+00:00").to_parquet(path, index=False)
+    whole, faults = path.read_bytes(), list[str]()
+    for seed in range(20):
+        random = np.random.default_rng(seed)
+        content, length = bytearray(whole), int(random.integers(1, 400))
+        at = int(random.integers(0, len(whole) - length))
+        content[at : at + length] = random.bytes(length)
+        path.write_bytes(content)
+        faults.append(fault_of_reading(tmp_path))
+    refused = [fault for fault in faults if fault]
+    assert len(refused) > 10
+    for fault in refused:
+        assert re.search(r"scores\.parquet: (not a table of scores|column)", fault)
 
 
 def test_tables_of_other_writers_with_the_same_values_are_read(tmp_path: Path):
