@@ -31,6 +31,7 @@ from sucre_bench.methods.sucre.model import WaterParameters, predict
 from sucre_bench.multiview.observations import Observations
 
 BACKENDS = ("numba", "torch", "jax", "numpy")
+ON_GPU = ("torch", "jax")
 SIZES = (1e5, 1e6, 1e7, 1e8)
 WATER = WaterParameters(np.array([0.06, 0.22, 0.30]), np.array([0.42, 0.14, 0.10]), np.array([0.30, 0.17, 0.13]))
 NOISE = 0.004
@@ -124,13 +125,14 @@ def draw(rows: list[dict[str, Any]], path: Path) -> None:
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0] if __doc__ else None)
     parser.add_argument("--observations", type=float, help="one size alone; default: 1e5, 1e6, 1e7 and 1e8")
-    parser.add_argument("--backends", default=",".join(BACKENDS))
+    parser.add_argument("--backends", help="default: numba,torch,jax,numpy; with --device cuda: torch,jax")
     parser.add_argument("--device", default="cpu", choices=("cpu", "cuda"), help="cuda: for torch and jax")
     parser.add_argument("--turns", type=int, default=2)
     parser.add_argument("--out", type=Path, help="folder for the table and the figure")
     parser.add_argument("--child", action="store_true", help=argparse.SUPPRESS)
     arguments = parser.parse_args()
-    backends = arguments.backends.split(",")
+    on_gpu = arguments.device == "cuda"
+    backends = arguments.backends.split(",") if arguments.backends else list(ON_GPU if on_gpu else BACKENDS)
     if arguments.child:
         print(json.dumps(measure(arguments.observations, backends[0], arguments.device, arguments.turns)))
         return

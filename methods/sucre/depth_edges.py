@@ -90,7 +90,8 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     corrected[moved], there = _own(target.intensity[moved], side[moved], water)
     share[moved] = 1
     noise[moved] *= a[moved] / there
-    left = np.sqrt(((1 - share) * deviation) ** 2 + (share * noise) ** 2)
+    rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)  # deviations may be infinite
+    left = np.sqrt(rest**2 + (share * noise) ** 2)
     return corrected.astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
 
 

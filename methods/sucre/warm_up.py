@@ -6,6 +6,7 @@ import numpy as np
 
 from sucre_bench.camera import Camera
 from sucre_bench.machine.cores import Device
+from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
 from sucre_bench.methods.sucre.even_gaps import even_deviation
 from sucre_bench.methods.sucre.kernels import Backend, opened
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -24,8 +25,9 @@ def compile_for(backend: Backend, device: Device, options: Options) -> None:
     observations = observe(one, [one, same], **options)
     matched_footprints(one, [one, same], observations.pixels, **options)
     even_deviation(observations, np.ones((3, len(observations.pixels)), dtype=np.float32), one.distance)
+    water = WaterParameters.of_channels(np.full((3, 3), 0.1))
+    corrected_edges(Target(grey, grey, np.ones((_PX, _PX))), grey, np.ones_like(grey), water)
     with opened(observations, backend, device) as kernel:
-        water = WaterParameters.of_channels(np.full((3, 3), 0.1))
         for margin in (None, np.full(3, 0.1)):
             kernel.system(water, margin)
         kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))

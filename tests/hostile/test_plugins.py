@@ -116,11 +116,16 @@ FAULTS = {
 def test_what_a_plugin_breaks_is_whole_again_for_the_next_view(tmp_path: Path):
     """Nor does a thread that one view leaves behind, which sleeps for an hour, keep the command."""
     acts = ",".join(FAULTS)
-    # Seconds: enough for the views that do nothing, on a busy machine too.
-    limited = words(f"{acts},thread", "method=actor", "metrics=[coverage]", "view_timeout_s=2")
-    done = run_program(tmp_path, *limited, PYTHONPATH=str(ROOT))
-    check(done, tmp_path, acts, FAULTS)
-    assert f"3 ok, {len(FAULTS)} failed, 0 skipped" in done.stdout
+    told = f"3 ok, {len(FAULTS)} failed, 0 skipped"
+    for limit_s in (2, 20, 200):  # seconds that views which do nothing are given; the next on a busy machine
+        folder = tmp_path / str(limit_s)
+        folder.mkdir()
+        limited = words(f"{acts},thread", "method=actor", "metrics=[coverage]", f"view_timeout_s={limit_s}")
+        done = run_program(folder, *limited, PYTHONPATH=str(ROOT))
+        if told in done.stdout:
+            break
+    check(done, folder, acts, FAULTS)
+    assert told in done.stdout
 
 
 def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import ctypes
 import os
 import resource
@@ -11,7 +12,10 @@ from pathlib import Path
 
 import pytest
 
+from support.command_line import forks
+
 _VERSION_3 = 0x20080522  # of Linux's capabilities
+_REFUSED = 13  # exit code
 
 
 def as_user() -> None:
@@ -21,6 +25,26 @@ def as_user() -> None:
     header = (ctypes.c_uint32 * 2)(_VERSION_3, 0)
     nothing = (ctypes.c_uint32 * 6)()
     assert ctypes.CDLL(None, use_errno=True).capset(header, nothing) == 0
+
+
+def skip_unless_refused(folder: Path) -> None:
+    """Skip a test where root's rights cannot be taken from a process, or rights of files mean nothing."""
+    secret = folder / "secret"
+    secret.touch(mode=0)
+    process = forks().Process(target=_open_as_user, args=(secret,))
+    process.start()
+    process.join()
+    secret.unlink()
+    if process.exitcode != _REFUSED:
+        pytest.skip("this system refuses root nothing")
+
+
+def _open_as_user(path: Path) -> None:
+    with contextlib.suppress(PermissionError):
+        as_user()
+        path.open().close()
+        os._exit(0)
+    os._exit(_REFUSED)
 
 
 def with_small_files(n_bytes: int) -> None:

@@ -110,7 +110,7 @@ def end_all(environment: dict[str, str]) -> None:
 def _free_ports(count: int) -> list[int]:
     """Ports below those that the system gives to whoever asks for any: nobody else takes one before SLURM does."""
     found: list[int] = []
-    for port in random.sample(range(10_000, 30_000), 1000):
+    for port in random.SystemRandom().sample(range(10_000, 30_000), 1000):
         with socket.socket() as one, suppress(OSError):
             one.bind(("127.0.0.1", port))
             found.append(port)
