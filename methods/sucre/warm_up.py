@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 
 from sucre_bench.camera import Camera
@@ -18,7 +20,8 @@ _PX = 8
 
 
 def compile_for(backend: Backend, device: Device, options: Options) -> None:
-    """Pair two small views and run every pass over their observations once: seconds the first time, then no time."""
+    """Pair two small views and run every pass over their observations, with colours of 8 bits and with those of matched
+    footprints: seconds the first time, then no time."""
     camera = Camera(np.array([[_PX, 0, _PX / 2], [0, _PX, _PX / 2], [0, 0, 1.0]]), _PX, _PX)
     grey = np.full((_PX, _PX, 3), 128 / 255)
     one, same = (View(name, Arrays(grey, np.ones((_PX, _PX))), camera, np.eye(4)) for name in ("one", "same"))
@@ -27,7 +30,8 @@ def compile_for(backend: Backend, device: Device, options: Options) -> None:
     even_deviation(observations, np.ones((3, len(observations.pixels)), dtype=np.float32), one.distance)
     water = WaterParameters.of_channels(np.full((3, 3), 0.1))
     corrected_edges(Target(grey, grey, np.ones((_PX, _PX))), grey, np.ones_like(grey), water)
-    with opened(observations, backend, device) as kernel:
-        for margin in (None, np.full(3, 0.1)):
-            kernel.system(water, margin)
-        kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))
+    for seen in (observations, replace(observations, colour=observations.colour.astype(np.float32))):
+        with opened(seen, backend, device) as kernel:
+            for margin in (None, np.full(3, 0.1)):
+                kernel.system(water, margin)
+            kernel.colours(water, np.ones(3), np.zeros((3, 3, 3)))

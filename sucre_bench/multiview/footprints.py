@@ -244,8 +244,15 @@ def _means(rgb: Array, depth: Array, at: Array, Z: Array, slope: Array, precisio
     precision: (M, 2, 2), the inverse covariance. Pixels off the plane Z + slope (x - at) do not count.
     """
     means, share = np.empty((len(at), 3), np.float32), np.empty(len(at), np.float32)
-    compiled(_average)(rgb, depth, at, Z, slope, precision, means, share)
+    # images that are smaller than the file's could be written to: another type, for which it would compile again
+    compiled(_average)(_locked(rgb), _locked(depth), at, Z, slope, precision, means, share)
     return means, share
+
+
+def _locked(values: Array) -> Array:
+    seen = values.view()
+    seen.flags.writeable = False
+    return seen
 
 
 def _average(
