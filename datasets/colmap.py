@@ -20,7 +20,7 @@ from pathlib import Path
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
-from sucre_bench.loading.find_folders import check_chosen, existing
+from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Scene
@@ -61,9 +61,10 @@ class Colmap(ImageScaleOption):
         charts.json. What is wrong with the files of one view is raised when they are loaded.
         """
         root = existing(self.root, f"{self.images}/")
-        check_chosen(self, root, "depths", "reference", "charts")
-        images = root / self.images
-        posed = read_model(root / self.sparse, images, distorted=self.undistort)
+        images, sparse, depths, references = (
+            chosen(self, root, option, "folder") for option in ("images", "sparse", "depths", "reference")
+        )
+        posed = read_model(sparse, images, distorted=self.undistort)
         names = [image.name for image in posed]
         if not any((images / name).is_file() for name in names):
             fault = f"none of the model's {len(names)} images is there, not even {names[0]}"
@@ -72,11 +73,11 @@ class Colmap(ImageScaleOption):
             root.resolve().name,
             posed,
             lambda name: images / name,
-            root / self.depths,
+            depths,
             self.image_scale,
             self.encoding,
-            references=_references(root / self.reference, names),
-            charts=root / self.charts,
+            references=_references(references, names),
+            charts=chosen(self, root, "charts", "file"),
         )
 
 

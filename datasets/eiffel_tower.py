@@ -21,7 +21,7 @@ from typing import Literal
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
-from sucre_bench.loading.find_folders import check_chosen, existing
+from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
@@ -66,8 +66,7 @@ class EiffelTower(ImageScaleOption):
         if not places:
             raise InputError(f"{root}: holds no folder {', '.join(_YEARS)}; unpack the archive of a year there")
         for place in places:
-            depths = place / self.depths
-            check_chosen(self, place, "depths")
+            depths = chosen(self, place, "depths", "folder")
             model = read_model(place / "sfm", place / "images", distorted=True)
             yield registered_scene(place.name, model, functools.partial(_image, place), depths, self.image_scale)
 

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench.imaging.image_files import SUFFIXES
-from sucre_bench.loading.find_folders import check_chosen, existing
+from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.image_folder import image_folder_scene
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
@@ -51,8 +51,7 @@ class Photos(ImageScaleOption):
         is wrong.
         """
         root = existing(self.root)
-        references, charts = (root / Path(place).expanduser() for place in (self.reference, self.charts))
-        check_chosen(self, root, "reference", "charts")
+        references = chosen(self, root, "reference", "folder")
         yield image_folder_scene(
             root.resolve().name,
             root,
@@ -60,5 +59,5 @@ class Photos(ImageScaleOption):
             self.image_scale,
             self.encoding,
             self.subfolders,
-            charts,
+            chosen(self, root, "charts", "file"),
         )

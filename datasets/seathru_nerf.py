@@ -19,7 +19,7 @@ from typing import Literal
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
-from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.plugins.decorators import dataset
@@ -73,8 +73,7 @@ class SeathruNerf(ImageScaleOption):
             raise InputError(f"{root}: holds no folder {' or '.join(self.images)}; give the folder of the four scenes")
 
     def _scene(self, place: Path, images: Path, name: str) -> Scene:
-        depths = place / self.depths
-        check_chosen(self, place, "depths")
+        depths = chosen(self, place, "depths", "folder")
         sparse = next((path for path in (place / "sparse", place / "colmap" / "sparse") if path.is_dir()), None)
         model = read_model(sparse or place / "sparse", images, distorted=True)
         if self.split != "all":

@@ -21,7 +21,7 @@ from sucre_bench.datasets.metashape.chunk import Aligned, Component, read_compon
 from sucre_bench.datasets.metashape.document import find_document, read_chunk
 from sucre_bench.errors import InputError
 from sucre_bench.loading.depth_maps import find_depths, read_depth
-from sucre_bench.loading.find_folders import check_chosen, existing
+from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder, inner_path
@@ -68,16 +68,14 @@ class Metashape(ImageScaleOption):
         at all. What is wrong with the files of one view is raised when they are loaded.
         """
         root = existing(self.root, "cameras.xml")
-        check_chosen(self, root, "images", "depths")
+        images, maps_folder = (chosen(self, root, option, "folder") for option in ("images", "depths"))
         document = find_document(root, self.document)
         chunk = read_chunk(document, self.chunk)
         components = read_components(chunk, document)
         cameras = [camera for component in components for camera in component.cameras]
-        photographs = dict(
-            zip(cameras, _photographs(root / self.images, document, cameras, self.undistorted), strict=True)
-        )
+        photographs = dict(zip(cameras, _photographs(images, document, cameras, self.undistorted), strict=True))
         maps = {camera: _map_name(photographs[camera].name, camera.label) for camera in cameras}
-        depths, ambiguous = find_depths(root / self.depths, list(maps.values()))
+        depths, ambiguous = find_depths(maps_folder, list(maps.values()))
         for camera, name in maps.items():
             faults: dict[Plane, str] = {"depth": ambiguous[name]} if name in ambiguous else {}
             faults |= photographs[camera].faults

@@ -29,7 +29,7 @@ from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
@@ -97,7 +97,8 @@ class Seathru(ImageScaleOption):
             raise InputError(f"{folder}: holds no image; copy the set's images there")
         sizes = _sizes(paths)
         depths, ambiguous = _depths(place, [path.name for path in paths])
-        model = self._model(place, folder, paths)
+        sparse = chosen(self, place, "sparse", "folder")
+        model = _model(sparse, folder, paths)
         charts = self._charts(place, sizes)
 
         views = []
@@ -107,7 +108,7 @@ class Seathru(ImageScaleOption):
             if len(posed) == 1:
                 camera, pose = posed[0].camera, scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
             elif posed:
-                fault = f"may be {posed[0].name} or {posed[1].name} of the model in {place / self.sparse}"
+                fault = f"may be {posed[0].name} or {posed[1].name} of the model in {sparse}"
                 faults["rgb"] = f"{path}: {fault}; keep one of them there"
             if path.name in ambiguous:
                 faults["depth"] = ambiguous[path.name]
@@ -130,39 +131,37 @@ class Seathru(ImageScaleOption):
         }
         return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views))
 
-    def _model(self, place: Path, folder: Path, images: Sequence[Path]) -> dict[str, list[Posed]]:
-        """Return which registered images each image may be: of its name, or else its stem: models are often of copies.
-
-        Raises InputError when none of them is any of the images.
-        """
-        sparse = place / self.sparse
-        check_chosen(self, place, "sparse")
-        if not sparse.is_dir():
-            return {}
-        by_stem: dict[str, list[Posed]] = defaultdict(list)
-        for posed in read_model(sparse, folder):
-            by_stem[PurePosixPath(posed.name).stem].append(posed)
-        found = {path.name: by_stem[path.stem] for path in images if path.stem in by_stem}
-        if not found:
-            example = next(iter(by_stem.values()))[0].name
-            raise InputError(f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these")
-        exact = {name: [posed for posed in several if posed.name == name] for name, several in found.items()}
-        return {name: exact[name] or several for name, several in found.items()}
-
     def _charts(
         self, place: Path, sizes: Mapping[str, tuple[int, int]]
     ) -> dict[str, list[tuple[Chart, tuple[int, int]]]]:
         """Return the charts of each image, each with the size (width, height) that its corners are pixels of."""
-        file = place / self.charts
+        file = chosen(self, place, "charts", "file")
         if file.is_file():
             return {name: [(c, sizes[name]) for c in charts] for name, charts in read_charts(file, sizes).items()}
-        check_chosen(self, place, "charts")
         found = {}
         for name, size in sizes.items():
             charts = published_charts().get(PurePosixPath(name).stem, ())
             if charts and same_shape(size, FULL_SIZE):  # cropped or undistorted copies are other pixels
                 found[name] = [(chart, FULL_SIZE) for chart in charts]
         return found
+
+
+def _model(sparse: Path, folder: Path, images: Sequence[Path]) -> dict[str, list[Posed]]:
+    """Return which registered images each image may be: of its name, or else its stem: models are often of copies.
+
+    Raises InputError when none of them is any of the images.
+    """
+    if not sparse.is_dir():
+        return {}
+    by_stem: dict[str, list[Posed]] = defaultdict(list)
+    for posed in read_model(sparse, folder):
+        by_stem[PurePosixPath(posed.name).stem].append(posed)
+    found = {path.name: by_stem[path.stem] for path in images if path.stem in by_stem}
+    if not found:
+        example = next(iter(by_stem.values()))[0].name
+        raise InputError(f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these")
+    exact = {name: [posed for posed in several if posed.name == name] for name, several in found.items()}
+    return {name: exact[name] or several for name, several in found.items()}
 
 
 def _sizes(paths: list[Path]) -> dict[str, tuple[int, int]]:

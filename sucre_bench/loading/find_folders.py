@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import Literal
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import say
@@ -19,12 +20,18 @@ def existing(root: Path, holds: str = "the data") -> Path:
     return root
 
 
-def check_chosen(dataset: object, root: Path, *options: str) -> None:
-    """Raise InputError if an option names a folder or file in `root` that is not there; its default need not be."""
-    for option in options:
-        given, place = getattr(dataset, option), root / Path(getattr(dataset, option)).expanduser()
-        if given != getattr(type(dataset), option) and not place.exists():
-            raise InputError(f"{place}: no such folder or file; correct or drop dataset.{option}={given}")
+def chosen(dataset: object, root: Path, option: str, kind: Literal["folder", "file"]) -> Path:
+    """Return the path that an option names, in `root` or, with ~ expanded, of its own.
+
+    Raises InputError if there is no folder or file, as `kind` says; the option's default need not be there.
+    """
+    given = getattr(dataset, option)
+    place = root / os.path.expanduser(given)  # noqa: PTH111 - Path's raises where ~name is no user's
+    is_there = place.is_dir() if kind == "folder" else place.is_file()
+    if given != getattr(type(dataset), option) and not is_there:
+        fault = f"is no {kind}" if place.exists() else f"no such {kind}"
+        raise InputError(f"{place}: {fault}; correct or drop dataset.{option}={given}")
+    return place
 
 
 def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:

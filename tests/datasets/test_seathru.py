@@ -91,7 +91,7 @@ def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None
     assert pixels[0][0] == pytest.approx([50 / 10 + 31, 50 * 2 / 10 + 19])
     assert pixels[1][0] == pytest.approx([31, 50 * 2 / 4 + 19]), "at (5, 0, 10), looking along -x: 4 m before it"
     assert pixels[1][1] == pytest.approx(4)
-    with pytest.raises(InputError, match=r"model: no such folder or file; .* dataset\.sparse=model"):
+    with pytest.raises(InputError, match=r"model: no such folder; .* dataset\.sparse=model"):
         load(tmp_path, sparse="model")
 
 
@@ -169,7 +169,7 @@ def test_charts_of_d5_are_scaled_to_the_image_and_ones_own_go_first(tmp_path: Pa
     first, second = load(tmp_path, image_scale=0.5)
     assert first.charts == ()
     np.testing.assert_array_equal(second.charts[0].corners, np.array(corners) / 2)
-    with pytest.raises(InputError, match=r"c\.json: no such folder or file"):
+    with pytest.raises(InputError, match=r"c\.json: no such file"):
         load(tmp_path, charts="c.json")
 
 

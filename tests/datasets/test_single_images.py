@@ -153,7 +153,7 @@ def test_u45_is_found_beside_results_of_others(tmp_path: Path) -> None:
         (Photos, [], "holds no image"),
         (lambda root: Photos(root, reference="truth"), ["a.png"], "truth: no such folder"),
         (Photos, ["a.png", "reference/b.png"], "no file is named like an image; name them like a.png"),
-        (lambda root: Photos(root, charts="marked.json"), ["a.png"], "marked.json: no such folder or file"),
+        (lambda root: Photos(root, charts="marked.json"), ["a.png"], "marked.json: no such file"),
         (Uieb, [], "holds no folder raw-890"),
         (Uieb, ["raw-890/1.png"], "reference-890: no such folder"),
         (Uieb, ["raw-890/1.png", "reference-890/2.png"], "no file is named like an image"),

@@ -3,13 +3,22 @@
 from __future__ import annotations
 
 import os
+from collections.abc import Callable
 from pathlib import Path
 
 import cv2
 import numpy as np
 import pytest
-from support.colmap_folder import picture, write_image
+from support.colmap_folder import picture, write_dive, write_image
+from support.miniatures.eiffel_tower import write_year
+from support.miniatures.metashape import write_survey
+from support.miniatures.seathru import write_set
+from support.miniatures.seathru_nerf import write_reef
+from support.miniatures.single_images import write_images
 
+from sucre_bench.datasets.colmap import Colmap
+from sucre_bench.datasets.eiffel_tower import EiffelTower
+from sucre_bench.datasets.metashape import Metashape
 from sucre_bench.datasets.photos import Photos
 from sucre_bench.datasets.seathru import Seathru
 from sucre_bench.datasets.seathru_nerf import SeathruNerf
@@ -54,6 +63,53 @@ def test_a_link_to_a_scene_is_not_a_second_one(tmp_path: Path) -> None:
     write_image(tmp_path / "D1" / "linearPNG" / "a.png", picture(0))
     (tmp_path / "A_latest").symlink_to(tmp_path / "D1")
     assert [scene.name for scene in Seathru(tmp_path).scenes()] == ["D1"], "the folder itself, not the link"
+
+
+@pytest.mark.parametrize("named", ["~/chosen", "chosen"])
+@pytest.mark.parametrize(
+    ("plugin", "write", "files", "folders"),
+    [
+        (Colmap, write_dive, ["images", "sparse", "depths", "reference"], ["charts"]),
+        (EiffelTower, write_year, ["depths"], []),
+        (Metashape, write_survey, ["images", "depths"], []),
+        (Photos, lambda root: write_images(root, "a.png"), ["reference"], ["charts"]),
+        (Seathru, write_set, ["sparse"], ["charts"]),
+        (SeathruNerf, write_reef, ["depths"], []),
+    ],
+)
+def test_a_file_for_a_folder_or_a_folder_for_a_file_is_refused(
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    plugin: Callable[..., Colmap],
+    write: Callable[[Path], Path],
+    files: list[str],
+    folders: list[str],
+    named: str,
+) -> None:
+    """Else the dataset loads without what was asked for."""
+    root = tmp_path / "dive"
+    root.mkdir()
+    write(root)
+    place = tmp_path / "home" if named.startswith("~") else root / "2015" if plugin is EiffelTower else root
+    monkeypatch.setenv("HOME", str(place))
+    place.mkdir(exist_ok=True)
+    for option in (*files, *folders):
+        (place / "chosen").touch() if option in files else (place / "chosen").mkdir()
+        with pytest.raises(InputError, match=rf"{place}/chosen: is no f.*dataset\.{option}="):
+            list(plugin(root, **{option: named}).scenes())
+        (place / "chosen").unlink() if option in files else (place / "chosen").rmdir()
+
+
+def test_a_folder_in_ones_home_is_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setenv("HOME", str(tmp_path))
+    root = write_dive(tmp_path / "dive")
+    for name in ("images", "sparse", "depths"):
+        (root / name).rename(tmp_path / f"my_{name}")
+    (scene,) = Colmap(root, images="~/my_images", sparse="~/my_sparse", depths="~/my_depths").scenes()
+    assert scene.has == {"poses", "depth"}
+    assert scene["a.png"].rgb.shape == picture(0).shape
+    with pytest.raises(InputError, match="no such folder"):
+        list(Colmap(root, depths="~no_such_user").scenes())
 
 
 @pytest.mark.parametrize(

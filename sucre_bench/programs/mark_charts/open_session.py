@@ -89,4 +89,4 @@ def _path(selection: Selection) -> Path:
         raise InputError(
             f"charts: images are not shown as they are, and {_AS_STORED}; leave image_scale and degrade out"
         )
-    return Path(options["root"]).expanduser() / options[plugin.charts_file]
+    return Path(options["root"]).expanduser() / Path(options[plugin.charts_file]).expanduser()
