@@ -149,7 +149,8 @@ def _imdecode(data: bytes, flags: int, place: str, header: Header) -> Any:
     if header.has_alpha and flags & cv2.IMREAD_ANYDEPTH and flags != cv2.IMREAD_UNCHANGED:
         stored = _tiff_with_alpha(data) if header.is_tiff else cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
         if stored is not None and stored.shape[2:] == (4,):
-            note_alpha(place, stored[..., 3])
+            if stored.dtype.kind == "u":  # the reader says what is wrong with others
+                note_alpha(place, stored[..., 3])
             return stored[..., :3]
     return cv2.imdecode(content, flags)
 

@@ -328,10 +328,12 @@ def test_a_fault_of_one_view_is_raised_with_its_pixels_and_other_views_go_on(
     assert getattr(scene["b.png"], plane).shape[:2] == (HEIGHT, WIDTH)
 
 
-def test_an_image_of_floats_is_refused(tmp_path: Path) -> None:
+@pytest.mark.parametrize("channels", [3, 4])
+def test_an_image_of_floats_is_refused(tmp_path: Path, channels: int) -> None:
     """Its range is anybody's guess."""
     root = write_dive(tmp_path, ["a.tif"])
-    tifffile.imwrite(root / "images/a.tif", picture(0).astype(np.float32), photometric="rgb")
+    values = np.dstack([picture(0), np.ones((HEIGHT, WIDTH, channels - 3))]).astype(np.float32)
+    tifffile.imwrite(root / "images/a.tif", values, photometric="rgb", extrasamples=["unassalpha"][: channels - 3])
     with pytest.raises(InputError) as fault:
         _ = load(root)["a.tif"].rgb
     check(str(fault.value), "images/a.tif: is float32", "8 or 16 bits")
