@@ -50,4 +50,5 @@ def with_remedy(text: str) -> str:
 
 def without_view(text: str, view: str) -> str:
     """Return a reason without the view's name at its start, so that views with one reason count together."""
-    return text.removeprefix(view).lstrip(" :") if view else text
+    starts_with_it = bool(view) and text.startswith((f"{view} ", f"{view}:"))
+    return text.removeprefix(view).lstrip(" :") if starts_with_it else text

@@ -34,6 +34,10 @@ def test_views_with_one_reason_count_together(text: str):
     assert without_view(text, "") == text
 
 
+def test_a_number_that_a_view_is_named_like_stays_in_its_reason():
+    assert without_view("1.5 m is too near", "1") == "1.5 m is too near"
+
+
 def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():
     method = plugins.find("method", "sucre")
     assert "sucre-bench prepare" in with_remedy(plugins.missing_needs(method, frozenset({"poses"})))
