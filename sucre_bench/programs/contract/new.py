@@ -8,6 +8,7 @@ import keyword
 import re
 import shlex
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -150,5 +151,6 @@ def _write(files: Mapping[Path, str]) -> None:
             write_atomically(path, text.encode())
     except OutputError:
         for path in files:
-            path.unlink(missing_ok=True)
+            with suppress(OSError):  # nor can what was not written be removed
+                path.unlink()
         raise
