@@ -82,6 +82,8 @@ def _status() -> int:
             raise
         reason = fault.strerror or type(fault).__name__
         return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
+    except ModuleNotFoundError:  # a package is missing, whatever memory there is
+        raise
     except ImportError as fault:
         if limit_mb() is None or (fault.name or "").startswith("sucre_bench"):
             raise

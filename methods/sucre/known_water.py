@@ -110,7 +110,7 @@ def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> KnownWa
         fault = f"it estimates no {', '.join(unknown)}"
         raise InputError(f"water_from={name}: {fault}; name one that does, such as gaussian_seathru")
     place = f"water_from={name}"
-    return _known(place, water, lighting_of(found.info, place), view, encoding)
+    return _known(place, water, lighting_of(found.info, place, view.name), view, encoding)
 
 
 def _unknown(water: Water) -> list[str]:

@@ -5,16 +5,12 @@ from __future__ import annotations
 import contextlib
 import sys
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.common import plugin_option
 from sucre_bench.machine.notices import say
-
-if TYPE_CHECKING:
-    pass
 
 
 @click.command()

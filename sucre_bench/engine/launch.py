@@ -6,6 +6,7 @@ launchers get each job as text and run `run_text` with it in another process.
 
 from __future__ import annotations
 
+import errno
 import logging
 import warnings
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -64,10 +65,16 @@ def launch(command: Command, restorations: int) -> Ended:
     except Exception as fault:  # of a launcher: jobs turn their own faults into rows
         keep_traceback(log_path(command.jobs[0].out), "launcher")
         reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
-        remedy = "; free /dev/shm, or leave out hydra/launcher=" * (isinstance(fault, OSError) and command.is_sweep)
+        remedy = "; free /dev/shm, or leave out hydra/launcher=" * _is_shared_memory_full(command, fault)
         progress.say(f"failed  the launcher: {reason}{remedy}", is_fault=True)
         return Ended.CRASHED
     return Ended.WELL
+
+
+def _is_shared_memory_full(command: Command, fault: Exception) -> bool:
+    """Whether joblib found no room for what its workers share."""
+    is_full = isinstance(fault, OSError) and fault.errno == errno.ENOSPC
+    return is_full and command.is_sweep and "joblib" in command.settings.hydra.launcher.get("_target_", "")
 
 
 def _launcher_of(command: Command) -> Launcher:

@@ -80,7 +80,7 @@ def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:
 def _made(choice: Choice, command: Command) -> None:
     try:
         with step(f"the making of '{choice.plugin.name}'"):
-            choice.make()
+            choice.make(command.jobs[0].out)
     except SucreBenchError as fault:
         raise InputError(_as_typed(str(fault), choice, command)) from fault
     except BaseException as fault:

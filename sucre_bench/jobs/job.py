@@ -39,10 +39,10 @@ class Choice:
     display: str = ""
     replicate: int = 0
 
-    def make(self) -> Any:
-        """Create the plugin. InputError when an option is not acceptable."""
+    def make(self, out: Path | None = None) -> Any:
+        """Create the plugin. InputError when an option is not acceptable. out: see `create`."""
         seed = {} if self.seed is None else {"seed": self.seed}
-        return create(self.plugin, {**self.options, **seed})
+        return create(self.plugin, {**self.options, **seed}, out)
 
     @property
     def seed(self) -> int | None:

@@ -21,6 +21,8 @@ _GRACE_S = 5  # for threads that a plugin has left behind
 _STOPS = (signal.SIGINT, signal.SIGTERM)
 _STOPPED = (*_STOPS, signal.SIGHUP, signal.SIGQUIT)
 _DIE_WITH_PARENT = 1  # PR_SET_PDEATHSIG of prctl(2)
+_TIGHT_MB = 16_000  # a limit that a run of large images may reach
+_WANT_OF_MEMORY = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL, signal.SIGSEGV)  # libraries end so without memory
 
 
 def supervised(work: Callable[[], int], say: Callable[[str], None]) -> int:
@@ -61,8 +63,9 @@ def how_it_ended(status: int, note: Note) -> str:
     if status >= 0:
         return f"exit code {status}"
     limit = limit_mb()
-    hint = ", perhaps for want of memory" if -status == signal.SIGKILL or limit is not None else ""
-    return f"signal {-status}{hint}" + (f", of which ulimit -v allows {limit} MB" if limit is not None else "")
+    is_tight = limit is not None and limit < _TIGHT_MB and -status in _WANT_OF_MEMORY
+    hint = ", perhaps for want of memory" if -status == signal.SIGKILL or is_tight else ""
+    return f"signal {-status}{hint}" + (f", of which ulimit -v allows {limit} MB" if is_tight else "")
 
 
 def _may_fork() -> bool:

@@ -86,7 +86,7 @@ def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
         raise DamagedTableError(f"{path}: cannot be read, {fault.strerror}; let this user read it") from fault
     try:
         rows = _decoded(path, content)
-    except SucreBenchError:
+    except (SucreBenchError, ImportError):
         raise
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds, pyarrow's OSError among them
         raise damaged(path, one_line(fault)) from fault

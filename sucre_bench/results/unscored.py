@@ -12,8 +12,6 @@ from sucre_bench.results.rows import score_rows, values_of
 if TYPE_CHECKING:
     import pandas as pd
 
-__all__ = ["Unscored", "unscored"]
-
 _VIEW = ["dataset", "scene", "view"]
 
 

@@ -10,7 +10,6 @@ lit, "gains" of views by name and "lamp". What else such a file holds is ignored
 from __future__ import annotations
 
 import json
-import math
 import zipfile
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,7 +19,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, is_number_in
 from sucre_bench.imaging.array_files import read_array
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Encoding, Water
@@ -71,18 +70,20 @@ def read_lighting(path: Path) -> Lighting:
         raise InputError(f"{beside}: cannot be read ({fault}); remove it, or run its method again") from fault
 
 
-def lighting_of(record: Any, place: str) -> Lighting:
-    """Return how a water was lit, from the record of its fit; place: where the record is, to be named."""
+def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
+    """Return how a water was lit, from the record of its fit.
+
+    place: where the record is, to be named; view: one that the fit was of, if that is known. "gains" that are no gains
+    of views by name, or have none of that view, are something else: they are ignored.
+    """
     if not isinstance(record, Mapping):
         return Lighting()
-    gains, lamp = record.get("gains") or {}, record.get("lamp")
-    if not isinstance(gains, Mapping) or not all(_is_gain(gain) for gain in gains.values()):
+    gains, lamp = record.get("gains"), record.get("lamp")
+    if not isinstance(gains, Mapping) or (view and view not in gains):
+        gains = {}
+    if not all(is_number_in("(0, inf)", gain) for gain in gains.values()):
         raise InputError(f"{place}: gains must be one positive number for each view; run its method again")
     return Lighting(dict(gains), bool(isinstance(lamp, Mapping) and lamp.get("found")))
-
-
-def _is_gain(value: Any) -> bool:
-    return isinstance(value, int | float) and 0 < value < math.inf
 
 
 _NAMES = ("B", "beta", "gamma")

@@ -18,7 +18,7 @@ from support.toy_runs import calls, run
 import sucre_bench as sb
 from sucre_bench import plugins, results
 from sucre_bench.engine import preflight, sweep
-from sucre_bench.errors import OutputError
+from sucre_bench.errors import OutputError, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.plugins.registry import find
 
@@ -106,6 +106,15 @@ def test_a_file_that_results_rest_on_is_followed(out: Path, tmp_path: Path, fold
     assert changed.cached == 0
     psnr = [o.rows.query("metric == 'psnr' and view == 'v0.png'")["value"].item() for o in (first, changed)]
     assert psnr[0] != psnr[1]
+
+
+def test_a_job_reads_what_an_earlier_job_of_its_sweep_writes(out: Path):
+    small = ("dataset=demo", "dataset.width=160", "dataset.height=120", "first=1", "metrics=[coverage]")
+    words = (*small, "method=sucre,sucre_plus", "report=false")
+    with pytest.raises(SucreBenchError, match="no such file"):
+        run(out, *words, f"sucre_plus.water={out.with_name('other')}/restored/demo/sucre", multirun=True)
+    outcome = run(out, *words, f"sucre_plus.water={out}/restored/demo/sucre", multirun=True)
+    assert (outcome.ok, outcome.failed) == (2, ())
 
 
 def test_a_view_that_a_method_has_nothing_to_say_about_is_skipped_with_its_reason(out: Path, tmp_path: Path):
@@ -288,6 +297,28 @@ def test_one_failing_job_of_a_sweep_does_not_stop_the_others(out: Path, capsys: 
     outcome = run(out, "method=faulty,gain", multirun=True)
     assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (5, 1, 1)
     assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err  # as it happens
+
+
+@pytest.mark.parametrize(
+    ("launcher", "number", "is_named"),
+    [("joblib", errno.ENOSPC, True), ("joblib", errno.EACCES, False), ("slurm", errno.ENOSPC, False)],
+)
+def test_a_full_shared_memory_is_named_where_joblib_found_it_full(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys, launcher: str, number: int, is_named: bool
+):
+    from hydra_plugins.hydra_joblib_launcher.joblib_launcher import JoblibLauncher
+
+    from sucre_bench.engine.slurm.launcher import Launcher as SlurmLauncher
+
+    def fails(*_: object) -> None:
+        raise OSError(number, os.strerror(number))
+
+    monkeypatch.setattr(JoblibLauncher if launcher == "joblib" else SlurmLauncher, "launch", fails)
+    run(out, "method.gain=1,2", f"hydra/launcher={launcher}", multirun=True)
+    said = capsys.readouterr()
+    text = said.out + said.err
+    assert os.strerror(number) in text
+    assert ("/dev/shm" in text) == is_named
 
 
 def test_jobs_run_in_parallel_with_joblib(out: Path, toys: str):

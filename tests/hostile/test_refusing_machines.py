@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 import re
+import resource
 import subprocess
 from pathlib import Path
 
@@ -114,3 +115,18 @@ def test_too_little_memory_for_the_libraries_is_said_at_once(place: Path):
     assert done.returncode == 2
     assert re.search(r"ulimit -v: allows 512 MB, .*; ", done.stderr)
     assert len(done.stderr.splitlines()) == 1
+
+
+@pytest.mark.parametrize("fault", [ImportError("libx.so: failed to map segment"), ModuleNotFoundError("No module 'x'")])
+def test_a_missing_package_is_no_lack_of_memory(place: Path, monkeypatch: pytest.MonkeyPatch, fault: ImportError):
+    def fails(*_: object, **__: object) -> None:
+        raise fault
+
+    monkeypatch.setattr(resource, "getrlimit", lambda _: (4 * 10**9, 4 * 10**9))
+    monkeypatch.setattr(results, "read", fails)
+    if isinstance(fault, ModuleNotFoundError):
+        with pytest.raises(ModuleNotFoundError):
+            run_here(place, "compare", "results")
+    else:
+        done = run_here(place, "compare", "results")
+        assert (done.returncode, "ulimit -v" in done.stderr) == (1, True)

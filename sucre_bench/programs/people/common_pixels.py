@@ -13,8 +13,6 @@ from sucre_bench.results.common_scores import LEAST_FILLED
 from sucre_bench.results.rows import restorations, row_objects
 from sucre_bench.results.stored_pictures import stored_mask
 
-__all__ = ["common_masks"]
-
 
 def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
     """Return the pixels (H, W) that all methods fill, by scene and view; no entry for a view without holes.

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from support.made_ground import WATERS, make_ground, water
 from support.made_observations import made
+from support.registries import registry
 
 from sucre_bench import InputError, Restoration, Scene, Water
 from sucre_bench.methods.sucre import Sucre, SucrePlus
@@ -17,6 +18,7 @@ from sucre_bench.methods.sucre.apply_gains import AtOneExposure
 from sucre_bench.methods.sucre.exposure import estimate
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
+from sucre_bench.plugins.registry import using
 
 GAINS = (0.75, 1.2, 0.9, 1.0, 1.3, 0.7, 1.1)
 GROUND = {"width": 160, "height": 120, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5), "tilt_deg": 30.0, "seed": 3}
@@ -132,6 +134,45 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(scene: Scene, tmp_pa
     file.write_text(json.dumps(record | {"lamp": {"found": True}}))
     with pytest.raises(InputError, match="lamp"):
         Sucre(water=str(file)).restore(scene, scene["3.png"])
+
+
+FOREIGN = """
+from dataclasses import dataclass
+import numpy as np
+import sucre_bench as sb
+
+@sb.method()
+@dataclass(frozen=True)
+class Foreign:
+    def restore(self, scene, view):
+        return sb.Restoration(view.rgb, scene.water, info={"gains": GAINS})
+"""
+
+
+@pytest.mark.parametrize("gains", ["[1.2, 1.0, 0.8]", "{'red': 1.2}", "np.ones(3)"])
+def test_water_of_a_method_that_calls_something_else_gains_is_used(scene: Scene, tmp_path: Path, gains: str) -> None:
+    told = Sucre(water="truth").restore(scene, scene["3.png"])
+    np.testing.assert_array_equal(by_foreign(scene, tmp_path, gains).image, told.image)
+
+
+def test_gains_may_be_numbers_of_numpy(scene: Scene, tmp_path: Path) -> None:
+    known, usual = (by_foreign(scene, tmp_path, f"{{'3.png': {one}}}") for one in ("np.float32(1)", "1.0"))
+    np.testing.assert_array_equal(known.image, usual.image)
+
+
+def by_foreign(scene: Scene, folder: Path, gains: str) -> Restoration:
+    file = folder / f"foreign_{len(list(folder.iterdir()))}.py"
+    file.write_text(FOREIGN.replace("GAINS", gains))
+    with using(registry(file)):
+        return Sucre(water_from="foreign").restore(scene, scene["3.png"])
+
+
+@pytest.mark.parametrize("gain", [True, 0.0, -1.0, "1"])
+def test_gains_of_views_that_are_no_positive_numbers_are_refused(scene: Scene, tmp_path: Path, gain: object) -> None:
+    record = {"B": [0.1, 0.2, 0.3], "beta": [0.3] * 3, "gamma": [0.3] * 3, "gains": {"3.png": gain}}
+    (tmp_path / "3.json").write_text(json.dumps(record))
+    with pytest.raises(InputError, match=r"3\.json: gains"):
+        Sucre(water=str(tmp_path / "3.json")).restore(scene, scene["3.png"])
 
 
 def with_views(observations: Observations) -> Observations:
