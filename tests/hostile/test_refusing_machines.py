@@ -20,7 +20,7 @@ RESULTS = f"{RUN} report=false save=full out=results"
 
 # What this user must not do, a command, and a pattern of its line.
 FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
-    "enter a dataset": ("dive", 0o600, f"{RUN} out=x", r"dive/sparse/.*: Permission denied; "),
+    "enter a dataset": ("dive", 0o600, f"{RUN} out=x", r"dive/\S+: Permission denied; "),
     "enter a folder of images": ("dive/images", 0o600, f"{RUN} out=x", r"dive/images/a\.png: Permission denied; "),
     "list a folder of images": (
         "dive/images",
