@@ -17,6 +17,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_header import Header, pillow, read_header, tiff_file
 from sucre_bench.imaging.image_notes import note_alpha, note_few_bits
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
+from sucre_bench.imaging.tiff_colours import read_stored
 from sucre_bench.machine.files import regular, write_atomically
 
 _MOST_BYTES_A_PIXEL = 16  # four channels of 32 bits
@@ -146,23 +147,18 @@ def _imdecode(data: bytes, flags: int, place: str, header: Header) -> Any:
     import cv2
 
     content = np.frombuffer(data, dtype=np.uint8)
-    if header.has_alpha and flags & cv2.IMREAD_ANYDEPTH and flags != cv2.IMREAD_UNCHANGED:
-        stored = _tiff_with_alpha(data) if header.is_tiff else cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
-        if stored is not None and stored.shape[2:] == (4,):
-            if stored.dtype.kind == "u":  # the reader says what is wrong with others
-                note_alpha(place, stored[..., 3])
-            return stored[..., :3]
+    is_photograph = flags & cv2.IMREAD_ANYDEPTH and flags != cv2.IMREAD_UNCHANGED
+    if is_photograph and header.is_tiff and (header.has_alpha or header.has_planes):
+        if (stored := read_stored(data, place)) is not None:
+            if stored.alpha is not None and stored.alpha.dtype.kind == "u":  # the reader refuses others
+                note_alpha(place, stored.alpha)
+            return stored.bgr
+    elif is_photograph and header.has_alpha:
+        values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+        if values is not None and values.shape[2:] == (4,):
+            note_alpha(place, values[..., 3])
+            return values[..., :3]
     return cv2.imdecode(content, flags)
-
-
-def _tiff_with_alpha(data: bytes) -> Any:
-    """A TIFF's BGRA; None if tifffile cannot read it so. OpenCV multiplies its colours by alpha."""
-    try:
-        with tiff_file(io.BytesIO(data)) as file:
-            stored = np.asarray(file.pages.first.asarray())
-    except Exception:  # each of its decoders has its own
-        return None
-    return stored[..., [2, 1, 0, 3]] if stored.ndim == 3 and stored.shape[2] == 4 else None
 
 
 def encode_png(values: npt.NDArray[Any], compression: int = 3) -> bytes:

@@ -10,6 +10,7 @@ from typing import IO, Any
 
 _ANIMATED = ("PNG", "WEBP")  # a JPEG's further pictures are previews, or the second lens of a camera
 _REDUCED, _MASK = 1, 4  # bits of a TIFF page's NewSubfileType
+_PLANES = 2  # the value of a TIFF's PlanarConfiguration
 _MOST_PAGES = 100  # that are looked at
 
 
@@ -18,7 +19,8 @@ class Header:
     """What the header of an image file says.
 
     size: (width, height) of the first picture; has_more: whether there are others, besides thumbnails and masks;
-    is_thumbnail: whether the first picture is one; has_alpha: whether pixels may be transparent.
+    is_thumbnail: whether the first picture is one; has_alpha: whether pixels may be transparent; has_planes: whether a
+    TIFF stores each channel as a picture of its own.
     """
 
     size: tuple[int, int]
@@ -26,6 +28,7 @@ class Header:
     is_thumbnail: bool = False
     has_alpha: bool = False
     is_tiff: bool = False
+    has_planes: bool = False
 
     @property
     def fault(self) -> str:
@@ -68,7 +71,9 @@ def _of_tiff(file: IO[bytes]) -> Header:
         has_more = any(not _is_extra(page, first) for page in itertools.islice(tiff.pages, 1, _MOST_PAGES))
         size = first.imagewidth, first.imagelength
         has_alpha = any(int(kind) in (1, 2) for kind in first.extrasamples)
-        return Header(size, has_more, bool(first.subfiletype & (_REDUCED | _MASK)), has_alpha, is_tiff=True)
+        has_planes = first.samplesperpixel > 1 and int(first.planarconfig) == _PLANES
+        is_thumbnail = bool(first.subfiletype & (_REDUCED | _MASK))
+        return Header(size, has_more, is_thumbnail, has_alpha, is_tiff=True, has_planes=has_planes)
 
 
 def _is_extra(page: Any, first: Any) -> bool:

@@ -10,6 +10,7 @@ import cv2
 import numpy as np
 import pytest
 import tifffile
+from PIL import Image
 from support import hostile_files as bad
 from support.colmap_folder import HEIGHT, WIDTH, picture, write_dive, write_image
 from support.command_line import Done, run_here
@@ -128,6 +129,52 @@ def test_transparent_pixels_keep_their_colours_and_are_said_once(tmp_path: Path,
             np.testing.assert_allclose(read_rgb(tmp_path / f"{name}{suffix}"), TWO[0] / 255, atol=1e-6)
     assert len(lines.lines) == 1
     assert "6 pixels" in lines.lines[0]
+
+
+def with_alpha(dtype: type) -> np.ndarray:
+    """A picture (H, W, 4); the first three rows of its first two columns are transparent."""
+    most = np.iinfo(dtype).max
+    alpha = np.full((HEIGHT, WIDTH, 1), most, dtype)
+    alpha[:3, :2] = 0
+    return np.dstack([TWO[0].astype(dtype) * (most // 255), alpha])
+
+
+@pytest.mark.parametrize("compression", ["tiff_lzw", "packbits", "raw"])
+@pytest.mark.parametrize("orientation", [1, 6])
+@pytest.mark.parametrize("channels", [[0, 1, 2, 3], [0, 3]])
+def test_colours_below_transparency_are_those_stored_whatever_the_compression(
+    tmp_path: Path, compression: str, orientation: int, channels: list[int]
+) -> None:
+    values = np.ascontiguousarray(with_alpha(np.uint8)[..., channels])
+    Image.fromarray(values).save(tmp_path / "a.tif", compression=compression, tiffinfo={274: orientation})
+    expected = np.broadcast_to(values[..., :-1], (HEIGHT, WIDTH, 3))
+    np.testing.assert_array_equal(np.rint(read_rgb(tmp_path / "a.tif") * 255), expected)
+
+
+@pytest.mark.parametrize("n", [3, 4])
+@pytest.mark.parametrize("dtype", [np.uint8, np.uint16])
+@pytest.mark.parametrize("compression", [None, "zlib"])
+def test_planes_of_a_tiff_are_its_channels(tmp_path: Path, n: int, dtype: type, compression: str | None) -> None:
+    planes = np.moveaxis(with_alpha(dtype)[..., :n], -1, 0)
+    extra = ["unassalpha"][: n - 3]
+    how = {"photometric": "rgb", "planarconfig": "separate", "extrasamples": extra, "compression": compression}
+    tifffile.imwrite(tmp_path / "a.tif", planes, **how)
+    np.testing.assert_allclose(read_rgb(tmp_path / "a.tif"), TWO[0] / 255, atol=1e-6)
+
+
+def test_a_16_bit_tiff_of_opencvs_compression_keeps_its_colours(tmp_path: Path) -> None:
+    path = tmp_path / "a.tif"
+    assert cv2.imwrite(str(path), with_alpha(np.uint16)[..., [2, 1, 0, 3]], [cv2.IMWRITE_TIFF_COMPRESSION, 5])
+    np.testing.assert_allclose(read_rgb(path), TWO[0] / 255, atol=1e-6)
+
+
+def test_transparency_that_no_decoder_reads_as_stored_is_refused(tmp_path: Path) -> None:
+    """Gray where 0 is white: OpenCV alone reads it with transparency, and multiplies by alpha."""
+    path = tmp_path / "a.tif"
+    values = np.ascontiguousarray(with_alpha(np.uint8)[..., [0, 3]])
+    tifffile.imwrite(path, values, photometric="miniswhite", extrasamples=["unassalpha"], planarconfig="contig")
+    with pytest.raises(InputError, match=r"a\.tif: .*save it without"):
+        read_rgb(path)
 
 
 @pytest.mark.parametrize(("factor", "notes"), [(16, 1), (257, 0)])
