@@ -15,6 +15,7 @@ from sucre_bench.imaging.image_header import pillow, tiff_file
 _ORIENTATION = 274
 _PLANES = 2  # the value of PlanarConfiguration
 _COLOURS = {1: 1, 2: 3}  # channels of gray (0 is black) and of RGB, by PhotometricInterpretation
+_MOST_CHANNELS = 8
 _MULTIPLIED, _STRAIGHT = 1, 2  # kinds of alpha, in ExtraSamples
 
 
@@ -43,6 +44,8 @@ def read_stored(data: bytes, place: str) -> Stored | None:
 
 def _by_tifffile(page: Any) -> npt.NDArray[Any] | None:
     """(H, W, channels); None for a compression that tifffile needs another package for."""
+    if page.samplesperpixel > _MOST_CHANNELS:  # a damaged header may say any number
+        return None
     try:
         values = np.asarray(page.asarray())
     except Exception:  # each of its decoders has its own
@@ -75,7 +78,7 @@ def _by_opencv(data: bytes, page: Any, place: str) -> Stored | None:
             f"{place}: has transparency in a form that cannot be read; save it without transparency, or as PNG"
         )
     if page.bitspersample != 8 and page.planarconfig == _PLANES:
-        raise InputError(f"{place}: has compressed planes that cannot be read; save it uncompressed, or as PNG")
+        raise InputError(f"{place}: has planes that cannot be read; copy it again, or save it as PNG")
     return Stored(bgr, alpha)
 
 
