@@ -44,7 +44,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     click.echo(f"id       {made.id}")
     click.echo(f"scores   {made.n_scores}, and seconds and memory")
     click.echo(f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash")
-    if made.unverifiable and pictures != "none":
+    if made.unverifiable:
         told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
         say(f"nobody can verify these scores, which need more than 8 bits: {told}", "yellow")
     if made.local_paths:

@@ -36,7 +36,7 @@ class Bundled:
     id: see `Bundle`; n_scores: number of rows with a value, without seconds and memory; n_inside, n_outside: number of
     pictures in the bundle, and of pictures of which it has only the hash; local_paths: folders of this machine that
     options of methods or datasets name; unverifiable: number of scores that need the restoration before it was rounded
-    to 8 bits, by "metric:variant".
+    to 8 bits, by "metric:variant"; none where the bundle has no pictures.
     """
 
     path: Path
@@ -69,9 +69,8 @@ def bundle_results(
     outside = {name: hash_of(file) for name, file in progress.track(left.items(), "hashing pictures")}
     made = write_bundle(path, rows, files, outside, by, version_of("sucre-bench") or "")
     n_scores = int(((rows["status"] == "ok") & ~rows["metric"].isin(COSTS)).sum())
-    return Bundled(
-        path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows), unverifiable(rows)
-    )
+    lost = unverifiable(rows) if pictures != "none" else {}
+    return Bundled(path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows), lost)
 
 
 def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:

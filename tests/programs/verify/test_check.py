@@ -7,6 +7,7 @@ import io
 import json
 import re
 import shutil
+import subprocess
 import zipfile
 from collections.abc import Callable
 from pathlib import Path
@@ -17,7 +18,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
-from support.command_line import run_here
+from support.command_line import PROGRAM, run_here
 
 MADE = ("dataset=demo", "dataset.width=160", "dataset.height=120", "dataset.views=2")
 
@@ -105,6 +106,36 @@ def test_bundle_says_which_scores_nobody_can_verify(folder: Path, tmp_path: Path
         done = run_here(folder, "bundle", "results", str(tmp_path / "again.zip"), "--pictures", pictures)
         said[pictures] = re.findall(r"(\d+) of (\w+):\w+", done.stderr)
     assert said == {"none": [], "restored": [("4", "negative")]}
+
+
+FRAGILE = """
+import os
+from dataclasses import dataclass
+from sucre_bench import Score, metric
+
+@metric(variants={"plain": "one"}, unit="", better="none", range=(0, 1))
+@dataclass(frozen=True)
+class Fragile:
+    def score(self, restoration, shown, view, variant):
+        if len(view.rgb) == 32:
+            DOES
+        yield Score(1.0)
+"""
+
+
+@pytest.mark.parametrize(
+    ("does", "is_lost"),
+    [("1 / 0", True), ("os._exit(3)", True), ("yield Score(float('nan'))", False)],
+    ids=["raises", "dies", "nan"],
+)
+def test_a_metric_that_cannot_be_tried_costs_no_bundle(folder: Path, tmp_path: Path, does: str, is_lost: bool):
+    (tmp_path / "fragile.py").write_text(FRAGILE.replace("DOES", does))
+    words = (*MADE, "method=gray_world", "metrics=[fragile]", "tracking.uri=off", "report=false")
+    assert run_here(tmp_path, "run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
+    command = [PROGRAM, "bundle", "results", "b.zip", "--pictures", "restored"]
+    done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
+    assert (done.returncode, (tmp_path / "b.zip").is_file()) == (0, True), done.stderr
+    assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
 
 
 @pytest.fixture(scope="module")
