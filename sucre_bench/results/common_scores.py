@@ -15,7 +15,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Literal
 
-from sucre_bench.errors import DamagedTableError, one_line
+from sucre_bench.errors import ANY_FAULT, DamagedTableError, SucreBenchError, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
@@ -102,12 +102,13 @@ def _of(folder: Path) -> pd.DataFrame | None:
 
 def _read(path: Path) -> pd.DataFrame:
     import pandas as pd
-    import pyarrow
 
     try:
         rows = pd.read_parquet(io.BytesIO(regular(path).read_bytes()), use_threads=False)
         return rows[list(_COLUMNS)]
-    except (pyarrow.ArrowInvalid, OSError, KeyError) as fault:
+    except (SucreBenchError, ImportError):
+        raise
+    except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
         reason = f"not a table of scores on common pixels ({one_line(fault)})"
         raise DamagedTableError(f"{path}: {reason}; delete it and run again") from fault
 

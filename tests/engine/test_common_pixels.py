@@ -14,6 +14,7 @@ from support.toy_runs import calls
 
 from sucre_bench import compare, results
 from sucre_bench.engine.outcome import Outcome
+from sucre_bench.errors import DamagedTableError
 from sucre_bench.results.common_scores import COMMON_TABLE, read_common
 
 
@@ -191,6 +192,16 @@ def test_a_damaged_table_of_common_scores_is_made_again(tmp_path: Path, toys: st
 
 
 # -- what cannot be scored again ---------------------------------------------------------------------------
+
+
+def test_bytes_of_a_table_of_common_scores_that_are_no_text_are_damage(tmp_path: Path):
+    names = read_common(tmp_path).columns
+    rows = pd.DataFrame({name: ["gain"] for name in names})
+    rows.to_parquet(tmp_path / COMMON_TABLE, index=False, compression=None)
+    path = tmp_path / COMMON_TABLE
+    path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
+    with pytest.raises(DamagedTableError, match=COMMON_TABLE):
+        read_common(tmp_path)
 
 
 def test_the_computed_image_is_scored_on_common_pixels_only_where_it_is_stored(tmp_path: Path, toys: str):
