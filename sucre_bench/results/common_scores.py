@@ -102,9 +102,12 @@ def _of(folder: Path) -> pd.DataFrame | None:
 
 def _read(path: Path) -> pd.DataFrame:
     import pandas as pd
+    from pyarrow.parquet import read_table
 
     try:
-        rows = pd.read_parquet(io.BytesIO(regular(path).read_bytes()), use_threads=False)
+        content = regular(path).read_bytes()
+        read_table(io.BytesIO(content), use_threads=False).validate(full=True)  # pandas reads texts only when asked
+        rows = pd.read_parquet(io.BytesIO(content), use_threads=False)
         return rows[list(_COLUMNS)]
     except (SucreBenchError, ImportError):
         raise

@@ -41,10 +41,15 @@ def _rests_on_unrounded(metric: str, variant: str) -> bool:
         return False
     if plugins.missing_needs(scorer.plugin, _HAS):
         return False
-    one, other = _tried(scorer, variant, 0.0), _tried(scorer, variant, 0.5)
-    if any(row.status == "failed" for row in (*one, *other)):
+    one = _tried(scorer, variant, 0.0)
+    other = one if _has_failed(one) else _tried(scorer, variant, 0.5)
+    if _has_failed(other):
         return True
     return not np.array_equal([row.value for row in one], [row.value for row in other], equal_nan=True)
+
+
+def _has_failed(rows: list[Row]) -> bool:
+    return any(row.status == "failed" for row in rows)
 
 
 def _tried(scorer: Scorer, variant: str, darker: float) -> list[Row]:
