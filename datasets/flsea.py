@@ -29,6 +29,7 @@ from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
@@ -98,7 +99,7 @@ class Flsea(ImageScaleOption):
 
     def _lens(self, dive: Path, root: Path, size: tuple[int, int]) -> Lens | None:
         if self.calibration is not None:
-            return read_kalibr(Path(self.calibration).expanduser(), size)
+            return read_kalibr(expanded(self.calibration), size)
         places = [place for place in (dive, *dive.parents) if place == root or root in place.parents]
         for place in places:  # the nearest counts, of several in a place the camchain
             for path in (path for pattern in _CALIBRATIONS for path in sorted(place.glob(f"calibration/{pattern}"))):

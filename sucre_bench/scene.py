@@ -340,3 +340,7 @@ class Score:
     n_pixels: int = 0
     coverage: float = 1.0
     weight: float = 1.0
+
+    def __post_init__(self) -> None:
+        if not isinstance(self.region, str):
+            raise TypeError(f"Score(region={self.region!r}): a region is text, for example 'image'; mend the metric")

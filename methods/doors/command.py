@@ -26,6 +26,7 @@ from sucre_bench import (
     View,
     method,
 )
+from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder, check_pattern
@@ -129,7 +130,7 @@ class Command:
     @property
     def _words(self) -> list[str]:
         try:
-            return [str(Path(w).expanduser()) if w.startswith("~/") else w for w in shlex.split(self.run)]
+            return [str(expanded(w)) if w.startswith("~/") else w for w in shlex.split(self.run)]
         except ValueError as fault:
             raise InputError(f"command.run: {fault}; close what was opened, or write \\' for the character") from fault
 

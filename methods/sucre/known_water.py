@@ -15,6 +15,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import expanded
 from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.calling import restored
@@ -50,7 +51,7 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
                 f"water=truth: the scene '{scene.name}' does not know its water; give a file, or water=own"
             )
         return _known("water=truth", scene.water, Lighting(), view, encoding)
-    path = Path(source).expanduser()
+    path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
     try:
@@ -67,7 +68,7 @@ def check_file(source: str) -> None:
 
     A path to nothing passes: `create` refuses it.
     """
-    path = Path(source).expanduser()
+    path = expanded(source)
     if not path.is_dir():
         with contextlib.suppress(FileNotFoundError):
             _of_file(path)

@@ -10,6 +10,8 @@ from typing import TYPE_CHECKING, Literal, get_args
 
 from click.shell_completion import CompletionItem
 
+from sucre_bench.machine.files import expanded
+
 if TYPE_CHECKING:
     import click
 
@@ -209,7 +211,7 @@ def places(start: str, folders_only: bool = False, prefix: str = "") -> list[Com
     folder, slash, name = start.rpartition("/")
     found = []
     try:
-        inside = sorted(Path(folder + slash or ".").expanduser().iterdir())
+        inside = sorted(expanded(folder + slash or ".").iterdir())
     except OSError:
         return []
     for path in inside:

@@ -9,6 +9,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import expanded
 from sucre_bench.scene import Water
 
 _PLACE = "degrade.add_water"
@@ -24,7 +25,7 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         encoding = given.encoding
         parts = [given.veiling_light, given.attenuation, given.backscatter]
     elif isinstance(given, (str, Path)):
-        place = str(Path(given).expanduser())
+        place = str(expanded(given))
         return read_water(_from_file(Path(place)), place)
     elif np.shape(given) == (9,):
         parts = [given[0:3], given[3:6], given[6:9]]

@@ -17,7 +17,7 @@ from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study import Study
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import expanded, regular
 from sucre_bench.plugins.creation import create, given_to_read, read_files
 from sucre_bench.plugins.options import check_options, options_of, typed
 from sucre_bench.plugins.plugin import Kind, Plugin
@@ -169,7 +169,7 @@ class Job:
             shard=run.shard,
             method=replace(method, replicate=run.replicate),
             metrics=_metrics(run.metrics),
-            out=Path(run.out).expanduser(),
+            out=expanded(run.out),
             views=_view_names(run.views),
             every=run.every,
             first=run.first,
@@ -270,7 +270,7 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
         return None
     names = [str(n) for n in given] if isinstance(given, list) else [str(given)]
     if len(names) == 1 and names[0].endswith(".txt"):
-        path = Path(names[0]).expanduser()
+        path = expanded(names[0])
         try:
             lines = regular(path).read_text(encoding="utf-8-sig").splitlines()
             names = [line.strip() for line in lines if line.strip()]

@@ -20,7 +20,7 @@ from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
 from sucre_bench.jobs.presets import given_paths, option_names, plugin_of, presets
 from sucre_bench.jobs.recognise import is_path, recognised
 from sucre_bench.jobs.schema import CONF_FOLDER, RunConfig
-from sucre_bench.machine.files import fault_of
+from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.plugins.options import options_of
 
 _LISTS = ("datasets", "methods", "metrics", "sweep")
@@ -210,4 +210,4 @@ def _settled(key: str, value: Any, folder: Path) -> Any:
 
 def _moved(value: Any, folder: Path) -> Any:
     """A path as seen from where the command runs; what is no text as it is."""
-    return os.path.normpath(folder / Path(value).expanduser()) if isinstance(value, str) and value else value
+    return os.path.normpath(folder / expanded(value)) if isinstance(value, str) and value else value

@@ -13,6 +13,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.jobs.explain import not_an_override
 from sucre_bench.jobs.presets import presets
 from sucre_bench.jobs.quoting import quoted
+from sucre_bench.machine.files import expanded
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
@@ -22,7 +23,7 @@ def expand_home(override: str) -> str:
     """Expand a leading ~ of the value; the shell does so only at the start of a word."""
     key, equals, value = override.partition("=")
     bare = value.strip("'\"")
-    return f"{key}='{Path(bare).expanduser()}'" if equals and bare.startswith("~/") else override
+    return f"{key}='{expanded(bare)}'" if equals and bare.startswith("~/") else override
 
 
 def line_up_file(words: Sequence[str]) -> Path | None:
@@ -30,7 +31,7 @@ def line_up_file(words: Sequence[str]) -> Path | None:
     files = [word for word in words if _is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
     if len(files) > 1:
         raise InputError(f"{files[1]}: a second line-up; run one at a time")
-    return Path(files[0]).expanduser() if files else None
+    return expanded(files[0]) if files else None
 
 
 def parse(texts: Iterable[str]) -> list[Override]:
@@ -85,7 +86,7 @@ def _readings(word: str, keyed: Iterable[str]) -> Iterator[tuple[str, str]]:
         "experiment": [preset.name for preset in presets("experiment")],
     }
     yield from ((key, word) for key, known in names.items() if word in known and (key != "dataset" or key not in keyed))
-    if Path(word).expanduser().is_dir():
+    if expanded(word).is_dir():
         yield "dataset", quoted(word if "/" in word else f"./{word}")
     near = {name: key for key, known in names.items() for name in known}
     yield from ((near[name], name) for name in difflib.get_close_matches(word, near, n=1, cutoff=0.7))

@@ -8,12 +8,13 @@ from pathlib import Path
 from typing import Literal
 
 from sucre_bench.errors import InputError
+from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
 
 
 def existing(root: Path, holds: str = "the data") -> Path:
     """Return `root` with ~ expanded. Raises InputError, naming the expected content, if it is no folder."""
-    root = Path(root).expanduser()
+    root = expanded(root)
     if not root.is_dir():
         fault = "is a file, not a folder" if root.exists() else "no such folder"
         raise InputError(f"{root}: {fault}; give the one that holds {holds} as dataset.root=DIR")
@@ -26,7 +27,7 @@ def chosen(dataset: object, root: Path, option: str, kind: Literal["folder", "fi
     Raises InputError if there is no folder or file, as `kind` says; the option's default need not be there.
     """
     given = getattr(dataset, option)
-    place = root / os.path.expanduser(given)  # noqa: PTH111 - Path's raises where ~name is no user's
+    place = root / expanded(given)
     is_there = place.is_dir() if kind == "folder" else place.is_file()
     if given != getattr(type(dataset), option) and not is_there:
         fault = f"is no {kind}" if place.exists() else f"no such {kind}"

@@ -34,6 +34,11 @@ class NoRegularFileError(InputError):
         self.fault = fault
 
 
+def expanded(path: str | Path) -> Path:
+    """Return a path with ~ and ~name expanded. It stays as it is where no user has that name: then nothing is there."""
+    return Path(os.path.expanduser(path))  # noqa: PTH111 - pathlib's raises RuntimeError there
+
+
 def is_file(path: Path) -> bool:
     """Whether a path leads to a regular file; False also for a name that no file system has."""
     return not fault_of(path)

@@ -24,6 +24,7 @@ import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.machine.code import engine_hash
+from sucre_bench.machine.files import expanded
 from sucre_bench.machine.locks import waited_lock
 from sucre_bench.machine.progress import say
 from sucre_bench.multiview.observations import Observations
@@ -81,7 +82,7 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
         _say_that_nothing_is_kept(scene.name)
         return observe(target, scene.views, **options)
     with_view, options = bool(options.get("with_view")), {**options, "with_view": True}  # one entry serves both
-    entry = Path(folder).expanduser() / f"{Path(target.name).stem}-{_key(scene, target, options)}"
+    entry = expanded(folder) / f"{Path(target.name).stem}-{_key(scene, target, options)}"
     try:
         entry.parent.mkdir(parents=True, exist_ok=True)
         with waited_lock(Path(f"{entry}.lock")):  # the second of two processes finds the entry of the first

@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import fault_of
+from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.plugins import registry
 from sucre_bench.plugins.options import Option, check_options, options_of, typed
 
@@ -41,7 +41,7 @@ def read_files(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Opti
     """Yield the paths that options of these values name; the name of another method is none."""
     given = list(given_to_read(plugin, values))
     methods = registry.discover("method") if given else {}
-    yield from ((option, Path(value).expanduser()) for option, value in given if value not in methods)
+    yield from ((option, expanded(value)) for option, value in given if value not in methods)
 
 
 def _check_paths(plugin: Plugin, values: Mapping[str, Any], out: Path | None) -> None:

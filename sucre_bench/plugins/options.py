@@ -15,6 +15,7 @@ from types import UnionType
 from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, one_line, unknown_name
+from sucre_bench.machine.files import expanded
 
 if TYPE_CHECKING:
     from sucre_bench.plugins.plugin import Plugin
@@ -147,7 +148,7 @@ def typed(annotation: Any, value: Any) -> Any:
     if isinstance(value, list) and get_origin(annotation) is tuple:
         return tuple(value)
     is_path = Path in (annotation, *get_args(annotation))
-    return Path(value).expanduser() if is_path and isinstance(value, (str, Path)) else value
+    return expanded(value) if is_path and isinstance(value, (str, Path)) else value
 
 
 def unusable(plugin: Plugin) -> str:

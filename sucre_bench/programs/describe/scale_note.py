@@ -4,11 +4,10 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
-from pathlib import Path
 
 from sucre_bench.engine.tasks import Selection
 from sucre_bench.errors import InputError
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import expanded, regular
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,7 +27,7 @@ def noted_scale(selection: Selection) -> ScaleNote | None:
     """Return the note in prepare.json in the dataset's root; None if there is none."""
     root = selection.dataset.options.get("root")
     try:
-        scale = json.loads(regular(Path(root).expanduser() / "prepare.json").read_bytes())["scale"] if root else None
+        scale = json.loads(regular(expanded(root) / "prepare.json").read_bytes())["scale"] if root else None
         return scale and ScaleNote(bool(scale["is_metric"]), str(scale["note"]))
     except (OSError, InputError, ValueError, KeyError, TypeError, RecursionError):
         return None

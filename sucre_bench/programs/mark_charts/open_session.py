@@ -11,6 +11,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.loading.view_files import Files
+from sucre_bench.machine.files import expanded
 from sucre_bench.programs.mark_charts.charts_json import ChartsFile
 from sucre_bench.programs.mark_charts.session import Session
 from sucre_bench.scene import View
@@ -25,7 +26,7 @@ def open_session(words: Sequence[str], kind: str, dataset: str) -> Session:
 
     Raises InputError for an unknown view or kind, and for a dataset without a charts.json.
     """
-    kind = str(Path(kind).expanduser().resolve()) if kind.lower().endswith(".csv") else kind
+    kind = str(expanded(kind).resolve()) if kind.lower().endswith(".csv") else kind
     chart_kind(kind)
     selections = select(_overrides(words, dataset))
     if len(selections) != 1:
@@ -58,7 +59,7 @@ def _overrides(words: Sequence[str], dataset: str) -> list[str]:
 
 def _in_images(word: str, dataset: str) -> tuple[Path, str]:
     """The folder of a scene that an image belongs to, and the image's name in it."""
-    path = Path(word).expanduser().absolute()
+    path = expanded(word).absolute()
     if not path.is_file():
         raise InputError(f"{word}: no such image; give one in a folder images/, or add dataset=")
     for folder in path.parents:
@@ -89,4 +90,4 @@ def _path(selection: Selection) -> Path:
         raise InputError(
             f"charts: images are not shown as they are, and {_AS_STORED}; leave image_scale and degrade out"
         )
-    return Path(options["root"]).expanduser() / Path(options[plugin.charts_file]).expanduser()
+    return expanded(options["root"]) / expanded(options[plugin.charts_file])
