@@ -9,11 +9,11 @@ beside those of the float64 reference (`backend=numpy`); above 2 million observa
 from __future__ import annotations
 
 import sys
-import time
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
+from solvers import fastest
 
 import sucre_bench as sb
 from sucre_bench.errors import InputError
@@ -22,19 +22,8 @@ from sucre_bench.methods.sucre.solvers import Solution, solve_adam, solve_exact,
 from sucre_bench.multiview.observe import observe
 from sucre_bench.scene import Scene
 
-TURNS = 3
 REFERENCE_AT_MOST = 2_000_000
 PLACES = [("numba", "cpu"), ("torch", "cpu"), ("torch", "cuda"), ("jax", "cpu"), ("jax", "cuda")]
-
-
-def fastest(work: Callable[[], Solution]) -> tuple[float, Solution]:
-    work()  # compiles
-    times = []
-    for _ in range(TURNS):
-        started = time.perf_counter()
-        solution = work()
-        times.append(time.perf_counter() - started)
-    return min(times), solution
 
 
 def water_of(solution: Solution) -> Any:

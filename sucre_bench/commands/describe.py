@@ -114,7 +114,7 @@ def _show(one: Described) -> None:
 
 
 def _facts(one: Described) -> dict[str, str]:
-    """What is said of the scene as a whole, by the word that begins the line."""
+    """The lines on the whole scene, by their first word."""
     sizes = Counter(f"{view.width}x{view.height}" for view in one.facts)
     encodings = " and ".join(sorted({view.encoding for view in one.facts}))
     focals = sorted({view.focal for view in one.facts if view.focal})

@@ -30,7 +30,7 @@ def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -
 
 
 def given_to_read(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, str | Path]]:
-    """Yield what is given for options that a plugin `reads`, but for words that mean something else there."""
+    """Yield the options that name files to read, with their paths. Words with a meaning of their own are left out."""
     for option in options_of(plugin.cls):
         value = values.get(option.name, "")
         if option.name in plugin.reads and isinstance(value, (str, Path)) and value not in ("", *option.choices):

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
+from support.installing import install
 from support.places import ROOT
 
 EXAMPLE = ROOT / "examples" / "colour-extras"
@@ -26,19 +27,7 @@ def copied(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def installed(copied: Path, tmp_path_factory: pytest.TempPathFactory) -> str:
     """The folder it is installed in."""
     target = tmp_path_factory.mktemp("installed")
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "--disable-pip-version-check",
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-compile",
-    ]
-    done = subprocess.run([*install, "--target", str(target), str(copied)], capture_output=True, text=True, check=False)
-    assert done.returncode == 0, done.stderr
+    install(copied, target)
     return str(target)
 
 

@@ -116,7 +116,7 @@ def test_a_command_that_was_killed_gives_what_it_gives_undisturbed(before: Path,
     assert done.returncode == case.status, done.stderr
     draw = random.Random(f"{SEED} {name}")
     moments = [draw.randint(1, alone.changes) for _ in range(KILLS or case.kills)]
-    # How many changes there are depends on how quickly rows are written, and on what is done already.
+    # The number of changes differs: quick machines write rows together, and some rows are there already.
     ends = [killed_at(moment, tmp_path / "killed", case.words) for moment in moments]
     assert -signal.SIGKILL in ends or killed_at(1, tmp_path / "killed", case.words) == -signal.SIGKILL
     again = Started(tmp_path / "killed", *case.words).ended()

@@ -114,7 +114,7 @@ FAULTS = {
 
 
 def test_what_a_plugin_breaks_is_whole_again_for_the_next_view(tmp_path: Path):
-    """Nor does a thread that one view leaves behind, which sleeps for an hour, keep the command."""
+    """One view leaves a thread behind that sleeps for an hour. The command ends all the same."""
     acts = ",".join(FAULTS)
     told = f"3 ok, {len(FAULTS)} failed, 0 skipped"
     for limit_s in (2, 20, 200):  # seconds that views which do nothing are given; the next on a busy machine

@@ -86,7 +86,7 @@ def test_a_file_for_a_folder_or_a_folder_for_a_file_is_refused(
     folders: list[str],
     named: str,
 ) -> None:
-    """Else the dataset loads without what was asked for."""
+    """Otherwise the dataset would load without it, silently."""
     root = tmp_path / "dive"
     root.mkdir()
     write(root)

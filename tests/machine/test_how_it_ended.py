@@ -1,4 +1,4 @@
-"""What is said of a process that died: want of memory is named where it may be the reason."""
+"""The sentence on a process that died. It names want of memory where that may be the reason."""
 
 from __future__ import annotations
 

@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner, Result
 from support.colmap_folder import write_image
+from support.installing import install
 from support.places import ROOT
 
 from sucre_bench import plugins
@@ -111,18 +112,7 @@ def is_text(node: ast.AST) -> bool:
 def test_a_package_is_installed_and_found_under_its_name(program: Bench, folder: Path) -> None:
     done = new("method", "tried_out", "--package", "my-restorers")
     assert "install  pip install -e my-restorers" in done.stdout
-    install = [
-        sys.executable,
-        "-m",
-        "pip",
-        "install",
-        "-q",
-        "--disable-pip-version-check",
-        "--no-deps",
-        "--no-build-isolation",
-        "--no-compile",
-    ]
-    subprocess.run([*install, "--target", "there", "./my-restorers"], check=True)
+    install(folder / "my-restorers", folder / "there")
     listed = program("list", "methods", PYTHONPATH=str(folder / "there")).stdout
     assert "tried_out\n    Multiply the red channel by a factor." in listed
     assert "2 passed" in pytest_in(folder / "my-restorers", "tests", PYTHONPATH=str(folder / "there"))
