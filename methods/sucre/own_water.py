@@ -16,7 +16,7 @@ from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.apply_gains import AtOneExposure, corrected
 from sucre_bench.methods.sucre.exact import fit
-from sucre_bench.methods.sucre.exposure import differing_exposure
+from sucre_bench.methods.sucre.exposure import Exposure, differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
 from sucre_bench.methods.sucre.falloff import Falloff, find_falloff
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
@@ -45,7 +45,8 @@ def matched_sample(options: Sucre, scene: Scene, view: View, observations: Obser
     if not options.footprint or n < _FEWEST_MATCHED:
         return None
     places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
-    views = [other for other in scene.views if other.name in set(observations.views)]
+    shown = set(observations.views)
+    views = [other for other in scene.views if other.name in shown]
     how = options.pairing_with(view=True)
     how["with_ray"] = True
     found = matched_footprints(view, views, observations.pixels[places], **how)
@@ -66,7 +67,10 @@ class OwnWater:
         if self.options.lamp:
             return self._under_a_lamp(observations, matched)
         if self.options.exposure == "per_view":
-            return self._with_gains(observations, matched)
+            sample = observations if matched is None else matched
+            start = fit(sample, **self.options.compute).water
+            found = estimate_gains(sample, self.view.name, start, seed=self.options.seed)
+            return self._with_gains(observations, matched, found)
         solution = self._solved(observations, matched, {})
         limits: tuple[str, ...] = ()
         falloff = None
@@ -75,9 +79,9 @@ class OwnWater:
             if falloff := find_falloff(matched, self.view.name, solution.water, seed=self.options.seed):
                 solution, limits = _doubted(solution, falloff), (falloff.limit,)
             elif limits and self.options.exposure == "auto":
-                found = self._with_gains_that_explain(observations, matched, solution)
-                if found is not None:
-                    return found
+                explained = self._with_gains_that_explain(observations, matched, solution)
+                if explained is not None:
+                    return explained
         if is_guess(solution):  # no exposure is known without a water
             photograph = self._photograph(observations, solution)
             return observations, photograph.with_limits([falloff.limit] if falloff else [])
@@ -94,11 +98,10 @@ class OwnWater:
             found["unexplained"] = float(robust_noise(matched, solution.water).mean())
         return replace(solution, about=solution.about | found)
 
-    def _with_gains(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
-        """Return the solution with one gain for each view, and the observations in the target's exposure."""
-        sample = observations if matched is None else matched
-        start = fit(sample, **self.options.compute).water
-        found = estimate_gains(sample, self.view.name, start, seed=self.options.seed)
+    def _with_gains(
+        self, observations: Observations, matched: Observations | None, found: Exposure
+    ) -> tuple[Observations, Solution]:
+        """Return the solution with the gains that were found, and the observations in the target's exposure."""
         even = AtOneExposure.of(observations, found.gains, found.water, self.view.name)
         limits = even.limits if found.is_separable else (found.limit, *even.limits)
         about = {"gains": dict(even.gains), "gains_separable": found.is_separable}
@@ -121,7 +124,7 @@ class OwnWater:
             if not found.is_separable or not gains_explain_better(even, found.water, without):
                 return None
             with_views = self.options.observe(self.scene, self.view, observations)
-            observations, solution = self._with_gains(with_views, matched)
+            observations, solution = self._with_gains(with_views, matched, found)
         except SolveError:
             return None
         if solution.is_photograph:

@@ -68,8 +68,8 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     places = list(shared.index[shared])
     if not places:
         raise InputError(f"{folder}: no view was restored by all of {', '.join(methods)}; run them on the same views")
-    chosen = [places[n] for n in evenly(len(places), views)]
-    wanted = candidates[[place in set(chosen) for place in zip(candidates["scene"], candidates["view"], strict=True)]]
+    chosen = {places[n] for n in evenly(len(places), views)}
+    wanted = candidates[[place in chosen for place in zip(candidates["scene"], candidates["view"], strict=True)]]
     pictures = {
         secrets.token_hex(5): Shown(r.scene, r.view, r.method, (r.options_id, r.data_id, r.code))
         for r in wanted.itertuples()
