@@ -31,10 +31,11 @@ from sucre_bench.camera import Camera, pixel_rays, scaled_camera
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
-from sucre_bench.loading.find_folders import existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
+from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Plane, Scene
@@ -62,7 +63,7 @@ class Squid(ImageScaleOption):
     farthest_m: float = 100.0
     """Distances beyond this are unknown, because stereo may give any length where it fails."""
     charts: str = "charts.json"
-    """File of charts' corners in an image set's folder; need not exist."""
+    """File of charts' corners in an image set's folder. charts.json need not exist; another name must, in one set."""
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -71,15 +72,16 @@ class Squid(ImageScaleOption):
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each image set. Reads calibrations, headers and samples of files, no more.
 
-        Raises InputError when there is no set, or its calibration is missing or cannot be read.
+        Raises InputError when there is no set, a calibration is missing or cannot be read, or no set has the given charts.
         """
-        root, found = existing(self.root), False
+        root = existing(self.root)
         calibration = functools.cache(_calibration)
-        for folder in folders_below(root, lambda place, _: place.name.lower().startswith("image_set")):
-            found = True
-            yield self._scene(folder, scene_name(folder, root), *calibration(_beside(folder)))
-        if not found:
+        folders = list(folders_below(root, lambda place, _: place.name.lower().startswith("image_set")))
+        if not folders:
             raise InputError(f"{root}: holds no folder image_set_NN; give the folder of Katzaa, Michmoret and so on")
+        check_chosen(self, folders, "charts", "file")
+        for folder in folders:
+            yield self._scene(folder, scene_name(folder, root), *calibration(_beside(folder)))
 
     def _scene(self, folder: Path, name: str, cameras: tuple[Camera, Camera], right_from_left: Array) -> Scene:
         paths = [_image(folder, "LFT"), _image(folder, "RGT")]
@@ -87,7 +89,7 @@ class Squid(ImageScaleOption):
             path.name: image_size(path) or (camera.width, camera.height)
             for path, camera in zip(paths, cameras, strict=True)
         }
-        charts = read_charts(folder / self.charts, sizes)
+        charts = read_charts(folder / expanded(self.charts), sizes)
         maps = folder / "distanceFromCamera.mat"
         views = []
         for path, camera, side, pose in zip(paths, cameras, "lr", (np.eye(4), right_from_left), strict=True):

@@ -29,11 +29,12 @@ from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
+from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.loading.view_files import scaled_pose
+from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
@@ -62,7 +63,8 @@ class Seathru(ImageScaleOption):
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
     charts: str = "charts.json"
-    """File of charts' corners in a set's folder, which replaces the published corners of D5; need not exist."""
+    """File of charts' corners in a set's folder, which replaces the published corners of D5. charts.json need not exist;
+    another name must, in one set."""
     sparse: str = "sparse"
     """Folder of a COLMAP model of the images, in a set's folder; PINHOLE cameras; need not exist."""
     metres_per_unit: float = 1.0
@@ -87,6 +89,7 @@ class Seathru(ImageScaleOption):
         if not found:
             names = " or ".join(self.images)
             raise InputError(f"{root}: holds no folder {names}; give the folder of D1 to D5, or set dataset.images=...")
+        check_chosen(self, list(found), "charts", "file")
         for place, folders in found.items():
             images = min(folders, key=lambda folder: ranks[folder.name.lower()])
             yield self._scene(place, images, scene_name(place, root if root != images else place))
@@ -135,7 +138,7 @@ class Seathru(ImageScaleOption):
         self, place: Path, sizes: Mapping[str, tuple[int, int]]
     ) -> dict[str, list[tuple[Chart, tuple[int, int]]]]:
         """Return the charts of each image, each with the size (width, height) that its corners are pixels of."""
-        file = chosen(self, place, "charts", "file")
+        file = place / expanded(self.charts)
         if file.is_file():
             return {name: [(c, sizes[name]) for c in charts] for name, charts in read_charts(file, sizes).items()}
         found = {}

@@ -68,8 +68,8 @@ def run(
 
     If you stop a run, the same command continues. It does not restore finished views again.
 
-    Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was done; 2,
-    the command has a mistake; 130, stopped by Ctrl-C.
+    Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was restored
+    or scored; 2, the command has a mistake; 130, stopped by Ctrl-C.
     """
     from sucre_bench.jobs.quoting import value_of
 

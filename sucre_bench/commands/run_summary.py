@@ -57,6 +57,7 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
         "scores_failed": [asdict(fault) for fault in outcome.scores_failed],
         "interrupted": outcome.interrupted,
         "crashed": outcome.crashed,
+        "nothing_scored": outcome.nothing_scored,
         "datasets": list(outcome.datasets),
         "methods": list(outcome.methods),
         "out": str(outcome.out),
@@ -84,8 +85,8 @@ def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     ):
         for line in _grouped(faults):
             _say(f"{kind}  {line}", colour)
-    for missing in unscored(outcome.rows):
-        _say(f"not scored  {missing}", "dim")
+    for missing in unscored(outcome.rows, outcome.nothing_scored):
+        _say(f"not scored  {missing}", "yellow" if outcome.nothing_scored else "dim")
     if outcome.interrupted:
         click.echo("stopped; the same command continues from here")
     made = f" ({outcome.cached} cached)" if outcome.cached else ""

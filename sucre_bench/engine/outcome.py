@@ -30,7 +30,8 @@ class Outcome:
     rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
     score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
     restoration; datasets, methods: labels, in the order of the command; baseline: the method that the others are
-    compared with, empty for the best; crashed: whether a process ended unexpectedly.
+    compared with, empty for the best; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics were
+    requested, and none of them has a value for any view.
     """
 
     rows: pd.DataFrame
@@ -50,6 +51,7 @@ class Outcome:
     scores_failed: tuple[Fault, ...]
     interrupted: bool
     crashed: bool
+    nothing_scored: bool
 
     @property
     def requested_rows(self) -> pd.DataFrame:
@@ -59,7 +61,8 @@ class Outcome:
 
     @property
     def exit_code(self) -> int:
-        """0: everything finished; 1: a view or score failed, or nothing was done; 130: stopped by Ctrl-C."""
+        """0: everything finished; 1: a view or score failed, or nothing was restored or scored; 130: stopped by Ctrl-C."""
         if self.interrupted:
             return 130
-        return 1 if self.failed or self.scores_failed or self.crashed or not self.ok else 0
+        has_fault = self.failed or self.scores_failed or self.crashed
+        return 1 if has_fault or not self.ok or self.nothing_scored else 0

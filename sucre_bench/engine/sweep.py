@@ -3,9 +3,9 @@
 from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import compare, results
 from sucre_bench.engine.across_views import score_across_views
@@ -26,6 +26,7 @@ from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.machine.steps import note_start
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import pairs_path
+from sucre_bench.results.rows import Status
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -100,6 +101,7 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
                 failed.append(fault)
     first = planned[0].job
     scores = compare.on_pixels(rows, read_common(first.out))
+    requested = _requested_scores(planned)
     return Outcome(
         rows=scores,
         stored=rows,
@@ -115,9 +117,10 @@ def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, inter
         cached=cached,
         failed=tuple(failed),
         skipped=tuple(skipped),
-        scores_failed=tuple(_failed_scores(scores, planned)),
+        scores_failed=tuple(_failed_scores(scores, requested)),
         interrupted=interrupted,
         crashed=crashed,
+        nothing_scored=bool(requested) and not any(_with_status(scores, requested, "ok")),
     )
 
 
@@ -129,17 +132,24 @@ def _requested(planned: Sequence[Planned]) -> frozenset[tuple[str, str, str, str
     )
 
 
-def _failed_scores(rows: pd.DataFrame, planned: Sequence[Planned]) -> Iterator[Fault]:
-    """The scores among those asked for that a metric failed to give."""
-    failed = rows[rows["status"] == "failed"]
-    if failed.empty:
-        return
-    asked = {
+def _requested_scores(planned: Sequence[Planned]) -> frozenset[tuple[str, str, str, str, str]]:
+    """Dataset, method, scene, view and metric of each requested score."""
+    return frozenset(
         (plan.job.dataset.label, plan.job.method.label, task.base.scene, task.view.name, metric.plugin.name)
         for plan in planned
         for task in plan.tasks
         for metric in plan.job.metrics
-    }
-    for r in failed.itertuples():
-        if (r.dataset, r.method, r.scene, r.view, r.metric) in asked:
-            yield Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)
+    )
+
+
+def _with_status(rows: pd.DataFrame, requested: Set[tuple[str, ...]], status: Status) -> Iterator[Any]:
+    """The rows of requested scores that have a status."""
+    for r in rows[rows["status"] == status].itertuples():
+        if (r.dataset, r.method, r.scene, r.view, r.metric) in requested:
+            yield r
+
+
+def _failed_scores(rows: pd.DataFrame, requested: Set[tuple[str, ...]]) -> Iterator[Fault]:
+    """The requested scores that a metric failed to give."""
+    for r in _with_status(rows, requested, "failed"):
+        yield Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)

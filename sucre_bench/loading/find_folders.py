@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
@@ -26,13 +26,22 @@ def chosen(dataset: object, root: Path, option: str, kind: Literal["folder", "fi
 
     Raises InputError if there is no folder or file, as `kind` says; the option's default need not be there.
     """
+    check_chosen(dataset, [root], option, kind)
+    return root / expanded(getattr(dataset, option))
+
+
+def check_chosen(dataset: object, folders: Sequence[Path], option: str, kind: Literal["folder", "file"]) -> None:
+    """Raise InputError if none of the folders has the path that an option names, as `kind` says.
+
+    The option's default need not be there.
+    """
     given = getattr(dataset, option)
-    place = root / expanded(given)
-    is_there = place.is_dir() if kind == "folder" else place.is_file()
-    if given != getattr(type(dataset), option) and not is_there:
-        fault = f"is no {kind}" if place.exists() else f"no such {kind}"
-        raise InputError(f"{place}: {fault}; correct or drop dataset.{option}={given}")
-    return place
+    places = [folder / expanded(given) for folder in folders]
+    is_there = any(place.is_dir() if kind == "folder" else place.is_file() for place in places)
+    if places and given != getattr(type(dataset), option) and not is_there:
+        fault = f"is no {kind}" if places[0].exists() else f"no such {kind}"
+        others = f", in none of {len(places)} folders" * (len(places) > 1)
+        raise InputError(f"{places[0]}: {fault}{others}; correct or drop dataset.{option}={given}")
 
 
 def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:

@@ -138,6 +138,14 @@ def test_a_scene_without_depth_skips_what_needs_it_with_the_reason(bench, tmp_pa
     assert "3 ok, 0 failed, 3 skipped" in done.stdout
 
 
+@pytest.mark.parametrize(("metrics", "code"), [("[psnr]", 1), ("[psnr,uciqe]", 0)])
+def test_a_run_that_can_score_nothing_names_what_the_dataset_lacks(bench, dive: Path, metrics: str, code: int):
+    done = run(bench, dive, "report=false", "views=[a.png]", "method=gray_world", f"metrics={metrics}")
+    assert done.returncode == code
+    (line,) = [line for line in done.stdout.splitlines() if line.startswith("not scored")]
+    assert {"psnr:", "reference,", "colmap"} <= set(line.split())
+
+
 def test_a_view_without_depth_is_skipped_by_what_needs_it(bench, dive: Path):
     (dive / "depths" / "depth_b.png").unlink()
     done = run(bench, dive)

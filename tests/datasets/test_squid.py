@@ -109,6 +109,18 @@ def test_sites_and_sets_are_scenes_and_their_charts_are_read(tmp_path: Path) -> 
     assert len({scene.data_id for scene in scenes}) == 2, "Satil's second set differs"
 
 
+@pytest.mark.parametrize("given", ["mine.json", "folder"])
+def test_charts_that_are_asked_for_must_be_in_one_of_the_sets(tmp_path: Path, given: str) -> None:
+    write_site(tmp_path, ("image_set_01", "image_set_02"))
+    (tmp_path / "image_set_01" / "folder").mkdir()
+    with pytest.raises(InputError, match=rf"image_set_01/{given}: .*dataset\.charts={given}"):
+        list(Squid(tmp_path, charts=given).scenes())
+    corners = [[4, 4], [16, 4], [16, 12], [4, 12]]
+    charts = {"images": {"RGT_4011resizedUndistort.tif": {"near": corners}}}
+    (tmp_path / "image_set_02" / "mine.json").write_text(json.dumps(charts))
+    assert ["charts" in scene.has for scene in Squid(tmp_path, charts="mine.json").scenes()] == [False, True]
+
+
 @pytest.mark.parametrize("change", ["metres", "upright K", "no size"])
 def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: str) -> None:
     stereo = dict(STEREO)
