@@ -72,7 +72,8 @@ class Squid(ImageScaleOption):
     def scenes(self) -> Iterator[Scene]:
         """Yield a scene for each image set. Reads calibrations, headers and samples of files, no more.
 
-        Raises InputError when there is no set, a calibration is missing or cannot be read, or no set has the given charts.
+        Raises InputError when there is no set, a calibration is missing or cannot be read, or no set has the
+        given charts.
         """
         root = existing(self.root)
         calibration = functools.cache(_calibration)

@@ -63,7 +63,7 @@ class Seathru(ImageScaleOption):
     encoding: Encoding = "linear"
     """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
     charts: str = "charts.json"
-    """File of charts' corners in a set's folder, which replaces the published corners of D5. charts.json need not exist;
+    """File of charts' corners in a set's folder, instead of the published corners of D5. charts.json need not exist;
     another name must, in one set."""
     sparse: str = "sparse"
     """Folder of a COLMAP model of the images, in a set's folder; PINHOLE cameras; need not exist."""

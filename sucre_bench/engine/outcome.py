@@ -30,8 +30,8 @@ class Outcome:
     rows: the score table of the folder, on common pixels where methods fill different ones; stored: the same, each
     score on its method's own pixels, as it is stored; requested: dataset, method, scene and view of each requested
     restoration; datasets, methods: labels, in the order of the command; baseline: the method that the others are
-    compared with, empty for the best; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics were
-    requested, and none of them has a value for any view.
+    compared with, empty for the best; crashed: whether a process ended unexpectedly; nothing_scored: whether metrics
+    were requested, and none of them has a value for any view.
     """
 
     rows: pd.DataFrame
@@ -61,7 +61,7 @@ class Outcome:
 
     @property
     def exit_code(self) -> int:
-        """0: everything finished; 1: a view or score failed, or nothing was restored or scored; 130: stopped by Ctrl-C."""
+        """0: all is finished; 1: a view or score failed, or nothing was restored or scored; 130: stopped by Ctrl-C."""
         if self.interrupted:
             return 130
         has_fault = self.failed or self.scores_failed or self.crashed
