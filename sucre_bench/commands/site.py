@@ -93,6 +93,7 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
             given = [text for text in data if text.rpartition("=")[0] in datasets]
             found = verify(bundle, data_folders(datasets, given))
             rows, version = bundle.rows, bundle.version
+            common = bundle.common if found.holds else None
     except InputError as fault:
         return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), str(fault).removeprefix(f"{path}: "), None)
     state = State.VERIFIED if found.is_whole else State.PARTLY if found.n_agree else State.HASHES
@@ -100,7 +101,9 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
     more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
     fault_text = f"{faults[0]}{more}" if faults else ""
     state = state if found.holds else State.DIFFERS
-    return Entry(path.name, found.id, found.by, version, state, (found.n_agree, found.n_scores), fault_text, rows)
+    return Entry(
+        path.name, found.id, found.by, version, state, (found.n_agree, found.n_scores), fault_text, rows, common
+    )
 
 
 def _copy(source: Path, target: Path) -> None:

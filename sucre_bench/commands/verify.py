@@ -18,7 +18,7 @@ from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.verify.check import Verified
+    from sucre_bench.programs.verify.verified import Verified
 
 _MOST = 20  # scores that are listed
 
@@ -96,8 +96,9 @@ def _print(found: Verified, tolerance: float) -> None:
     click.echo(f"bundle   {found.id}{by}")
     click.echo(f"files    {found.n_files} hashes checked")
     n_not = sum(found.unchecked.values())
+    common = f" ({found.n_common} on common pixels)" if found.n_common else ""
     echo_wrapped(
-        f"scores   {found.n_agree} computed again agree within {100 * tolerance:g} % or 8-bit rounding, "
+        f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or 8-bit rounding, "
         f"{len(found.differing)} differ, {n_not} not computed again",
         9,
     )
@@ -110,6 +111,7 @@ def _print(found: Verified, tolerance: float) -> None:
     for one in found.differing[:_MOST]:
         where = f"{one.dataset} / {one.method} / {one.view} / {one.metric} ({one.variant})"
         region = "" if one.region == "image" else f" {one.region}"
+        region += " on common pixels" if one.pixels == "common" else ""
         say(f"differs  {where}{region}: {one.stored:.6g}, computed again {one.computed:.6g}", "red")
     more = len(found.faults[_MOST:]) + len(found.differing[_MOST:])
     if more:

@@ -7,7 +7,8 @@ out, since bundles come from different machines, and so are metrics that are not
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+import json
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
 from typing import TYPE_CHECKING
@@ -16,6 +17,7 @@ from sucre_bench import compare, plugins
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.text import decisive
 from sucre_bench.errors import InputError
+from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import RESTORATION
 
 if TYPE_CHECKING:
@@ -36,7 +38,8 @@ class Entry:
     """A bundle on the board.
 
     file: its name; id, by, version: see `Bundle`; checked: how many scores were computed again and agree, of how many;
-    fault: the first thing that differs, or why the file is no bundle; rows: its score table, None without one.
+    fault: the first thing that differs, or why the file is no bundle; rows: its score table, None without one;
+    common: its scores on common pixels, None without any.
     """
 
     file: str
@@ -47,6 +50,7 @@ class Entry:
     checked: tuple[int, int]
     fault: str
     rows: pd.DataFrame | None
+    common: pd.DataFrame | None = None
 
     @property
     def who(self) -> str:
@@ -105,14 +109,17 @@ def _rows(entry: Entry) -> pd.DataFrame:
 
 @dataclass
 class _Group:
-    """Methods that were found to be comparable so far."""
+    """Methods that were found to be comparable so far. common: scores on common pixels, a table for each bundle."""
 
     rows: pd.DataFrame
+    common: list[pd.DataFrame]
     lines: list[Line]
     apart: str
 
 
 def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
+    import pandas as pd
+
     groups: list[_Group] = []
     for entry in entries:
         rows = _rows(entry)
@@ -122,9 +129,10 @@ def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
         lines = {
             str(name): Line(f"{name} ({entry.who} {entry.id})", str(name), entry) for name in rows["method"].unique()
         }
-        _add(groups, rows.assign(method=rows["method"].map({name: line.label for name, line in lines.items()})), lines)
+        labels = {name: line.label for name, line in lines.items()}
+        _add(groups, rows.assign(method=rows["method"].map(labels)), _labelled(entry.common, labels), lines)
     for group in groups:
-        compared = compare.compare(group.rows)
+        compared = compare.compare(compare.on_pixels(group.rows, pd.concat(group.common, ignore_index=True)))
         for comparison in compared:
             columns = dict.fromkeys((*decisive(comparison).columns, *comparison.columns))  # those that decide first
             ranked = tuple(column for column in columns if column.ranked)
@@ -133,7 +141,15 @@ def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
                 yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
 
 
-def _add(groups: list[_Group], rows: pd.DataFrame, lines: dict[str, Line]) -> None:
+def _labelled(common: pd.DataFrame | None, labels: Mapping[str, str]) -> pd.DataFrame:
+    """A bundle's scores on common pixels, with the methods' labels on the board."""
+    if common is None:
+        return common_frame([])
+    names = [json.dumps([labels.get(name, name) for name in json.loads(text)]) for text in common["methods"]]
+    return common.assign(method=common["method"].map(labels).fillna(""), methods=names)
+
+
+def _add(groups: list[_Group], rows: pd.DataFrame, common: pd.DataFrame, lines: dict[str, Line]) -> None:
     """Add a bundle's methods to the first group that they may be compared with, or as a group of their own."""
     import pandas as pd
 
@@ -143,10 +159,11 @@ def _add(groups: list[_Group], rows: pd.DataFrame, lines: dict[str, Line]) -> No
         why = _refusal(group.rows, rows, together)
         if not why:
             group.rows = together
+            group.common.append(common)
             group.lines += lines.values()
             return
         reason = reason or why
-    groups.append(_Group(rows, list(lines.values()), reason))
+    groups.append(_Group(rows, [common], list(lines.values()), reason))
 
 
 def _refusal(one: pd.DataFrame, other: pd.DataFrame, together: pd.DataFrame) -> str:

@@ -5,7 +5,6 @@ from __future__ import annotations
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -17,67 +16,27 @@ from sucre_bench.errors import ANY_FAULT, InputError, Lack
 from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.programs.verify import TOLERANCE
+from sucre_bench.programs.verify.common import (
+    LOOK_ALIKE,
+    NO_PICTURES,
+    CommonView,
+    common_mask,
+    common_views,
+    on_mask,
+    why_unused,
+)
 from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
-from sucre_bench.programs.verify.pictures import Held, held, picture, restoration_of
+from sucre_bench.programs.verify.pictures import Held, Restored, held, picture, restoration_of
 from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
-from sucre_bench.results.bundle_format import Bundle
+from sucre_bench.programs.verify.verified import Differing, Verified
+from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
+from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
 
 if TYPE_CHECKING:
     import pandas as pd
-
-
-@dataclass(frozen=True)
-class Differing:
-    """A score that another value comes out for."""
-
-    dataset: str
-    method: str
-    scene: str
-    view: str
-    metric: str
-    variant: str
-    region: str
-    stored: float
-    computed: float
-
-
-@dataclass(frozen=True)
-class Verified:
-    """What became of a bundle's check.
-
-    id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
-    each; differing: scores that differ; n_agree: number of scores that were computed again and agree; unchecked: scores
-    that were not computed again, by reason; needs_data: whether some of them need the data; other_versions: metrics
-    whose code here is not the code that made the scores.
-    """
-
-    id: str
-    by: str
-    n_files: int
-    faults: tuple[str, ...]
-    differing: tuple[Differing, ...]
-    n_agree: int
-    unchecked: Mapping[str, int]
-    needs_data: bool
-    other_versions: tuple[str, ...]
-
-    @property
-    def n_scores(self) -> int:
-        """How many scores the bundle has; seconds and memory are none."""
-        return self.n_agree + len(self.differing) + sum(self.unchecked.values())
-
-    @property
-    def is_whole(self) -> bool:
-        """Whether every score was computed again and agrees."""
-        return 0 < self.n_agree == self.n_scores
-
-    @property
-    def holds(self) -> bool:
-        """Whether nothing differs."""
-        return not self.faults and not self.differing
 
 
 def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Verified:
@@ -92,17 +51,32 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     check = _Check(bundle, opened, tolerance, _sizes(rows))
     for of_restoration in progress.track(list(_by_restoration(rows)), "scoring again"):
         check.restoration(of_restoration)
+    n_own, common = check.n_agree, _common(bundle, file_faults)
+    for of_view in progress.track(list(common_views(common, rows)), "scoring common pixels again"):
+        check.view(of_view)
     return Verified(
         bundle.id,
         bundle.by,
         len(names),
-        (*file_faults, *opened.faults, *_wrong_meaning(rows), *check.faults),
+        (*file_faults, *opened.faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common), *check.faults),
         tuple(check.differing),
         check.n_agree,
+        check.n_agree - n_own,
         dict(check.unchecked.most_common()),
         check.needs_data,
         tuple(sorted(check.other_versions)),
     )
+
+
+def _common(bundle: Bundle, file_faults: list[str]) -> pd.DataFrame:
+    """The scores on common pixels; no rows if there are none, or the table is damaged: then `file_faults` says so."""
+    try:
+        common = bundle.common
+    except InputError as fault:
+        common = None
+        if not any(text.startswith(f"{COMMON}: ") for text in file_faults):
+            file_faults.append(str(fault).removeprefix(f"{bundle.path}/"))
+    return common_frame([]) if common is None else common
 
 
 def _by_restoration(rows: pd.DataFrame) -> Iterator[pd.DataFrame]:
@@ -120,15 +94,15 @@ def _sizes(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
     return {(str(m), str(v)): float(size) for (m, v), size in sizes.items()}
 
 
-def _wrong_meaning(rows: pd.DataFrame) -> Iterator[str]:
-    """Metrics of which the bundle says another unit or direction than they have."""
+def _wrong_meaning(file: str, rows: pd.DataFrame) -> Iterator[str]:
+    """Metrics of which a table of the bundle says another unit or direction than they have."""
     known = plugins.usable("metric")
     once = rows[~rows["metric"].isin(COSTS)].drop_duplicates(["metric", "unit", "better"])
     for row in once.itertuples():
         plugin = known.get(row.metric)
         if plugin and (row.unit, row.better) != (plugin.unit, plugin.better):
             said, meant = f"'{row.unit}', {row.better} is better", f"'{plugin.unit}', {plugin.better}"
-            yield f"scores.csv: {row.metric} in {said}; it is {meant}"
+            yield f"{file}: {row.metric} in {said}; it is {meant}"
 
 
 class _Check:
@@ -156,15 +130,34 @@ class _Check:
         try:
             names = held(self._bundle, row)
             if names is None:
-                self.unchecked["the bundle has no pictures"] += len(scores)
+                self.unchecked[NO_PICTURES] += len(scores)
             else:
-                self._score(row, scores, names)
+                self._score(row, scores, names, restoration_of(self._bundle, names, int(row.n_pixels)))
         except ANY_FAULT as fault:  # whatever a stranger's file makes fail is a fault of that file
             self.faults.append(f"{_where(rows.iloc[0])}: {str(fault).removeprefix(f'{self._bundle.path}: ')}")
             self.unchecked["the picture cannot be used"] += len(scores)
 
-    def _score(self, row: Any, scores: pd.DataFrame, names: Held) -> None:
-        kept = restoration_of(self._bundle, names, int(row.n_pixels))
+    def view(self, view: CommonView) -> None:
+        """Find the common pixels of a view again, and score all methods on them again."""
+        scores = view.scores[(view.scores["status"] == "ok") & view.scores["method"].isin(view.whole.keys())]
+        try:
+            why = why_unused(view)
+            pixels = None if why else common_mask(self._bundle, view)
+            if pixels is None:
+                self.unchecked[why or NO_PICTURES] += len(scores)
+                return
+            for method, of_method in scores.groupby("method", sort=False):
+                row = view.whole[str(method)]
+                names = held(self._bundle, row)
+                assert names is not None  # else there is no mask
+                kept = restoration_of(self._bundle, names, int(row.n_pixels))
+                self._score(row, of_method, names, on_mask(kept, *pixels))
+        except ANY_FAULT as fault:  # as above
+            self.faults.append(f"{view.where}: {str(fault).removeprefix(f'{self._bundle.path}: ')}")
+            self.unchecked["the common pixels cannot be found again"] += len(scores)
+
+    def _score(self, row: Any, scores: pd.DataFrame, names: Held, kept: Restored) -> None:
+        """Compute scores again, and judge each. row: of the restoration; kept: the same, or its common pixels."""
         scene = self._opened.scenes.get((row.dataset, row.scene))
         view = self._view(row, names, scene, kept.restoration)
         restoration = with_truth(kept.restoration, scene, view) if scene else kept.restoration
@@ -174,7 +167,7 @@ class _Check:
         found = computed(restoration, view, [one for one in chosen.values() if isinstance(one, Scorer)])
         for score in scores.itertuples():
             scorer = chosen[score.metric, score.variant]
-            doubt = "" if kept.is_sure else "black pixels and holes look alike"
+            doubt = "" if kept.is_sure else LOOK_ALIKE
             is_inexact = scene is None and isinstance(scorer, Scorer) and "reference" in scorer.plugin.needs
             if is_inexact:
                 doubt = f"{score.metric} needs the exact reference of the data"  # the bundle has it as a JPEG
@@ -256,6 +249,7 @@ def _differing(score: Any, value: float) -> Differing:
         score.metric,
         score.variant,
         score.region,
+        "common" if hasattr(score, "pixels") else "own",
         float(score.value),
         value,
     )

@@ -87,6 +87,22 @@ def test_methods_that_fill_different_pixels_are_named_below_their_table(tmp_path
         assert ("own pixels" in html.unescape(page)) is expected
 
 
+def test_a_bundles_scores_on_common_pixels_are_what_its_table_shows(tmp_path: Path):
+    """One of two methods leaves half of each view empty; on the pixels of both, both have 1 dB less."""
+    table = pd.concat([rows("plain"), rows("clever").assign(coverage=0.5)], ignore_index=True)
+    shares = {f"v{n}.png": f"mask{n}" for n in range(3)}
+    of_views = table[(table["metric"] == "seconds") & (table["method"] == "plain")]
+    about = {"metric": "common_pixels", "variant": "common", "method": "", "value": 0.5, "code": ""}
+    scores = table[table["metric"] == "psnr"]
+    common = pd.concat([of_views.assign(**about), scores.assign(value=scores["value"] - 1)], ignore_index=True)
+    common = common.assign(pixels=common["view"].map(shares), methods='["clever", "plain"]', time=table["time"].max())
+    (found,) = board([replace(entry("a", table), common=common)]).tables
+    means = {line.method: found.comparison.cells[line.label, found.comparison.columns[0]].mean for line in found.lines}
+    assert means == pytest.approx({"plain": 20.0, "clever": 25.0})
+    page = write_page(tmp_path, board([replace(entry("a", table), common=common)]), "Lab").read_text()
+    assert "pixels that all methods fill" in html.unescape(page)
+
+
 def test_what_differs_is_in_no_table():
     found = board([entry("a", rows("plain")), entry("b", rows("clever"), State.DIFFERS)])
     assert {line.entry.by for table in found.tables for line in table.lines} == {"a"}

@@ -82,13 +82,13 @@ def rewritten(path: Path, change: Callable[[dict[str, bytes]], None]) -> None:
             archive.writestr(name, data)
 
 
-def with_table(change: Callable[[pd.DataFrame], Any]) -> Callable[[dict[str, bytes]], None]:
+def with_table(change: Callable[[pd.DataFrame], Any], table: str = "scores.csv") -> Callable[[dict[str, bytes]], None]:
     """change: alters the table, or returns another."""
 
     def of(files: dict[str, bytes]) -> None:
-        rows = pd.read_csv(io.BytesIO(files["scores.csv"]), keep_default_na=False)
+        rows = pd.read_csv(io.BytesIO(files[table]), keep_default_na=False)
         changed = change(rows)
-        files["scores.csv"] = (rows if changed is None else changed).to_csv(index=False).encode()
+        files[table] = (rows if changed is None else changed).to_csv(index=False).encode()
 
     return of
 
@@ -96,7 +96,8 @@ def with_table(change: Callable[[pd.DataFrame], Any]) -> Callable[[dict[str, byt
 def test_scores_come_out_again_from_the_pictures_and_the_data(bench, bundles: Path, folder: Path):
     status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
     assert (status, found["holds"], found["differing"], found["faults"]) == (0, True, [], [])
-    assert found["n_agree"] == 12  # of psnr, uciqe and coverage, two methods on two views
+    assert found["n_common"] == 8  # of psnr and uciqe, two methods on two views
+    assert found["n_agree"] - found["n_common"] == 12  # the same, and coverage
     assert sum(found["unchecked"].values()) == 4  # negative intensities are not in a picture
 
 
@@ -180,14 +181,14 @@ def test_data_that_are_not_there_are_not_made(bench, bundles: Path):
 
 def test_references_in_the_bundle_stand_for_the_data(bench, bundles: Path):
     status, found = verified(bench, "all.zip")
-    assert (status, found["n_agree"]) == (0, 12)
+    assert (status, found["n_agree"]) == (0, 20)
     status, found = verified(bench, "restored.zip")
-    assert (status, found["n_agree"]) == (0, 8)
+    assert (status, found["n_agree"], found["n_common"]) == (0, 12, 4)
 
 
 def test_without_pictures_no_score_is_called_verified(bench, bundles: Path):
     status, found = verified(bench, "none.zip")
-    assert (status, found["n_agree"], sum(found["unchecked"].values())) == (0, 0, 16)
+    assert (status, found["n_agree"], sum(found["unchecked"].values())) == (0, 0, 24)
     assert "verified" not in bench("verify", "none.zip").stdout.splitlines()[-1]
 
 
@@ -209,6 +210,28 @@ def test_a_score_that_the_pictures_do_not_give_is_named(bench, bundles: Path):
         ("gray_world", "view_001.png", "uciqe")
     ]
     assert verified(bench, "restored.zip", "--tolerance", "0.2")[0] == 0
+
+
+@pytest.mark.parametrize("column", ["value", "pixels"])
+def test_what_tables_show_of_common_pixels_is_verified_too(bench, bundles: Path, folder: Path, column: str):
+    """A method's score on common pixels was raised; or the pixels are not those that the pictures have in common."""
+
+    def change(rows: pd.DataFrame) -> None:
+        if column == "value":
+            flattered = (rows["metric"] == "psnr") & (rows["method"] == "half")
+            rows.loc[flattered, "value"] = rows.loc[flattered, "value"].astype(float) + 3
+        else:
+            rows.loc[rows["metric"] == "common_pixels", "pixels"] = "0123456789abcdef"
+
+    rewritten(bundles / "restored.zip", with_table(change, "common.csv"))
+    status, found = verified(bench, "restored.zip", "--data", str(folder / "dive"))
+    assert status == 1
+    if column == "value":
+        assert {(d["pixels"], d["metric"], d["method"]) for d in found["differing"]} == {("common", "psnr", "half")}
+        assert len(found["differing"]) == 2
+    else:
+        assert len(found["faults"]) == 2
+        assert all("common.csv" in fault for fault in found["faults"])
 
 
 def test_a_picture_that_was_touched_up_is_found_out(bench, bundles: Path, folder: Path):
