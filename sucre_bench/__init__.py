@@ -16,7 +16,7 @@ __version__ = "0.1.0"
 
 # Where each public name lives: nothing is imported until it is asked for, so that the command line answers at once.
 _HOME = {
-    "sucre_bench.engine.one_view": (
+    "sucre_bench.engine.python_api": (
         "Restored",
         "list_datasets",
         "list_experiments",
@@ -47,14 +47,14 @@ if TYPE_CHECKING:
     from sucre_bench.degrade import degraded as degraded
     from sucre_bench.engine.compare_methods import Compared as Compared
     from sucre_bench.engine.compare_methods import compare_methods as compare_methods
-    from sucre_bench.engine.one_view import Restored as Restored
-    from sucre_bench.engine.one_view import list_datasets as list_datasets
-    from sucre_bench.engine.one_view import list_experiments as list_experiments
-    from sucre_bench.engine.one_view import list_methods as list_methods
-    from sucre_bench.engine.one_view import list_metrics as list_metrics
-    from sucre_bench.engine.one_view import load_scenes as load_scenes
-    from sucre_bench.engine.one_view import restore as restore
-    from sucre_bench.engine.one_view import score as score
+    from sucre_bench.engine.python_api import Restored as Restored
+    from sucre_bench.engine.python_api import list_datasets as list_datasets
+    from sucre_bench.engine.python_api import list_experiments as list_experiments
+    from sucre_bench.engine.python_api import list_methods as list_methods
+    from sucre_bench.engine.python_api import list_metrics as list_metrics
+    from sucre_bench.engine.python_api import load_scenes as load_scenes
+    from sucre_bench.engine.python_api import restore as restore
+    from sucre_bench.engine.python_api import score as score
     from sucre_bench.errors import InputError as InputError
     from sucre_bench.errors import NotApplicableError as NotApplicableError
     from sucre_bench.errors import PluginError as PluginError

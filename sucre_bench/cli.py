@@ -16,7 +16,6 @@ from sucre_bench.machine.children import isolated_children
 from sucre_bench.machine.memory_limit import limit_mb, too_little
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.shown import escaped_output, with_fewer_letters
-from sucre_bench.machine.standard_streams import open_closed_streams
 from sucre_bench.machine.supervisor import supervised
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -27,7 +26,7 @@ _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
-    open_closed_streams()
+    _open_closed_streams()
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
@@ -35,6 +34,18 @@ def main() -> None:
     if fault := too_little():
         sys.exit(_fault(fault, 2))
     sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
+
+
+def _open_closed_streams() -> None:
+    """Lead each closed standard stream to nowhere: else the next file that is opened would take its number."""
+    for number in (0, 1, 2):
+        try:
+            os.fstat(number)
+        except OSError:
+            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
+    sys.stdin = sys.stdin or open(0, encoding="utf-8")  # noqa: SIM115
+    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8")  # noqa: SIM115
+    sys.stderr = sys.stderr or open(2, "w", encoding="utf-8")  # noqa: SIM115
 
 
 def _ended() -> int:

@@ -10,6 +10,7 @@ other views.
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -20,7 +21,6 @@ from sucre_bench.camera import distance_map, scaled_camera
 from sucre_bench.degrade import depth_and_pose, sensor
 from sucre_bench.degrade.draws import generator
 from sucre_bench.degrade.options import VIEWS, Degradation, hashed
-from sucre_bench.degrade.views import kept_views
 from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.patches import scaled_chart
@@ -179,3 +179,20 @@ class _Degraded:
 
     def _rng(self, what: str) -> np.random.Generator:
         return generator(self.degradation.seed, self.scene, self.view.name, what)
+
+
+def kept_views(
+    names: Sequence[str], target: str, within: int | None, keep: int | None, rng: np.random.Generator
+) -> list[int]:
+    """Return the places of the remaining views in capture order, with the target's.
+
+    names: of all views in capture order; within: frames that remain before and after the target; keep: number of views
+    that remain of those, drawn at random, the target included. With the same seed, a smaller `keep` gives a subset of a
+    larger one.
+    """
+    at = names.index(target)
+    first, last = (0, len(names) - 1) if within is None else (at - within, at + within)
+    others = [place for place in range(max(0, first), min(len(names), last + 1)) if place != at]
+    if keep is not None:
+        others = [others[n] for n in rng.permutation(len(others))[: keep - 1]]
+    return sorted([at, *others])

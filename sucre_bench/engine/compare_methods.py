@@ -17,7 +17,7 @@ from sucre_bench.compare import Comparison
 from sucre_bench.compare.decisive_columns import deciding
 from sucre_bench.compare.text import as_text, number
 from sucre_bench.engine.common_in_memory import InMemory, score_in_memory
-from sucre_bench.engine.one_view import restore, score
+from sucre_bench.engine.python_api import restore, score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line
 from sucre_bench.imaging.caption import captioned
@@ -139,7 +139,7 @@ def compare_methods(
 
     Raises InputError for an unknown method, option, metric or view, before any work.
 
-    >>> from sucre_bench.engine.one_view import load_scenes
+    >>> from sucre_bench.engine.python_api import load_scenes
     >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
     >>> compared = compare_methods(scene, ["underwater", "gray_world"], metrics=["psnr"])
     >>> compared.table["psnr"].groupby("method").mean().idxmax()

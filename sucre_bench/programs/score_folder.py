@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
-from sucre_bench.engine.one_view import score
+from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb

@@ -128,7 +128,7 @@ def _import_all(places: Iterable[str]) -> list[dict[str, Any]]:
 
 
 def _restore_all(methods: Iterable[Mapping[str, Any]], folder: Path) -> list[str]:
-    from sucre_bench.engine import one_view
+    from sucre_bench.engine import python_api
 
     random.seed(11)
     np.random.seed(11)
@@ -137,7 +137,7 @@ def _restore_all(methods: Iterable[Mapping[str, Any]], folder: Path) -> list[str
         try:
             _load(method["place"])
             scene = submerged()
-            image = one_view.restore(method["name"], scene, scene[TARGET], **method["options"]).image
+            image = python_api.restore(method["name"], scene, scene[TARGET], **method["options"]).image
             np.save(folder / f"{number}.npy", image)
             told.append("")
         except ANY_FAULT as fault:

@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.engine import one_view
+from sucre_bench.engine import python_api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, raised, rule
@@ -32,7 +32,7 @@ def _needs_depth(plugin: Plugin) -> bool:
 
 
 def _restore(subject: Subject, scene: Scene) -> Restoration:
-    return one_view.restore(subject.make(), scene, scene[TARGET])
+    return python_api.restore(subject.make(), scene, scene[TARGET])
 
 
 def _plain(subject: Subject) -> Restoration:
@@ -242,14 +242,14 @@ def restores_a_scene(subject: Subject) -> Iterator[Finding]:
     if not subject.on:
         raise NotApplicableError("no scene is chosen; name a dataset with --on")
     method = subject.make()
-    scene = next(one_view.load_scenes(subject.on))
+    scene = next(python_api.load_scenes(subject.on))
     absent = subject.plugin.needs - scene.has
     if absent:
         raise NotApplicableError(f"{subject.on} has no {' and '.join(sorted(absent))}; name another dataset with --on")
     if hasattr(method, "warm_up"):
         method.warm_up()
     view = scene.views[len(scene) // 2]
-    result = one_view.restore(method, scene, view)
+    result = python_api.restore(method, scene, view)
     seconds, megapixels = result.info["seconds"], view.rgb.shape[0] * view.rgb.shape[1] / 1e6
     said = f"{seconds:.2g} s, {result.info['peak_mb']:.0f} MB"
     yield note(f"{said}, {result.valid.mean():.0%} of {megapixels:.1f} megapixels of {subject.on}")
