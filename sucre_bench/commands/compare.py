@@ -57,7 +57,7 @@ if TYPE_CHECKING:
     help="If methods fill different pixels of an image (by more than 1 %): score all on the common pixels, or each on"
     " its own.",
 )
-@click.option("--spread", is_flag=True, help="Show standard deviations too.")
+@click.option("--spread", is_flag=True, help="Show standard deviations too (with n - 1).")
 @click.option(
     "--format",
     "how",

@@ -6,10 +6,10 @@ from collections.abc import Sequence
 from dataclasses import asdict
 
 import click
-import numpy as np
 import pandas as pd
 from rich.table import Table
 
+from sucre_bench.compare.numbers import standard_deviation
 from sucre_bench.compare.text import ARROW, number
 from sucre_bench.machine import terminal
 from sucre_bench.programs.match_published import Candidate, Column, PublishedTable, compare
@@ -23,9 +23,7 @@ def summary(rows: pd.DataFrame) -> Table:
     for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
         values = scores["value"]
         title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
-        finite = values[np.isfinite(values)]
-        spread = finite.std(ddof=0) if len(finite) == len(values) else np.nan
-        figures = (values.mean(), spread, values.min(), values.max())
+        figures = (values.mean(), float(standard_deviation(values.to_numpy())), values.min(), values.max())
         table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
     return table
 

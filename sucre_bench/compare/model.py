@@ -66,12 +66,13 @@ class Column:
 class Cell:
     """A method's score.
 
-    mean: over views; std: over units; low, high: 95 % interval of the mean; place: by the mean, 1 = best, equal means
-    share it; rank: 1 + how many methods are better by more than chance; tie: not the best, but no different from it by
-    more than chance; behind: the paired difference to the best, positive = worse; wins: in how many views it is the
-    best, shared among equals, or with a baseline in how many it beats that one, equal ones half; effect: the paired
-    difference to the best (or the baseline), in standard deviations of the views' differences, positive = better;
-    holes: units that others have and it lacks; change: with a baseline, the score less that one's, paired.
+    mean: over views; std: over units, see `standard_deviation`; low, high: 95 % interval of the mean; place: by the
+    mean, 1 = best, equal means share it; rank: 1 + how many methods are better by more than chance; tie: not the best,
+    but no different from it by more than chance; behind: the paired difference to the best, positive = worse; wins: in
+    how many views it is the best, shared among equals, or with a baseline in how many it beats that one, equal ones
+    half; effect: the paired difference to the best (or the baseline), in standard deviations of the views' differences,
+    positive = better; holes: units that others have and it lacks; change: with a baseline, the score less that one's,
+    paired.
 
     NaN stands for what there is not: an interval over one view or of infinite values, the best's effect against itself.
     Where scores are equal or have no interval, the mean alone decides the rank. A number that only describes has place

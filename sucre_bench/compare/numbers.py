@@ -1,9 +1,13 @@
-"""Rounds numbers for tables, by one rule for the terminal, documents and the page."""
+"""One standard deviation, and one rule of rounding, for the terminal, documents, figures and the page."""
 
 from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+
+import numpy as np
+
+from sucre_bench.arrays import Array
 
 
 @dataclass(frozen=True)
@@ -36,3 +40,15 @@ def number(value: float) -> str:
 def signed(value: float) -> str:
     """A number that says that it is a difference: "+0.31"."""
     return f"+{number(value)}" if value > 0 else number(value)
+
+
+def standard_deviation(values: Array) -> Array:
+    """Return the sample standard deviation over the first axis, with n - 1: the images are a sample of all images.
+
+    values: (N, ...). NaN for fewer than two values, and where one is infinite. The SUCRe paper does not say which
+    definition its tables have.
+    """
+    if len(values) < 2:
+        return np.full(values.shape[1:], np.nan)
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        return np.asarray(values.std(axis=0, ddof=1))

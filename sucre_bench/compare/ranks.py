@@ -13,6 +13,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
 from sucre_bench.compare.leads import changes, leads
 from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, ColumnScores, Difference, may_be_chance
+from sucre_bench.compare.numbers import standard_deviation
 
 
 def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -> list[Cell]:
@@ -180,5 +181,5 @@ def _effect(gain: Array) -> float:
     """The mean gain over a reference, in standard deviations of the gain. gain: (V,); positive = better."""
     if len(gain) < 2 or not np.isfinite(gain).all():
         return np.nan
-    spread = gain.std(ddof=1)
+    spread = float(standard_deviation(gain))
     return float(gain.mean() / spread) if spread > EQUAL * np.abs(gain).mean() else np.nan

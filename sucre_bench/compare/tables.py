@@ -8,14 +8,13 @@ from collections.abc import Collection, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array
 from sucre_bench.compare import ranks
 from sucre_bench.compare.bootstrap import Units, pseudo_values
 from sucre_bench.compare.missing import notes
 from sucre_bench.compare.model import Cell, Column, ColumnScores, Comparison, Note
+from sucre_bench.compare.numbers import standard_deviation
 from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.newest import is_fresh
@@ -245,8 +244,7 @@ def _range(metric: str) -> tuple[float, float]:
 def _measured(column: Column, values: pd.DataFrame) -> ColumnScores:
     """The numbers of a column. values: units x methods, both sorted, NaN = a hole."""
     complete = values.dropna()
-    with np.errstate(invalid="ignore"):  # infinity minus infinity
-        std = complete.to_numpy().std(axis=0)
+    std = standard_deviation(complete.to_numpy())
     per_view = complete.groupby(level=_VIEW).mean()
     views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
     independent = _independent(column, views, scenes)

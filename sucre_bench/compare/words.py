@@ -61,7 +61,7 @@ def shown(comparison: Comparison, method: str, column: Column, spread: bool = Fa
         return Shown(
             mark, signed(change), _interval(low, high, signed), holes, look if surely and column.ranked else ""
         )
-    value = f"{number(cell.mean)} ± {number(cell.std)}" if spread else number(cell.mean)
+    value = number(cell.mean) + (f" ± {number(cell.std)}" if spread and not math.isnan(cell.std) else "")
     ranked = column.ranked and not comparison.baseline
     mark = "≈" if ranked and cell.tie else ""
     places: dict[int, Look] = {1: "best", 2: "second"}

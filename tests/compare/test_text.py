@@ -164,10 +164,10 @@ def test_cells_show_mean_interval_tie_and_holes():
     assert re.search(r"a +≈ 25\.0 \[\d+\.\d, \d+\.\d\] ○1", terminal(comparison))
     assert re.search(r"b +25\.3 \[", terminal(comparison))
     assert "±" not in terminal(comparison)
-    assert re.search(r"≈ 25\.0 ± 4\.08 \[", terminal(comparison, spread=True))
+    assert re.search(r"≈ 25\.0 ± 5\.00 \[", terminal(comparison, spread=True))
     for how in ("md", "latex", "html"):
-        assert "4.08" in tables.as_text([comparison], how, spread=True)
-        assert "4.08" not in tables.as_text([comparison], how)
+        assert "5.00" in tables.as_text([comparison], how, spread=True)
+        assert "5.00" not in tables.as_text([comparison], how)
 
 
 def test_parts_of_cells_stand_below_each_other():

@@ -123,7 +123,7 @@ export function meanCell(cell, scale, column) {
   const tie = cell.tie && !few;
   const hasInterval = isKnown(cell.low) && cell.high > cell.low && cell.high < HUGE;
   const title = [
-    `${withUnit(column)}: ${number(cell.mean)} ± ${number(cell.std)}`,
+    `${withUnit(column)}: ${number(cell.mean)}${isKnown(cell.std) ? ` ± ${number(cell.std)}` : ""}`,
     hasInterval && `95 % interval ${number(cell.low)} to ${number(cell.high)}`,
     tie && "the difference from the best may be chance",
     cell.holes && `lacks ${cell.holes} that others have`,

@@ -53,7 +53,7 @@ def test_a_baseline_adds_the_paired_differences_to_it(tmp_path: Path):
 
 
 def test_spread_shows_standard_deviations(tmp_path: Path):
-    rows = frame([row("a", f"v{n}", v) for n, v in enumerate([20.0, 22.0])])
+    rows = frame([row("a", f"v{n}", v) for n, v in enumerate([20.0, 21.0, 22.0])])
     write(Study("s", spread=True), rows, tmp_path)
     assert "21.0 ± 1.00" in (tmp_path / "tables/s.md").read_text()
 

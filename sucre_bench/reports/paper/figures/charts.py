@@ -80,7 +80,7 @@ def _against_distance(charts: pd.DataFrame) -> Figure:
         whole, patches = scores[~is_patch], scores[is_patch]
         for k, (method, look) in enumerate(looks.items()):
             means = whole[whole["method"] == method].groupby("place")["value"].mean()
-            spread = patches[patches["method"] == method].groupby("place")["value"].std(ddof=0).reindex(means.index)
+            spread = patches[patches["method"] == method].groupby("place")["value"].std().reindex(means.index)
             x = means.index + step * (k - (len(looks) - 1) / 2)
             panel.errorbar(x, means, spread, fmt="none", ecolor=look.colour, alpha=0.3, elinewidth=0.7, zorder=1)
             panel.plot(x, means, color=look.colour, marker=look.marker, label=method, markersize=3)

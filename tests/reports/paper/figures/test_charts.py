@@ -86,7 +86,7 @@ def test_charts_draws_each_charts_error_at_its_distance_with_the_spread_of_its_p
         np.testing.assert_allclose(x, [DISTANCE[site] for site in by_distance], atol=0.05)
         np.testing.assert_allclose(y, [error(method, *site, PATCHES[1]) for site in by_distance])
     bars = psi.collections[0].get_segments()
-    spread = np.std([0, 0.5, 1])
+    spread = np.std([0, 0.5, 1], ddof=1)
     np.testing.assert_allclose([np.ptp(bar[:, 1]) for bar in bars], 2 * spread)
     assert len(figure.axes) == 2
     assert [text.get_text() for text in figure.legends[0].get_texts()] == list(METHODS)
