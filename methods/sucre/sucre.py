@@ -27,6 +27,7 @@ from sucre_bench.methods.sucre.options import (
 )
 from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, prior_of
 from sucre_bench.methods.sucre.sucre_paper import CITES
+from sucre_bench.plugins.calling import display_of
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:
@@ -75,14 +76,14 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         """
         from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
-        from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil
+        from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil, removes_offsets
 
         observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
         started = time.perf_counter()
         with named(view):
             observations, solution = self._solve(scene, view, observations)
-            if has_unknown_veil(solution) and not type(self).__plugin__.display.startswith("stretch"):  # type: ignore[attr-defined]
+            if has_unknown_veil(solution) and not removes_offsets(display_of(self)):
                 solution = solution.with_limits([UNKNOWN_VEIL])
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)

@@ -39,6 +39,11 @@ def has_unknown_veil(solution: Solution) -> bool:
     return not solution.is_photograph and not is_determined(solution.uncertainty)
 
 
+def removes_offsets(display: str) -> bool:
+    """Return whether a display normalisation subtracts a black from each channel."""
+    return display.removeprefix("linear-").startswith("stretch-")
+
+
 def gains_explain_better(even: Observations, water: WaterParameters, without: Solution) -> bool:
     """Return whether gains of views explain the observations clearly better than one exposure does.
 

@@ -27,7 +27,7 @@ from sucre_bench.machine.files import remove
 from sucre_bench.machine.log import keep_traceback, now
 from sucre_bench.machine.steps import earlier_start, step
 from sucre_bench.multiview.cache import sharing
-from sucre_bench.plugins.calling import with_truth
+from sucre_bench.plugins.calling import shown_with, with_truth
 from sucre_bench.results.layout import file_name, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
@@ -120,7 +120,7 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
     if not afresh and (kept := read_full(whole, task.base)):
         return replace(kept, restoration=with_truth(kept.restoration, scene, view))
     at, limit_s = f"method '{job.method.label}' on view '{_name_of(task)}'", job.view_timeout_s
-    with step(at, limit_s), limited(limit_s), unharmed():
+    with step(at, limit_s), limited(limit_s), unharmed(), shown_with(job.method.display):
         measured = measured_restore(method, scene, view)
     if job.save == "full":
         write_full(whole, measured, task.base)

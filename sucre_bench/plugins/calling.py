@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,6 +14,26 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.errors import PluginError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
+
+_CHOSEN_DISPLAY: ContextVar[str] = ContextVar("chosen display", default="")
+
+
+@contextmanager
+def shown_with(display: str) -> Iterator[None]:
+    """Inside, `display_of` returns this normalisation: the one that the user chose."""
+    token = _CHOSEN_DISPLAY.set(display)
+    try:
+        yield
+    finally:
+        _CHOSEN_DISPLAY.reset(token)
+
+
+def display_of(method: Any) -> str:
+    """Return the normalisation that makes a picture of a method's result: the chosen one, or else the plugin's own.
+
+    A method may ask for it to word its hints. Its result must not depend on it, because it is stored without.
+    """
+    return _CHOSEN_DISPLAY.get() or str(method.__plugin__.display)
 
 
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:

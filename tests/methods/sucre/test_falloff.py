@@ -61,3 +61,5 @@ def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it(
     assert named in limits(result)
     default = np.nanmean((display(result.image, "black-0.5-white-99") - view.reference) ** 2)
     assert np.nanmean((display(result.image, named) - view.reference) ** 2) < 0.5 * default
+    with shown_with(named):
+        assert "veil" not in limits(SucrePlus(lamp=True).restore(strobe_lit, view))
