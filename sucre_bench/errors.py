@@ -13,9 +13,21 @@ from typing import Any, Literal
 class SucreBenchError(Exception):
     """The base class of all errors that the user can mend. The command line prints their message as one line.
 
+    place: the file, folder or option that is wrong, if it is not part of the text; the message begins with it.
+
     >>> issubclass(InputError, SucreBenchError)
     True
+    >>> str(InputError("is damaged; copy it again", "a.png"))
+    'a.png: is damaged; copy it again'
     """
+
+    def __init__(self, text: str = "", place: object = "") -> None:
+        self.text, self.place = text, str(place)
+        super().__init__(f"{self.place}: {text}" if self.place else text)
+
+    def beside(self, place: object) -> str:
+        """Return the message where a place is named already: without it, if it is the error's own."""
+        return self.text if self.place == str(place) else str(self)
 
 
 class InputError(SucreBenchError):

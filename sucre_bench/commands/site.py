@@ -95,7 +95,7 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
             rows, version = bundle.rows, bundle.version
             common = bundle.common if found.holds else None
     except InputError as fault:
-        return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), str(fault).removeprefix(f"{path}: "), None)
+        return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), fault.beside(path), None)
     state = State.VERIFIED if found.is_whole else State.PARTLY if found.n_agree else State.HASHES
     faults = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing)]
     more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""

@@ -90,21 +90,24 @@ def _refuse_several(rows: pd.DataFrame, group: list[str], column: str, fault: st
 
 
 def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
-    """Raise InputError, a line a fault, where methods cannot be compared: the difference in words, and what to do.
+    """Raise InputError, a line a fault, where methods cannot be compared. Arguments as for `refusals`."""
+    if faults := [f"{dataset}: {fault}" for dataset, fault in refusals(rows, metrics, common)]:
+        raise InputError("\n".join(faults))
+
+
+def refusals(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[tuple[str, str]]:
+    """Yield datasets with why their methods cannot be compared: the difference in words, and what to do.
 
     metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
     long as they share some.
     """
     asked = asked_for(rows, metrics)
     fresh = is_fresh(rows)
-    faults: list[str] = []
     for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
         scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
         found = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
-        faults += [f"{dataset}: {fault}" for fault in found]
-    if faults:
-        raise InputError("\n".join(faults))
+        yield from ((str(dataset), fault) for fault in found)
 
 
 def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:

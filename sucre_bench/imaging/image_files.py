@@ -84,7 +84,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
         _check_shrinks(path, found, size)
     stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
+        raise InputError(f"is {stored.dtype}; save it with 8 or 16 bits a channel", path)
     note_few_bits(path, stored)
     image = stored[..., ::-1].astype(np.float32) / np.iinfo(stored.dtype).max
     height, width = image.shape[:2]
@@ -97,7 +97,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
 def _check_shrinks(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
     """Raise InputError unless an image of its own size (width, height) shrinks to another."""
     if found[0] < size[0] or found[1] < size[1] or not same_shape(found, size):
-        raise InputError(f"{path}: is {found[0]}x{found[1]}, expected {size[0]}x{size[1]}; resize it or the others")
+        raise InputError(f"is {found[0]}x{found[1]}, expected {size[0]}x{size[1]}; resize it or the others", path)
 
 
 def decode(path: Path, flags: int) -> np.ndarray:
@@ -106,10 +106,10 @@ def decode(path: Path, flags: int) -> np.ndarray:
     """
     try:
         if regular(path).stat().st_size > _MOST_BYTES_A_PIXEL * most_pixels():
-            raise InputError(f"{path}: is larger than any image of {most_pixels() / 1e6:g} megapixels; copy it again")
+            raise InputError(f"is larger than any image of {most_pixels() / 1e6:g} megapixels; copy it again", path)
         data = path.read_bytes()
     except OSError as fault:
-        raise InputError(f"{path}: cannot be read, {fault.strerror or fault}; copy the file again") from fault
+        raise InputError(f"cannot be read, {fault.strerror or fault}; copy the file again", path) from fault
     return decode_bytes(data, flags, str(path))
 
 
@@ -119,10 +119,10 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
 
     header = read_header(io.BytesIO(data))
     if header is None:  # OpenCV might still allocate what a damaged header says
-        raise InputError(f"{place}: cannot be read, damaged or not an image; copy it again")
+        raise InputError("cannot be read, damaged or not an image; copy it again", place)
     check_pixels(place, header.size)
     if header.fault:
-        raise InputError(f"{place}: {header.fault}")
+        raise InputError(header.fault, place)
     if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
         try:
             with pillow().open(io.BytesIO(data)) as image:
@@ -131,14 +131,14 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
                 return np.asarray(image.convert("RGB"))[..., ::-1]
         except Exception as fault:  # each of its decoders has its own
             reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
-            raise InputError(f"{place}: cannot be read, {reason}; copy the file again") from fault
+            raise InputError(f"cannot be read, {reason}; copy the file again", place) from fault
     complete = not data.startswith(b"\x89PNG") or b"IEND" in data[-4096:]
     try:
         decoded = _imdecode(data, flags, place, header) if data and complete else None
     except cv2.error:
         decoded = None
     if decoded is None:
-        raise InputError(f"{place}: cannot be read, {'damaged' if complete else 'cut short'}; copy it again")
+        raise InputError(f"cannot be read, {'damaged' if complete else 'cut short'}; copy it again", place)
     return np.asarray(decoded)
 
 

@@ -75,10 +75,10 @@ def _by_opencv(data: bytes, page: Any, place: str) -> Stored | None:
     alpha = values[..., 3] if values.shape[2:] == (4,) else None
     if page.bitspersample == 8 and _STRAIGHT in page.extrasamples and (alpha is None or alpha.min() < 255):
         raise InputError(
-            f"{place}: has transparency in a form that cannot be read; save it without transparency, or as PNG"
+            "has transparency in a form that cannot be read; save it without transparency, or as PNG", place
         )
     if page.bitspersample != 8 and page.planarconfig == _PLANES:
-        raise InputError(f"{place}: has planes that cannot be read; copy it again, or save it as PNG")
+        raise InputError("has planes that cannot be read; copy it again, or save it as PNG", place)
     return Stored(bgr, alpha)
 
 

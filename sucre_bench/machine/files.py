@@ -30,7 +30,7 @@ class NoRegularFileError(InputError):
     """A path leads to something else than a file. fault: what, without the path."""
 
     def __init__(self, path: Path, fault: str, remedy: str) -> None:
-        super().__init__(f"{path}: {fault}; {remedy}")
+        super().__init__(f"{fault}; {remedy}", path)
         self.fault = fault
 
 

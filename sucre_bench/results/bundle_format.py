@@ -94,27 +94,33 @@ class Bundle:
         """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
         content = self.unchecked(name)
         if name != MANIFEST and (fault := self._fault_of(name, content)):
-            raise InputError(f"{self.path}: {name}: {fault}; get the bundle again from who made it")
+            raise InputError(f"{name}: {fault}; get the bundle again from who made it", self.path)
         return content
 
     def unchecked(self, name: str) -> bytes:
         """Return a file's content, whatever its hash. Raises InputError if it is not there or does not unpack."""
         if name not in self.entries:
-            raise InputError(f"{self.path}: holds no {name}; get the bundle again from who made it")
+            raise InputError(f"holds no {name}; get the bundle again from who made it", self.path)
+        try:
+            return self._unpacked(name)
+        except InputError as fault:
+            raise InputError(str(fault), self.path) from fault
+
+    def _unpacked(self, name: str) -> bytes:
         try:
             with self.archive.open(name) as file:
                 return file.read(self.entries[name] + 1)
         except (OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as fault:
-            raise InputError(f"{self.path}: {name}: cannot be unpacked ({one_line(fault)}); copy it again") from fault
+            raise InputError(f"cannot be unpacked ({one_line(fault)}); copy it again", name) from fault
 
     def fault_of(self, name: str) -> str:
         """Say what is wrong with a file that the bundle lists; empty if nothing is."""
         if name not in self.entries:
             return "is missing"
         try:
-            return self._fault_of(name, self.unchecked(name))
+            return self._fault_of(name, self._unpacked(name))
         except InputError as fault:
-            return str(fault).split(": ", 2)[-1]
+            return fault.beside(name)
 
     def _fault_of(self, name: str, content: bytes) -> str:
         if name not in self.inside:
@@ -202,19 +208,19 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
     Raises InputError if the file is no bundle, or an entry's name, kind or size is not one that a bundle may have.
     """
     if path.is_dir():
-        raise InputError(f"{path}: is a folder, not a bundle; `sucre-bench bundle {path} FILE.zip` makes one of it")
+        raise InputError(f"is a folder, not a bundle; `sucre-bench bundle {path} FILE.zip` makes one of it", path)
     if not path.is_file():
-        raise InputError(f"{path}: no such file; give a bundle that `sucre-bench bundle` wrote")
+        raise InputError("no such file; give a bundle that `sucre-bench bundle` wrote", path)
     try:
         archive = zipfile.ZipFile(path)
     except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as fault:
         raise InputError(
-            f"{path}: is no bundle ({one_line(fault)}); give a file that `sucre-bench bundle` wrote"
+            f"is no bundle ({one_line(fault)}); give a file that `sucre-bench bundle` wrote", path
         ) from fault
     with archive:
         infos = archive.infolist()
         if fault_found := _fault_of_entries(infos, limits):
-            raise InputError(f"{path}: {fault_found}; do not unpack it, ask who made it for another")
+            raise InputError(f"{fault_found}; do not unpack it, ask who made it for another", path)
         entries = {info.filename: info.file_size for info in infos}
         unread = Bundle(path, "", "", "", {}, {}, entries, archive)
         yield _described(unread, unread.read(MANIFEST))
@@ -276,7 +282,7 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
         inside, outside = _hashes(told["inside"]), _hashes(told["outside"])
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
-        raise InputError(f"{bundle.path}: {MANIFEST} is not one of ours ({one_line(fault)}); bundle again") from fault
+        raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)}); bundle again", bundle.path) from fault
     return Bundle(bundle.path, _id(manifest), by, version, inside, outside, bundle.entries, bundle.archive)
 
 
@@ -298,7 +304,7 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
             if not isinstance(json.loads(text), list):
                 raise ValueError("column 'methods' is no list")
     except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
-        raise InputError(f"{path}: is no score table ({one_line(fault)}); bundle again") from fault
+        raise InputError(f"is no score table ({one_line(fault)}); bundle again", path) from fault
     check_values(path, encoded(Table.from_pandas(rows, preserve_index=False)))
     return rows
 

@@ -107,7 +107,7 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
 
     stored = decode(photo.path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"{photo.path}: is {stored.dtype}; save it with 8 or 16 bits a channel")
+        raise InputError(f"is {stored.dtype}; save it with 8 or 16 bits a channel", photo.path)
     return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
 
 
@@ -119,7 +119,7 @@ def _damage_of_header(path: Path) -> str:
     except OSError as fault:
         return f"cannot be read, {fault.strerror}; let this user read it"
     except InputError as fault:
-        return str(fault).removeprefix(f"{path}: ")
+        return fault.beside(path)
 
 
 def _damage(photo: Photo) -> str:
@@ -127,7 +127,7 @@ def _damage(photo: Photo) -> str:
     try:
         read_photo(photo)
     except InputError as fault:
-        return str(fault).removeprefix(f"{photo.path}: ")
+        return fault.beside(photo.path)
     return ""
 
 
@@ -146,7 +146,7 @@ def write_gray(photos: Sequence[Photo], folder: Path, longest: int) -> dict[str,
         try:
             gray = cv2.cvtColor(read_photo(photo), cv2.COLOR_BGR2GRAY)
         except InputError as fault:
-            damaged[photo.name] = str(fault).removeprefix(f"{photo.path}: ")
+            damaged[photo.name] = fault.beside(photo.path)
             continue
         if gray.dtype == np.uint16:
             top = max(float(np.quantile(gray[::8, ::8], 0.995)), 1.0)

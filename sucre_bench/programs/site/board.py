@@ -16,7 +16,6 @@ from typing import TYPE_CHECKING
 from sucre_bench import compare, plugins
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.text import decisive
-from sucre_bench.errors import InputError
 from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import RESTORATION
 
@@ -174,8 +173,4 @@ def _refusal(one: pd.DataFrame, other: pd.DataFrame, together: pd.DataFrame) -> 
     if len(differing):
         name = differing[0]
         return f"other data: scene {name} is {ids[1][name]}, above {ids[0][name]}"
-    try:
-        compare.refuse(together)
-    except InputError as fault:
-        return str(fault).splitlines()[0].partition(": ")[2]
-    return ""
+    return next((why for _, why in compare.refusals(together)), "")

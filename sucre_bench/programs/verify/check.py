@@ -12,7 +12,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer
-from sucre_bench.errors import ANY_FAULT, InputError, Lack
+from sucre_bench.errors import ANY_FAULT, InputError, Lack, SucreBenchError
 from sucre_bench.machine import progress
 from sucre_bench.plugins.calling import with_truth
 from sucre_bench.programs.verify import TOLERANCE
@@ -134,7 +134,7 @@ class _Check:
             else:
                 self._score(row, scores, names, restoration_of(self._bundle, names, int(row.n_pixels)))
         except ANY_FAULT as fault:  # whatever a stranger's file makes fail is a fault of that file
-            self.faults.append(f"{_where(rows.iloc[0])}: {str(fault).removeprefix(f'{self._bundle.path}: ')}")
+            self._add_fault(_where(rows.iloc[0]), fault)
             self.unchecked["the picture cannot be used"] += len(scores)
 
     def view(self, view: CommonView) -> None:
@@ -153,8 +153,12 @@ class _Check:
                 kept = restoration_of(self._bundle, names, int(row.n_pixels))
                 self._score(row, of_method, names, on_mask(kept, *pixels))
         except ANY_FAULT as fault:  # as above
-            self.faults.append(f"{view.where}: {str(fault).removeprefix(f'{self._bundle.path}: ')}")
+            self._add_fault(view.where, fault)
             self.unchecked["the common pixels cannot be found again"] += len(scores)
+
+    def _add_fault(self, where: str, fault: BaseException) -> None:
+        text = fault.beside(self._bundle.path) if isinstance(fault, SucreBenchError) else str(fault)
+        self.faults.append(f"{where}: {text}")
 
     def _score(self, row: Any, scores: pd.DataFrame, names: Held, kept: Restored) -> None:
         """Compute scores again, and judge each. row: of the restoration; kept: the same, or its common pixels."""

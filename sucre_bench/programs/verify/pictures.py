@@ -60,17 +60,22 @@ def picture(bundle: Bundle, name: str) -> Array:
     import cv2
     from PIL import Image
 
-    content, place = bundle.read(name), f"{bundle.path}: {name}"
+    content = bundle.read(name)
     if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
-        raise InputError(f"{place}: is no PNG or JPEG; ask who made the bundle for another")
+        raise InputError(f"{name}: is no PNG or JPEG; ask who made the bundle for another", bundle.path)
     try:
         with Image.open(io.BytesIO(content)) as image:  # reads the header alone
             width, height = image.size
     except (OSError, SyntaxError, ValueError, Image.DecompressionBombError) as fault:
-        raise InputError(f"{place}: cannot be read, {fault}; ask who made the bundle for another") from fault
+        raise InputError(
+            f"{name}: cannot be read, {fault}; ask who made the bundle for another", bundle.path
+        ) from fault
     if width * height > _MOST_PIXELS:
-        raise InputError(f"{place}: has {width}x{height} pixels; ask who made the bundle for another")
-    stored = decode_bytes(content, cv2.IMREAD_COLOR, place)[..., ::-1]
+        raise InputError(f"{name}: has {width}x{height} pixels; ask who made the bundle for another", bundle.path)
+    try:
+        stored = decode_bytes(content, cv2.IMREAD_COLOR, name)[..., ::-1]
+    except InputError as fault:
+        raise InputError(str(fault), bundle.path) from fault
     return np.asarray(stored, dtype=np.float32) / 255
 
 
@@ -96,8 +101,9 @@ def restoration_of(bundle: Bundle, names: Held, n_coloured: int) -> Restored:
     holes = black.size - n_coloured
     if not 0 <= holes <= black.sum():
         raise InputError(
-            f"{bundle.path}: {names.restored}: {black.size - int(black.sum())} pixels have a colour, the score table "
-            f"says {n_coloured}; ask who made the bundle"
+            f"{names.restored}: {black.size - int(black.sum())} pixels have a colour, the score table says "
+            f"{n_coloured}; ask who made the bundle",
+            bundle.path,
         )
     if holes:
         image = np.where(black[..., None], np.float32(np.nan), image)
@@ -112,5 +118,5 @@ def _record(bundle: Bundle, name: str) -> dict[str, Any]:
     try:
         told = json.loads(bundle.read(name))
     except (ValueError, RecursionError) as fault:
-        raise InputError(f"{bundle.path}: {name}: is no JSON; ask who made the bundle for another") from fault
+        raise InputError(f"{name}: is no JSON; ask who made the bundle for another", bundle.path) from fault
     return told if isinstance(told, dict) else {}
