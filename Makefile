@@ -8,8 +8,10 @@
 VENV ?= .venv
 bin = $(VENV)/bin
 
-# A file's tests run in one process: what they share is made once.
-by_file = --dist loadfile --no-loadscope-reorder
+# A file's tests run in one process: what they share is made once. PYTHONDONTWRITEBYTECODE would make each of the hundreds
+# of processes that tests start compile all it imports.
+pytest = env -u PYTHONDONTWRITEBYTECODE $(bin)/python -m pytest
+in_parallel = -n auto --dist loadfile --no-loadscope-reorder
 
 SEED ?= $(shell od -An -N4 -tu4 /dev/urandom)
 
@@ -22,14 +24,14 @@ demo: setup
 	@$(bin)/sucre-bench run -m experiment=demo
 
 test: setup
-	@$(bin)/python -m pytest -n auto $(by_file)
+	@$(pytest) $(in_parallel)
 
 test-short: setup
-	@$(bin)/python -m pytest -n auto $(by_file) -m short $$(grep -rl --include='*.py' 'pytest\.mark\.short' tests)
+	@$(pytest) $(in_parallel) -m short $$(grep -rl --include='*.py' 'pytest\.mark\.short' tests)
 
 fuzz: setup
 	@mkdir -p outputs/fuzz && echo "$(strip $(SEED))" >> outputs/fuzz/seeds.txt && echo "seed $(strip $(SEED))"
-	@FUZZ_EXAMPLES=3000 FUZZ_KILLS=20 FUZZ_SEED=$(strip $(SEED)) $(bin)/python -m pytest \
+	@FUZZ_EXAMPLES=3000 FUZZ_KILLS=20 FUZZ_SEED=$(strip $(SEED)) $(pytest) \
 		tests/hostile/test_readers.py tests/hostile/test_words.py tests/hostile/test_killed.py --hypothesis-seed=$(strip $(SEED))
 
 docs: setup

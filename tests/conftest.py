@@ -25,6 +25,7 @@ from support.places import TOYS
 from support.registries import registry
 
 from sucre_bench import plugins
+from sucre_bench.machine.cores import usable_cores
 
 # A shell without job control starts what it puts behind (`.ci/run &`) deaf to Ctrl-C, and all its children are born
 # so; the programs that tests interrupt must hear it.
@@ -36,28 +37,39 @@ if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
 SLOW = (
     "engine/slurm/test_slurm.py",
     "docs/test_docs.py",
-    "reports/page/test_in_browser.py",
-    "programs/prepare/test_prepare.py",
-    "engine/test_sweep.py",
-    "reports/mlflow/test_runs.py",
-    "programs/contract/test_built_in.py",
     "engine/test_real_images.py",
+    "engine/test_sweep.py",
+    "programs/prepare/test_prepare.py",
+    "reports/page/test_in_browser.py",
+    "hostile/test_plugins.py",
+    "programs/contract/test_built_in.py",
+    "methods/sucre/test_exposure.py",
+    "datasets/test_demo.py",
+    "reports/mlflow/test_runs.py",
+    "hostile/test_current_folder.py",
     "methods/sucre/test_sucre.py",
+    "methods/sucre/test_footprint.py",
+    "machine/test_terminal.py",
+    "methods/sucre/test_exact.py",
+    "engine/test_done.py",
+    "programs/verify/test_check.py",
+    "jobs/test_lineup.py",
     "engine/test_common_pixels.py",
     "docs/test_tutorial.py",
-    "methods/sucre/test_exact.py",
-    "datasets/test_demo.py",
+    "programs/contract/test_new.py",
+    "reports/page/test_page.py",
+    "programs/test_match_published.py",
+    "methods/sucre/test_falloff.py",
+    "docs/test_site.py",
     "docs/test_examples.py",
     "reports/mlflow/test_store.py",
-    "engine/test_done.py",
-    "hostile/test_plugins.py",
-    "programs/verify/test_check.py",
+    "programs/people/test_in_browser.py",
     "methods/test_haze_lines.py",
-    "package/test_wheel.py",
-    "reports/page/test_page.py",
-    "engine/test_across_views.py",
+    "hostile/test_remedies.py",
+    "metrics/test_seams.py",
+    "hostile/test_refusing_machines.py",
+    "hostile/test_commands.py",
     "programs/people/test_votes.py",
-    "methods/sucre/test_kernels.py",
 )
 
 
@@ -65,6 +77,11 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     """Put the slow files first. A file's tests stay together, in their order."""
     rank = {Path(__file__).parent / name: place for place, name in enumerate(SLOW)}
     items.sort(key=lambda item: rank.get(item.path, len(SLOW)))
+
+
+def pytest_xdist_auto_num_workers() -> int | None:
+    """One process of tests more than there are cores: some tests wait, for a queue, a browser or another process."""
+    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 1
 
 
 def pytest_collection_finish() -> None:
