@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
 from itertools import combinations
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
@@ -25,6 +27,37 @@ _SCORE = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  
 _SAME = 1e-6  # relative difference of one score on two machines
 
 _Image = tuple[str, str]  # scene (with or without its replicate), view
+
+
+class Difference(Enum):
+    """Why methods of one dataset cannot be compared: what they have different ones of."""
+
+    IMAGES = "images"
+    REPLICATES = "replicates"
+    VARIANTS = "variants of a metric"
+    VERSIONS = "versions of a metric"
+    OPTIONS = "options of a metric"
+    DISPLAYS = "displays of one method"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why the methods of a dataset cannot be compared. text: the difference in words, and what to do."""
+
+    dataset: str
+    difference: Difference
+    text: str
+
+
+class NotComparableError(InputError):
+    """Methods cannot be compared. refusals: one for each line of the text."""
+
+    def __init__(self, refusals: tuple[Refusal, ...]) -> None:
+        super().__init__("\n".join(f"{one.dataset}: {one.text}" for one in refusals))
+        self.refusals = refusals
+
+
+_Fault = tuple[Difference, str]
 
 
 def load(folders: Iterable[str | Path]) -> pd.DataFrame:
@@ -90,13 +123,13 @@ def _refuse_several(rows: pd.DataFrame, group: list[str], column: str, fault: st
 
 
 def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
-    """Raise InputError, a line a fault, where methods cannot be compared. Arguments as for `refusals`."""
-    if faults := [f"{dataset}: {fault}" for dataset, fault in refusals(rows, metrics, common)]:
-        raise InputError("\n".join(faults))
+    """Raise NotComparableError, a line a refusal, where methods cannot be compared. Arguments as for `refusals`."""
+    if found := tuple(refusals(rows, metrics, common)):
+        raise NotComparableError(found)
 
 
-def refusals(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[tuple[str, str]]:
-    """Yield datasets with why their methods cannot be compared: the difference in words, and what to do.
+def refusals(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[Refusal]:
+    """Yield why methods cannot be compared.
 
     metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
     long as they share some.
@@ -107,10 +140,10 @@ def refusals(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = Fal
         scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
         ok = scored[scored["status"] == "ok"]
         found = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
-        yield from ((str(dataset), fault) for fault in found)
+        yield from (Refusal(str(dataset), difference, text) for difference, text in found)
 
 
-def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
+def _images(rows: pd.DataFrame, common: bool) -> Iterator[_Fault]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
@@ -128,7 +161,8 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     plain = _inverted({name: _unreplicated(of_method) for name, of_method in images.items()})
     if len(plain) < 2:
         share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
-        yield f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
+        text = f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
+        yield Difference.REPLICATES, text
         return
     counts = ", ".join(f"{_names(names)} on {len(views)}" for views, names in plain.items())
     anywhere = frozenset[_Image]().union(*plain)
@@ -137,7 +171,8 @@ def _images(rows: pd.DataFrame, common: bool) -> Iterator[str]:
     if len({name for name, _ in anywhere}) > 1:
         example = f"{scene}/{example}"
     share = f", or --common compares them on the {n} they share" if n else ", for they share none"
-    yield f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
+    text = f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
+    yield Difference.IMAGES, text
 
 
 def _unreplicated(images: Iterable[_Image]) -> frozenset[_Image]:
@@ -171,7 +206,7 @@ def _listed(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _variants(rows: pd.DataFrame) -> Iterator[str]:
+def _variants(rows: pd.DataFrame) -> Iterator[_Fault]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
         variants = {
@@ -180,13 +215,14 @@ def _variants(rows: pd.DataFrame) -> Iterator[str]:
         for (first, names), (second, others) in combinations(_inverted(variants).items(), 2):
             if not first & second:
                 yield (
+                    Difference.VARIANTS,
                     f"{metric}: {_names(names)} scored in variant {_names(sorted(first))}, {_names(others)} in "
-                    f"{_names(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]"
+                    f"{_names(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]",
                 )
                 break
 
 
-def _versions(rows: pd.DataFrame) -> Iterator[str]:
+def _versions(rows: pd.DataFrame) -> Iterator[_Fault]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
         made_by = of_variant["code"].map({code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()})
@@ -195,14 +231,16 @@ def _versions(rows: pd.DataFrame) -> Iterator[str]:
             continue
         older = made_by[made_by != last].iloc[0]
         names = [list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)]
-        differing = "options" if older.split("-")[0] == last.split("-")[0] else "versions"
+        is_of_options = older.split("-")[0] == last.split("-")[0]
+        differing = "options" if is_of_options else "versions"
         yield (
+            Difference.OPTIONS if is_of_options else Difference.VERSIONS,
             f"{metric} ({variant}): {_names(names[0])} scored by other {differing} of the metric than "
-            f"{_names(names[1])}; give the run command of {_names(names[0])} again, what is out of date is done anew"
+            f"{_names(names[1])}; give the run command of {_names(names[0])} again, what is out of date is done anew",
         )
 
 
-def _normalisations(rows: pd.DataFrame) -> Iterator[str]:
+def _normalisations(rows: pd.DataFrame) -> Iterator[_Fault]:
     """Two labels of one method with different display normalisations that the labels do not mention."""
     known = rows.drop_duplicates("method")[["method", "options"]]
     options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}
@@ -211,8 +249,9 @@ def _normalisations(rows: pd.DataFrame) -> Iterator[str]:
         shown = one.get("display"), other.get("display")
         if one.get("name") == other.get("name") and shown[0] != shown[1] and "display=" not in first + second:
             yield (
+                Difference.DISPLAYS,
                 f"{first} and {second} are both {one.get('name')}, shown in different ways, {shown[0]} and {shown[1]}; "
-                f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'"
+                f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'",
             )
 
 

