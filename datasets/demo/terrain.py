@@ -48,9 +48,9 @@ def make_terrain(seed: int, noise: Noise, clearings: Sequence[tuple[float, float
     sand = _sand(grid, noise)
     height, tint = sand.copy(), np.zeros_like(sand)
     rough = noise.field(grid, None, (0.4, 0.2, 0.1, 0.05), 1)
-    rng = np.random.default_rng([seed, 2])
+    rng, axes = np.random.default_rng([seed, 2]), grid.axes()
     for boulder in _scatter(rng, clearings):
-        _place(boulder, grid, sand, rough, height, tint, rng)
+        _place(boulder, axes, sand, rough, height, tint, rng)
     reef = smoothstep(sand, 0.3, 1.2)
     height += 0.05 * reef * rough  # the reef itself is rugged rock
     return Terrain(grid, height, np.maximum(height - sand, 0) + 0.1 * reef, tint)
@@ -83,19 +83,25 @@ def _scatter(rng: np.random.Generator, clearings: Sequence[tuple[float, float]])
 
 
 def _place(
-    boulder: _Boulder, grid: Grid, sand: Array, rough: Array, height: Array, tint: Array, rng: np.random.Generator
+    boulder: _Boulder,
+    axes: tuple[Array, Array],
+    sand: Array,
+    rough: Array,
+    height: Array,
+    tint: Array,
+    rng: np.random.Generator,
 ) -> None:
-    """Raise height to a boulder: a rough dome cut by random planes, as broken rock is."""
+    """Raise height to a boulder: a rough dome cut by random planes, as broken rock is. axes: x, y of the grid, metres."""
     r = boulder.radius
     turn, flat, stretch, sink, hue = rng.uniform((0, 0.5, 0.75, 0.02, -1), (np.pi, 0.75, 1.0, 0.2, 1))
     cuts = rng.uniform((0, 0.3, 0.3), (2 * np.pi, 1.6, 0.8), size=(5, 3))
-    x, y = grid.axes()
+    x, y = axes
     columns = slice(*np.searchsorted(x, (boulder.x - 1.4 * r, boulder.x + 1.4 * r)))
     rows = slice(*np.searchsorted(y, (boulder.y - 1.4 * r, boulder.y + 1.4 * r)))
     here = (rows, columns)
     if not sand[here].size:
         return
-    u, v = np.meshgrid((x[columns] - boulder.x) / r, (y[rows] - boulder.y) / r)
+    u, v = ((x[columns] - boulder.x) / r)[None, :], ((y[rows] - boulder.y) / r)[:, None]
     u, v = np.cos(turn) * u + np.sin(turn) * v, (np.cos(turn) * v - np.sin(turn) * u) / stretch
     beyond = (u * u + v * v) * (1 + 0.12 * rough[here])
     dome = np.maximum(1 - beyond, 0)
