@@ -91,7 +91,7 @@ def _place(
     tint: Array,
     rng: np.random.Generator,
 ) -> None:
-    """Raise height to a boulder: a rough dome cut by random planes, as broken rock is. axes: x, y of the grid, metres."""
+    """Raise height to a boulder: a rough dome cut by random planes, as broken rock is. axes: the grid's x and y, m."""
     r = boulder.radius
     turn, flat, stretch, sink, hue = rng.uniform((0, 0.5, 0.75, 0.02, -1), (np.pi, 0.75, 1.0, 0.2, 1))
     cuts = rng.uniform((0, 0.3, 0.3), (2 * np.pi, 1.6, 0.8), size=(5, 3))
