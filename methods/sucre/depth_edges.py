@@ -15,7 +15,8 @@ where s is the typical e a of pixels at a similar distance, from its median.
 1. A contradicted pixel near an edge of depth takes the side whose pixels look like it in the photograph, with weights
    exp(-|I - I_q|^2 / 2 s^2), if these are many on the other side and few on its own. Its colour is its own intensity
    at that side's distance.
-2. Other contradicted pixels take their own detail: J + e, faded in between two thresholds of chi.
+2. Other contradicted pixels take their own detail: J + e, faded in between two thresholds of chi. One observation
+   tells no more than all of them, so their standard deviation does not fall.
 """
 
 from __future__ import annotations
@@ -92,6 +93,8 @@ def corrected_edges(target: Target, J: Array, deviation: Array, water: WaterPara
     noise[moved] *= a[moved] / there
     rest = np.multiply(1 - share, deviation, out=np.zeros_like(noise), where=share < 1)  # deviations may be infinite
     left = np.sqrt(rest**2 + (share * noise) ** 2)
+    least = np.where(np.isfinite(deviation) & ~moved[..., None], deviation, 0)
+    left = np.maximum(left, least)  # one observation tells no more than all of them
     return corrected.astype(np.float32), np.where(share > 0, left, deviation).astype(np.float32)
 
 
