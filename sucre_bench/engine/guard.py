@@ -56,7 +56,9 @@ def unharmed() -> Iterator[None]:
     copies = {number: os.dup(number) for number in (1, 2) if _is_open(number)}
     try:
         yield
-        harm = [*_closed(streams, copies), *(f"changed builtins.{name}" for name in _changed(functions))]
+        now = vars(builtins)
+        changed = [name for name, value in functions.items() if now.get(name) is not value and name != "_"]
+        harm = [*_closed(streams, copies), *(f"changed builtins.{name}" for name in changed)]
     finally:
         vars(builtins).update(functions)
         for number, copy in copies.items():
@@ -64,7 +66,9 @@ def unharmed() -> Iterator[None]:
                 os.dup2(copy, number)
             os.close(copy)
         for name, stream in streams.items():
-            setattr(sys, name, stream if stream is None or not stream.closed else _reopened(name))
+            if stream is not None and stream.closed:
+                stream = os.fdopen(os.dup(1 + _STREAMS.index(name)), "w", encoding="utf-8")
+            setattr(sys, name, stream)
         if Path.cwd() != folder:
             os.chdir(folder)
     if harm:
@@ -82,11 +86,3 @@ def _closed(streams: dict[str, io.TextIOBase], copies: dict[int, int]) -> list[s
     named = [name for name, stream in streams.items() if stream is not None and stream.closed]
     numbered = [_STREAMS[number - 1] for number in copies if not _is_open(number)]
     return [f"closed {name}" for name in dict.fromkeys([*named, *numbered])]
-
-
-def _changed(functions: dict[str, object]) -> list[str]:
-    return [name for name, value in functions.items() if vars(builtins).get(name) is not value and name != "_"]
-
-
-def _reopened(name: str) -> io.TextIOWrapper:
-    return os.fdopen(os.dup(1 + _STREAMS.index(name)), "w", encoding="utf-8")

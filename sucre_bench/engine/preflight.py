@@ -17,7 +17,6 @@ from sucre_bench.machine.steps import step
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import Status, restoration_rows, tuples
-from sucre_bench.scene import Scene
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -52,7 +51,8 @@ def check(command: Command) -> list[Planned]:
             for choice in (job.method, *(m.choice for m in job.metrics)):
                 _made(choice, command)
             scenes = open_scenes(job.dataset)
-            planned.append(Planned(job, tuple(tasks(job, scenes)), _data_id(job, scenes)))
+            data_ids = sorted({job.drawn.data_id(scene.data_id) for scene in scenes})
+            planned.append(Planned(job, tuple(tasks(job, scenes)), ",".join(data_ids)))
         except SucreBenchError as fault:
             problems.append(str(fault))
     if not problems:
@@ -101,10 +101,6 @@ def _as_typed(text: str, choice: Choice, command: Command) -> str:
 
     options = "|".join(map(re.escape, choice.options))
     return re.sub(rf"(?<![\w/.]){kind}\.({options})\b", key, text) if options else text
-
-
-def _data_id(job: Job, scenes: Sequence[Scene]) -> str:
-    return ",".join(sorted({job.drawn.data_id(scene.data_id) for scene in scenes}))
 
 
 def _clashes(planned: Sequence[Planned]) -> list[str]:

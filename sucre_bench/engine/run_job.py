@@ -101,11 +101,6 @@ def _rows(
         return [_failed(job, task.base, fault)]
 
 
-def _name_of(task: Task) -> str:
-    """A view's name in a sweep: with dataset and scene."""
-    return "/".join(name for name in (task.base.dataset, task.base.scene, task.view.name) if name)
-
-
 def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
     """Return the restoration of one view, stored with save=full. afresh: also where it is stored already.
 
@@ -119,7 +114,8 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
     whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
     if not afresh and (kept := read_full(whole, task.base)):
         return replace(kept, restoration=with_truth(kept.restoration, scene, view))
-    at, limit_s = f"method '{job.method.label}' on view '{_name_of(task)}'", job.view_timeout_s
+    name = "/".join(filter(None, (task.base.dataset, task.base.scene, view.name)))
+    at, limit_s = f"method '{job.method.label}' on view '{name}'", job.view_timeout_s
     with step(at, limit_s), limited(limit_s), unharmed(), shown_with(job.method.display):
         measured = measured_restore(method, scene, view)
     if job.save == "full":

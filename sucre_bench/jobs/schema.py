@@ -211,12 +211,8 @@ class RunConfig:
             "study": lambda given: None if given in (None, Study.defaults()) else Study.of(given),
         }
         check_values("", options_of(cls), values, "see `sucre-bench run --help`")
-        options: dict[str, Any] = {name: nested.get(name, _as_is)(value) for name, value in values.items()}
+        options: dict[str, Any] = {k: nested[k](value) if k in nested else value for k, value in values.items()}
         return cls(**options)
-
-
-def _as_is(value: Any) -> Any:
-    return value
 
 
 def _run_schema() -> type[Any]:

@@ -61,12 +61,10 @@ def options_of(cls: Any) -> tuple[Option, ...]:
 @functools.cache  # asked for with every score
 def _options_of(cls: Any) -> tuple[Option, ...]:
     hints = get_type_hints(cls)
-    ordered = sorted(fields(cls), key=lambda f: bool(f.kw_only))  # those that plugins share come last
-    return tuple(Option(f.name, hints[f.name], _default(f), cls) for f in ordered if f.init)
-
-
-def _default(f: Any) -> Any:
-    return f.default if f.default_factory is MISSING else f.default_factory()
+    # Those that plugins share come last.
+    given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
+    defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)
+    return tuple(Option(f.name, hints[f.name], default, cls) for f, default in zip(given, defaults, strict=True))
 
 
 @functools.cache

@@ -30,7 +30,7 @@ def merge(out: Path) -> pd.DataFrame:
     if not out.is_dir():
         return frame([])
     with locked(out, TABLE):
-        while taken := _take_all(out):
+        while taken := [mine for part in (out / PARTS).glob("*.parquet") if (mine := _take(part))]:
             before = _identity(out / TABLE)
             rows = read_any(out)
             if _replace_table(rows, out, before):
@@ -40,10 +40,6 @@ def merge(out: Path) -> pd.DataFrame:
                     (out / PARTS).rmdir()
                 return rows
         return read_any(out)
-
-
-def _take_all(out: Path) -> list[Path]:
-    return [taken for part in (out / PARTS).glob("*.parquet") if (taken := _take(part))]
 
 
 def _take(part: Path) -> Path | None:

@@ -103,7 +103,8 @@ class Launcher:
                     progress.say(f"failed  {name}: {reason}", is_fault=True)
                     lost.setdefault(name, []).append((job, reason))
                 else:
-                    _tidy(self._folder, ended)
+                    for handed_over in (ended.result, self._folder / f"{ended.id}_submitted.pkl"):
+                        handed_over.unlink(missing_ok=True)
                 step()
         for (job, reason), *others in lost.values():
             more = f"; and {len(others)} more of its jobs" if others else ""
@@ -137,12 +138,6 @@ def _check_nobody_works(folder: Path) -> None:
             f"{folder}: SLURM job {', '.join(both)} of an earlier command is not done; "
             f"wait for it, or end it with `scancel {' '.join(both)}`"
         )
-
-
-def _tidy(folder: Path, job: Submitted) -> None:
-    """Remove what was only there to hand a job over; its logs stay."""
-    for path in (job.result, folder / f"{job.id}_submitted.pkl"):
-        path.unlink(missing_ok=True)
 
 
 def _cancel(submitted: Sequence[Submitted]) -> None:

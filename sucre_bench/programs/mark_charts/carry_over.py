@@ -93,7 +93,8 @@ def _seen_at(view: View, points: Array) -> Array | None:
     if view.camera is None or view.cam_from_world is None:
         return None
     corners, z = _projected(view.camera, view.cam_from_world, points)
-    if not (z > 0).all() or not _is_within(view.camera, corners) or _shortest_edge(corners) < _LEAST_EDGE_PX:
+    is_within = (corners >= 0).all() and (corners <= (view.camera.width, view.camera.height)).all()
+    if not (z > 0).all() or not is_within or _shortest_edge(corners) < _LEAST_EDGE_PX:
         return None
     try:
         check_corners("", corners)  # seen from the front
@@ -137,10 +138,6 @@ def _has_depth(view: View) -> bool:
         return view.has_depth
     except InputError:
         return False  # methods that need the depth map report its fault
-
-
-def _is_within(camera: Camera, corners: Array) -> bool:
-    return bool((corners >= 0).all() and (corners <= (camera.width, camera.height)).all())
 
 
 def _shortest_edge(corners: Array) -> float:
