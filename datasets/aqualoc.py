@@ -11,8 +11,6 @@ are Kalibr's, fisheye ("equidistant"); images are undistorted on the way. Frames
 Source: Ferrera et al., AQUALOC: an underwater dataset for visual-inertial-pressure localization, IJRR 2019.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterator

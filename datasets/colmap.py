@@ -11,8 +11,6 @@ RADIAL_FISHEYE as well. Images, references and the corners of charts are then th
 stored, and are undistorted on the way; depth maps are of the undistorted image, see `sucre_bench.loading.lens`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path

@@ -10,8 +10,6 @@ A name in the global model starts with its visit's year; its image is looked for
 Source: Boittiaux et al., Eiffel Tower: a deep-sea underwater dataset for long-term visual localization, IJRR 2023.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

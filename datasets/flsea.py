@@ -11,8 +11,6 @@ enhanced images are nobody's truth: they can be restored in place of the photogr
 Source: Randall & Treibitz, FLSea: underwater visual-inertial and stereo-vision forward-looking datasets, 2023.
 """
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterator

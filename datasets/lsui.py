@@ -8,8 +8,6 @@ A reference is the best liked of many methods' results, not the scene without wa
 Source: Peng, Zhu & Bian, U-shape Transformer for underwater image enhancement, IEEE TIP 2023.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ planar, of the image as it is stored; a value times the unit factor is in metres
 Source: https://docs.nerf.studio/quickstart/data_conventions.html
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Callable, Iterator, Mapping

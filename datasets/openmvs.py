@@ -6,8 +6,6 @@ root/images/<name>        the images, wherever they are below root
 Source of the format: see `sucre_bench.loading.openmvs_dmap`.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -5,8 +5,6 @@ root/reference/a.png      optional: the same view without water; of the image's 
 root/charts.json          optional: colour charts, see `sucre_bench.loading.charts_file`
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ which its authors call white balance. They are undistorted on the way. The model
 Source: Levy et al., SeaThru-NeRF: neural radiance fields in scattering media, CVPR 2023.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

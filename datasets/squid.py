@@ -14,8 +14,6 @@ Source: Berman, Levy, Avidan & Treibitz, Underwater single image color restorati
 quantitative dataset, TPAMI 2021.
 """
 
-from __future__ import annotations
-
 import functools
 import importlib
 import math

@@ -5,8 +5,6 @@
 Source: Li, Li & Wang, A fusion adversarial underwater image enhancement network with a public test dataset, 2019.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -9,8 +9,6 @@ method comes to that taste.
 Source: Li et al., An underwater image enhancement benchmark dataset and beyond, IEEE TIP 2020.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -14,8 +14,6 @@ Pixels are square: Blender leaves sensor_height unused. The last depth value, 25
 Zwilgmeyer et al., The VAROS synthetic underwater data set, ICCV Workshops 2021.
 """
 
-from __future__ import annotations
-
 import csv
 import re
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """CLAHE on lightness (Zuiderveld 1994, Contrast limited adaptive histogram equalization, Graphics Gems IV)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sucre_bench import Restoration, Scene, View, method

@@ -6,8 +6,6 @@ distance has the same mean colour and contrast as what lies at another. Then the
 channel at each distance describe the water, and bringing them to common values removes it.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

@@ -6,8 +6,6 @@ enhancement, IEEE TIP 27 (1). Both use the Rec. 601 luma of the gamma-encoded ch
 saturation 0. Each input's weights are summed, then normalised over the two inputs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

@@ -5,8 +5,6 @@ I ~ N(m(z), s(z)^2) with m(z) = mu exp(-beta z) + B (1 - exp(-gamma z)) and s(z)
 gamma-encoded, in [0, 1]; distances Euclidean, in metres; beta and gamma 1/m.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

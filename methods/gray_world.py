@@ -1,7 +1,5 @@
 """Gray-world white balance (Buchsbaum 1980, A spatial processor model for object colour perception)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Contrast stretch of each channel: the display normalisation of SUCRe's tables, without any restoration."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

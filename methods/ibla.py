@@ -5,8 +5,6 @@ blurriness with two from red; the weights depend on how bright the water is and 
 the paper's. Details that the paper leaves open follow the results that U45 publishes of this method (docs/methods.md).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

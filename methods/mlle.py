@@ -5,8 +5,6 @@ contrast enhancement, IEEE TIP 31. Written from the publication's method; its au
 read. docs/methods.md says which reading of each step is taken, and how near the result is to the authors'.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -5,8 +5,6 @@ fusion for underwater image enhancement. A contrast stretch takes the place of i
 prior of Galdran et al. 2015, which data sets call RED.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

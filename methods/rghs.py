@@ -6,8 +6,6 @@ range [O_min, O_max], and noise is filtered. Colour: in L*a*b*, lightness is str
 channel's histogram is modelled as a Rayleigh distribution of mode a, with sigma = sqrt((4 - pi) / 2) a = 0.655 a.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

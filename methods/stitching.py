@@ -1,7 +1,5 @@
 """Stitching of the closest observations (SUCRe, supplementary material: SUCRe vs. image stitching)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

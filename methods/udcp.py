@@ -5,8 +5,6 @@ channel prior of He, Sun & Tang (2011) says that somewhere near each pixel one c
 Under water red is dark everywhere, near and far, so only green and blue are used.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -4,8 +4,6 @@ Water takes red first. So depth is modelled as linear in red and in the stronger
 the coefficients from images of known relative depth.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

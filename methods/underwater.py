@@ -1,7 +1,5 @@
 """The photograph itself, as a method: all other methods are compared with it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from sucre_bench import Restoration, Scene, View, method

@@ -3,8 +3,6 @@
 Both are of the view, whatever the method. Distances are Euclidean, from the camera's centre, as the water has them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Coverage, the share of pixels that have a colour, and negative, the share of pixels with impossible ones."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

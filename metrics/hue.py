@@ -6,8 +6,6 @@ the hue angle h_ab of CIE Lab under D50, against the maker's Lab list: differenc
 Both are in degrees, from red over yellow (hsv 60), green and blue. A gray (R = G = B) has none: NaN.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

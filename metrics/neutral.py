@@ -1,7 +1,5 @@
 """Colour cast of the gray patches of colour charts."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

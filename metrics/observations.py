@@ -1,7 +1,5 @@
 """How many observations of the view a method used, over all views."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The displayed and the expected colour of each chart patch, for tables of swatches."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

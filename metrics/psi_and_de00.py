@@ -6,8 +6,6 @@ a median of exactly black, which has no direction) its score is NaN with coverag
 out. The coverage of the chart, the share of its patches' pixels that were scored, shows this.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass

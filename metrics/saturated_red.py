@@ -1,7 +1,5 @@
 """The share of pixels that a restoration makes saturated red."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -6,8 +6,6 @@ method that changes each pixel by its colour and distance alone has no seams. A 
 surroundings of a pixel may make a few.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

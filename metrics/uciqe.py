@@ -15,8 +15,6 @@ All variants see the picture as 8-bit sRGB; pixels without a colour are left out
 picture's palette: each colour once, times how often it occurs.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from typing import Any, Literal

@@ -1,7 +1,5 @@
 """The relative error of the estimated water, if the true water is known (made scenes)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

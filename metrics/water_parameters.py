@@ -1,7 +1,5 @@
 """The estimated water, to see whether it is the same in all views, as in the sea (SUCRe, appendix)."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """The command line: sections of commands, each imported when it is called; exit codes; one-line errors."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os

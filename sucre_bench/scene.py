@@ -6,8 +6,6 @@ Conventions. Pixel coordinates are (x, y) with the top-left corner of the image 
 metres, 0 where unknown. The last axis of an image is colour, in RGB order.
 """
 
-from __future__ import annotations
-
 import threading
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, field

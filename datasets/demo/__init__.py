@@ -1,7 +1,5 @@
 """The built-in dataset: a made underwater scene with known truth, made once and stored in the cache folder."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

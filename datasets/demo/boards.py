@@ -1,7 +1,5 @@
 """The colour charts: boards that stand on the seabed, painted with the reference colours of their kind."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

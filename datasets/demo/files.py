@@ -4,8 +4,6 @@
 (a COLMAP text model with the cameras and poses, without points), `charts.json` (corners in pixels), `water.json`.
 """
 
-from __future__ import annotations
-
 import json
 import shutil
 import tempfile

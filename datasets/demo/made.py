@@ -1,7 +1,5 @@
 """The whole made scene in memory, with its truth: colours, depth, poses, water."""
 
-from __future__ import annotations
-
 import dataclasses
 from dataclasses import dataclass
 

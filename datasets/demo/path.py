@@ -1,7 +1,5 @@
 """The camera path: a survey that comes down to one place, sways, and looks more ahead as it comes nearer."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

@@ -4,8 +4,6 @@ One ray through the centre of a pixel finds its surface and depth; its colour is
 that surface's plane. So a pixel never mixes two surfaces, and belongs to the depth it is given.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The colours of the seabed: sand, rock and their growth, as a picture seen from above."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np

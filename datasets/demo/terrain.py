@@ -3,8 +3,6 @@
 World axes: x right, y forward (towards the reef), z up, metres; the survey looks at the ground around the origin.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ would change colour from view to view; so a pixel is the mean of samples over it
 texels are as large as the samples' spacing.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

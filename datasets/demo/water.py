@@ -4,8 +4,6 @@ The model works on gamma-encoded intensities, I = J exp(-beta z) + B (1 - exp(-g
 distance from the camera. The presets are chosen by eye to look like photographs, from clear ocean to turbid coast.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

@@ -8,8 +8,6 @@ Poses become metric by the scale of the component or chunk; large geographic coo
 and units: `chunk.py`; where the parts of a project are: `document.py`.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace

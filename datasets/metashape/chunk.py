@@ -10,8 +10,6 @@ georeferenced; t, of thousands of kilometres there, is left away. A camera with 
 its sensor's <rotation> and <location>, which is in units of the chunk.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

@@ -7,8 +7,6 @@ name.psx        <document path="{projectname}.files/project.zip">: a folder of a
 name.psz        one archive whose doc.xml holds all of it, inline
 """
 
-from __future__ import annotations
-
 import zipfile
 import zlib
 from dataclasses import dataclass, field

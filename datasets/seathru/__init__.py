@@ -11,8 +11,6 @@ would to 1.57 %. Poses and cameras are not released: a COLMAP model of one's own
 Source: Akkaynak & Treibitz, Sea-thru, CVPR 2019; the charts: `published_charts`.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass

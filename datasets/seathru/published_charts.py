@@ -6,8 +6,6 @@ layout 2.5 px off on average. They belong to the photographs as taken, with thei
 along with the image they come to those 2.5 px, without that to 4.4 px.
 """
 
-from __future__ import annotations
-
 import csv
 import functools
 from importlib.resources import files

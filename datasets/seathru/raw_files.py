@@ -5,8 +5,6 @@ interpolated on its own (bilinear). The maximum is the camera's, not each photog
 The colours are the camera's own RGB.
 """
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 from typing import Any

@@ -4,8 +4,6 @@ What both have in common: `pattern` finds the image that belongs to a view, `pic
 placeholders. `handover` writes what a program is given, `process` runs it.
 """
 
-from __future__ import annotations
-
 from sucre_bench.methods.doors.command import Command
 from sucre_bench.methods.doors.precomputed import Precomputed
 

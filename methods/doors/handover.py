@@ -1,7 +1,5 @@
 """Writes views to files for a program: images as PNG, depth or distance as 16-bit millimetres or float metres."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from dataclasses import dataclass

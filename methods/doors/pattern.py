@@ -6,8 +6,6 @@ any depth, provided that no other view of the scene is called ``a``. A pattern s
 One that ends in {name} or in a suffix, "{stem}_out.tif", is a whole file name.
 """
 
-from __future__ import annotations
-
 import difflib
 import functools
 import os

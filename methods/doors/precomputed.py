@@ -1,7 +1,5 @@
 """A method of images that exist already: renderings of a radiance field, results of published code."""
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 from math import nan

@@ -5,8 +5,6 @@ prints, only the end is kept, however much it is. Its memory is sampled ten time
 and all that it has started, in sum; pages they share count for each.
 """
 
-from __future__ import annotations
-
 import os
 import selectors
 import signal

@@ -1,7 +1,5 @@
 """Text with placeholders in braces, such as "{stem}_restored"; {{ and }} are braces themselves."""
 
-from __future__ import annotations
-
 import string
 from collections.abc import Collection
 

@@ -4,8 +4,6 @@ Underwater single image color restoration using haze-lines and a new quantitativ
 Jerlov's, decides how fast each channel fades. Each type is tried, and the one with the most neutral result is taken.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

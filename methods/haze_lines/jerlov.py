@@ -4,8 +4,6 @@ Attenuation at the wavelengths of the sensors' peaks, from Jerlov 1976, Marine o
 Treibitz 2021: from clear ocean (I) over murky ocean (III) to the coast (1C to 5C).
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

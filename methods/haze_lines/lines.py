@@ -6,8 +6,6 @@ space a scene colour, fading, moves straight towards 0. The length along its lin
 of what has not faded at all. Berman et al. 2021.
 """
 
-from __future__ import annotations
-
 import functools
 
 import numpy as np

@@ -4,8 +4,6 @@ Written from the papers; attributes are named so that the keys of the public che
 convolutional: (N, C, H, W) -> (N, 3, H, W).
 """
 
-from __future__ import annotations
-
 from collections import OrderedDict
 
 import torch

@@ -1,7 +1,5 @@
 """FUnIE-GAN (Islam, Xia & Sattar 2020, Fast underwater image enhancement for improved visual perception, IEEE RA-L)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Opens an ONNX model, reads the sizes and types that it declares, and runs it on pixels."""
 
-from __future__ import annotations
-
 import functools
 import mmap
 import re

@@ -3,8 +3,6 @@
 The network takes one picture and gives one picture. What the model file declares is read from it; options say the rest.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal

@@ -1,7 +1,5 @@
 """Fits a view of any size to a network: resizes it, mirrors its edges, or cuts it into blended tiles."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """TACL, twin adversarial contrastive learning (Liu, Jiang, Yang & Fan 2022, IEEE TIP 31)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Water-Net (Li et al. 2020, An underwater image enhancement benchmark dataset and beyond, IEEE TIP 29)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
 

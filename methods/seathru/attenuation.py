@@ -3,8 +3,6 @@
 With E the illuminant, -ln E = beta(z) z. beta is either constant or beta(z) = a exp(-b z) + c exp(-d z).
 """
 
-from __future__ import annotations
-
 import itertools
 from typing import Literal
 

@@ -5,8 +5,6 @@ I = Binf (1 - exp(-b z)) + J' exp(-b' z). Only the first term is the water's: th
 end up in the first, and stays in the image.
 """
 
-from __future__ import annotations
-
 import itertools
 from dataclasses import dataclass
 

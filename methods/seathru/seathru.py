@@ -6,8 +6,6 @@ adaptations here are our own; each is documented where it is made. Intensities a
 metres.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

@@ -5,8 +5,6 @@ the colours, `PointContrast` how much colours differ at all, `RangeSlope` whethe
 how many more points can be matched between views.
 """
 
-from __future__ import annotations
-
 from sucre_bench.metrics.across_views.consistency import Consistency, PointContrast
 from sucre_bench.metrics.across_views.matches import Matches
 from sucre_bench.metrics.across_views.range_slope import RangeSlope, RangeSlopeError

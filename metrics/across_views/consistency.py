@@ -4,8 +4,6 @@ A colour is the mean over a patch of 8 x 8 pixels of the restored image, of thos
 constant picture has no differences at all: so the contrast stands beside them.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

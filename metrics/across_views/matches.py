@@ -5,8 +5,6 @@ nearest, and if the same holds for the nearest from the other side. A match is v
 and poses put the point, within 1 % of the image's diagonal. The geometry is known, so nothing is drawn at random.
 """
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from dataclasses import dataclass

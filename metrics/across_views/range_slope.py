@@ -10,8 +10,6 @@ over the patches of all pairs of views i, j. It is the least-squares slope of ln
 with distance: in green and blue the input's slope may be near 0 or positive.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 

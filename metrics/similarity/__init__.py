@@ -6,8 +6,6 @@ averaging over everything would add -10 log10(area) dB, 13 dB at 5 %.) The varia
 as black, as most published tables do. Each score's coverage is the share of the image's pixels it is made of.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

@@ -1,7 +1,5 @@
 """The sums behind PSNR and SSIM over two images, a band of rows at a time."""
 
-from __future__ import annotations
-
 from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 

@@ -23,8 +23,6 @@ astronaut / coffee of scikit-image: panetta2016 2.54 / 2.93, funie 2.41 / 2.52, 
 All see the picture as 8-bit sRGB. A block counts where every pixel of it, and for EME every neighbour, has a colour.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
 

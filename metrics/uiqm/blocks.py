@@ -3,8 +3,6 @@
 Blocks lie side by side from the top left; blocks that the right and lower edge cut are the last column and row.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """UICM, the colourfulness in UIQM: mean and spread of the opponent colours R - G and (R + G) / 2 - B."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """UIConM, the contrast in UIQM: the entropy of the levels' range in blocks (logAMEE)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

@@ -1,7 +1,5 @@
 """UISM, the sharpness in UIQM: the range of edges, or of levels, in blocks (EME)."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any, Literal
 

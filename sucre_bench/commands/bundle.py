@@ -1,7 +1,5 @@
 """`sucre-bench bundle`: writes a results folder as one file."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path

@@ -5,8 +5,6 @@ line a word. The scripts are of our own because click's part what is typed at "=
 behind "method=", and complete no path behind "=".
 """
 
-from __future__ import annotations
-
 import re
 import shlex
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """`sucre-bench lineup`: write the line-up that made a results folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`sucre-bench list`: plugins, experiments and degradations, as text and as JSON."""
 
-from __future__ import annotations
-
 import json
 import shutil
 import textwrap

@@ -1,7 +1,5 @@
 """`sucre-bench new`: write a plugin to start from, and its test."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

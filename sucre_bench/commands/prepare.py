@@ -1,7 +1,5 @@
 """`sucre-bench prepare`: makes a scene of photographs."""
 
-from __future__ import annotations
-
 import shlex
 from pathlib import Path
 from typing import Any

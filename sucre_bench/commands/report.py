@@ -1,7 +1,5 @@
 """`sucre-bench report`: write the page of a results folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import click

@@ -1,7 +1,5 @@
 """`sucre-bench run`: restore a dataset with methods, and score the restorations."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 import sys

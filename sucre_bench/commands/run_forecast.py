@@ -1,7 +1,5 @@
 """`sucre-bench run --dry-run`: prints the jobs of a run, and their expected time, memory and disk."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict

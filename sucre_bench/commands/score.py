@@ -1,7 +1,5 @@
 """`sucre-bench score`: score a folder of images."""
 
-from __future__ import annotations
-
 import contextlib
 import sys
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The tables of `sucre-bench score`: means over the images, and the variants that give published numbers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict
 

@@ -1,7 +1,5 @@
 """`sucre-bench texture`: writes a coloured surface of a scene, from a results folder."""
 
-from __future__ import annotations
-
 import time
 from pathlib import Path
 

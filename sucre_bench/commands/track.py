@@ -1,7 +1,5 @@
 """`sucre-bench track`: log a results folder in mlflow."""
 
-from __future__ import annotations
-
 import sys
 from pathlib import Path
 

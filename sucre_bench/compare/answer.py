@@ -1,7 +1,5 @@
 """The answer of a comparison in two sentences: who leads by the main score, and what the other columns say."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterator, Sequence

@@ -3,8 +3,6 @@
 Metrics declare by their role what they are good for (`Role`). The first of the scores is the main one.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """A comparison for papers and programs: Markdown, LaTeX (booktabs), HTML, CSV, JSON."""
 
-from __future__ import annotations
-
 import html
 import math
 import re

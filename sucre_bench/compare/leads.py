@@ -8,8 +8,6 @@ left. But if the best method beats every other one by the pair's own Student's i
 they are (Hung and Fithian 2019): to do this by chance, it must beat a method that is as good as itself.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from itertools import combinations
 

@@ -1,7 +1,5 @@
 """One standard deviation, and one rule of rounding, for the terminal, documents, figures and the page."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

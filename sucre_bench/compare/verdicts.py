@@ -1,7 +1,5 @@
 """The verdicts of a comparison: in each score, who leads the next, or how methods differ from the baseline."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 

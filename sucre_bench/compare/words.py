@@ -1,7 +1,5 @@
 """The words of a comparison in every format: numbers, headings, parts of a cell, legend, notes, verdicts."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence

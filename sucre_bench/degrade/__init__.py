@@ -7,8 +7,6 @@ Random numbers depend on the seed and the names of scene and view. So a view get
 other views.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Degrades geometry: noise and holes in depth maps, noise of poses."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

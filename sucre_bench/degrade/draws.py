@@ -1,7 +1,5 @@
 """Random numbers of a view: they depend on names and seed, not on other views or their order."""
 
-from __future__ import annotations
-
 import hashlib
 
 import numpy as np

@@ -3,8 +3,6 @@
 Images are (H, W, 3) float32 in [0, 1], RGB.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

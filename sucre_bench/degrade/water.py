@@ -1,7 +1,5 @@
 """Water of known parameters, added to dry images: I = J exp(-beta z) + B (1 - exp(-gamma z)) (SUCRe, eq. 2)."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

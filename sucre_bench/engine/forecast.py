@@ -4,8 +4,6 @@ A method restores one view of the data, shrunk to 0.1 and to 0.8 megapixels, wit
 the two is taken to grow with the number of pixels, and for methods of several views with the views that may see them.
 """
 
-from __future__ import annotations
-
 import math
 import time
 from collections.abc import Sequence

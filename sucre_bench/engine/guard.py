@@ -1,7 +1,5 @@
 """Protects the process from plugins: a time limit for each step, and a check that outputs stay open."""
 
-from __future__ import annotations
-
 import builtins
 import faulthandler
 import io

@@ -1,7 +1,5 @@
 """Collects the hints of a method about its views, and shows each hint once with method and dataset."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager

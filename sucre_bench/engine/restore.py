@@ -1,7 +1,5 @@
 """Restores one view: measures time and memory, and checks that the result keeps the contract."""
 
-from __future__ import annotations
-
 import importlib
 import time
 from typing import Any

@@ -1,7 +1,5 @@
 """Runs one job, view by view, to rows and pictures. A fault becomes a row, and the next view follows."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import replace

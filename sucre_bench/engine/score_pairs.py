@@ -3,8 +3,6 @@
 The points that two views share do not depend on the method, so they are found once for all methods of a scene.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace

@@ -1,7 +1,5 @@
 """The store of decoded images and depth maps that the jobs of a command share while it runs."""
 
-from __future__ import annotations
-
 import shutil
 from collections import Counter
 from collections.abc import Sequence

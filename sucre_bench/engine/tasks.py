@@ -1,7 +1,5 @@
 """Selects the views of a command, from the words dataset=, views=, every= and first=."""
 
-from __future__ import annotations
-
 import os
 from collections import Counter
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Reads arrays in .npy and .npz files. It reads the header first, so that a false size allocates no memory."""
 
-from __future__ import annotations
-
 import math
 import zipfile
 from collections.abc import Callable

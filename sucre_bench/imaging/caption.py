@@ -1,7 +1,5 @@
 """Writes a caption into a corner of a picture."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Picture

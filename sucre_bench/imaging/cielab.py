@@ -4,8 +4,6 @@ sRGB and its matrices are those of IEC 61966-2-1, Lab that of CIE 15:2004. The p
 within 1e-9; it is imported for rare illuminants only, since it brings matplotlib and takes seconds.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from types import ModuleType
 from typing import Any

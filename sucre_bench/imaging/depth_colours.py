@@ -1,7 +1,5 @@
 """A depth or distance map as a picture: near is red, far is blue, by the colour map Turbo (Mikhailov 2019)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

@@ -20,8 +20,6 @@ With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means
 that mosaics and videos have one tone.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 

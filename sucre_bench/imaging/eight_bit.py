@@ -1,7 +1,5 @@
 """A picture as programs read it from an 8-bit file, and its palette: every colour once."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Encodings of intensities: sRGB gamma, linear, 8 bit."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

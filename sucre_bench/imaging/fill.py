@@ -8,8 +8,6 @@ equation on a grid of cells, with weak links across edges of the image. So a hol
 it, distances run evenly from one side to the other, and edges of depth lie at edges of the image.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import Any

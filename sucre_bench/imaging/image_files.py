@@ -3,8 +3,6 @@
 The pixels are taken as they lie in the file, as COLMAP does: an orientation noted in EXIF is ignored.
 """
 
-from __future__ import annotations
-
 import io
 from pathlib import Path
 from typing import IO, Any

@@ -1,7 +1,5 @@
 """Reads the headers of image files: size, further pictures, transparency. It decodes no pixel."""
 
-from __future__ import annotations
-
 import itertools
 import logging
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Notes on images that can be read, but perhaps not as their owner means them: one line for each folder."""
 
-from __future__ import annotations
-
 from pathlib import Path
 from typing import Any
 

@@ -1,7 +1,5 @@
 """The decorator `once`: computes once what several metrics, or variants of one, need of a picture."""
 
-from __future__ import annotations
-
 import functools
 import weakref
 from collections.abc import Callable

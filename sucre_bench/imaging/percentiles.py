@@ -1,7 +1,5 @@
 """Exact percentiles of each channel of an image, without a sort of its pixels."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -2,8 +2,6 @@
 does not fill the memory.
 """
 
-from __future__ import annotations
-
 import os
 from collections.abc import Sequence
 from math import prod

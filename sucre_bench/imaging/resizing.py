@@ -3,8 +3,6 @@
 A variant's name says so behind an @: "funie@256" is the variant funie of the pictures at 256x256 pixels.
 """
 
-from __future__ import annotations
-
 import re
 from dataclasses import dataclass, replace
 from typing import Any, Literal

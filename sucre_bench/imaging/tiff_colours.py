@@ -1,7 +1,5 @@
 """Reads TIFFs that OpenCV would change: it multiplies colours of 8 bits by alpha, and mixes planes of 16 bits."""
 
-from __future__ import annotations
-
 import io
 from dataclasses import dataclass
 from typing import Any

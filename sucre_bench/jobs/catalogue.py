@@ -1,7 +1,5 @@
 """The catalogue of plugins, presets and experiments, with options and needs, as plain data."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import MISSING
 from typing import Any

@@ -1,7 +1,5 @@
 """`config.yaml` of a results folder: the jobs of the last command that wrote there."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """Labels of configurations and datasets: what a sweep or a degradation adds to them."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any

@@ -13,8 +13,6 @@
 Experiments are the line-ups of conf/experiment/.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any, Literal

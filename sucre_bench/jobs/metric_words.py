@@ -1,7 +1,5 @@
 """Metrics as `metrics=[...]` and line-ups name them: "name", "name:variant" or "name:all"."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 
 from sucre_bench import plugins

@@ -1,7 +1,5 @@
 """The files of conf/: experiments, and methods or metrics with options set."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Writes values in Hydra's grammar."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import Any

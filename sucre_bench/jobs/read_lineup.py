@@ -4,8 +4,6 @@ Paths in it are relative to its folder; only `out` is relative to the folder whe
 taken as they are: nothing in them is interpolated.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from collections import Counter

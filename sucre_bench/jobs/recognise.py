@@ -1,7 +1,5 @@
 """Recognises the dataset of a folder by the files that each dataset declares."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path

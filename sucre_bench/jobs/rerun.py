@@ -1,7 +1,5 @@
 """Makes the command that computes a row again, from the columns of the row."""
 
-from __future__ import annotations
-
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass

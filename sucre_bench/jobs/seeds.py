@@ -4,8 +4,6 @@ All methods of one replicate see the same draws of the data, so they stay paired
 which other methods run. Replicate 0 has the seeds that were given.
 """
 
-from __future__ import annotations
-
 import zlib
 from typing import Literal
 

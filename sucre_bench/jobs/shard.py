@@ -1,7 +1,5 @@
 """A shard: one of several equal parts of the views, for one job of a cluster."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import TypeVar

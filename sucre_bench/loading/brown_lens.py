@@ -7,8 +7,6 @@ Then K is applied, with its skew if it has one. A fisheye first turns x, y into 
 k4, p3, p4, no skew, and no p1, p2 for a fisheye; a lens without these is a plain `Lens`.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Literal
 

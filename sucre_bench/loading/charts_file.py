@@ -8,8 +8,6 @@ chart is read. "kind" applies to charts without a kind of their own; its default
 to charts.json, of a CSV file that describes the chart (see `imaging.charts.kinds`). Other entries are ignored.
 """
 
-from __future__ import annotations
-
 import difflib
 import json
 from collections.abc import Mapping

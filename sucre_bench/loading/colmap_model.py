@@ -7,8 +7,6 @@ pose of every registered image.
 Source of the format: https://colmap.github.io/format.html
 """
 
-from __future__ import annotations
-
 import math
 import mmap
 import shlex

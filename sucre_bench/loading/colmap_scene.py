@@ -1,7 +1,5 @@
 """Makes a scene of a COLMAP model, whose cameras may be distorted, and of the files of its images."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 

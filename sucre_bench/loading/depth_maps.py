@@ -5,8 +5,6 @@ these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 
 (float metres). A map that could belong to two images is used for neither.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath

@@ -3,8 +3,6 @@
 OpenCV's wheels are built without OpenEXR, and tifffile, Pillow and imageio do not read it.
 """
 
-from __future__ import annotations
-
 import importlib
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """Finds the folders and files of a dataset below the folder that a user names, at any depth."""
 
-from __future__ import annotations
-
 import os
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Identifies data: fingerprints of files, and the data_id of views."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Sequence
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Scenes of images without cameras: a folder, with or without references of the same names in another folder."""
 
-from __future__ import annotations
-
 import sys
 from collections import defaultdict
 from collections.abc import Iterable, Iterator

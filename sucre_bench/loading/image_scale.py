@@ -1,7 +1,5 @@
 """The option `image_scale` of datasets."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

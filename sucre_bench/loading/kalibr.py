@@ -13,8 +13,6 @@ centres are at whole numbers: half a pixel is added to its principal point. The 
 Source: https://github.com/ethz-asl/kalibr/wiki/yaml-formats
 """
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any, Literal

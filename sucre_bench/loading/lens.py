@@ -6,8 +6,6 @@ fisheye models of the second. The pinhole camera has the same principal point an
 that no pixel looks past the photograph: there are no black borders.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 from typing import Literal

@@ -4,8 +4,6 @@ Exports name images by absolute paths of another computer, by other relative pat
 image is the file whose path shares the most last parts with that name. Files outside the folder are never used.
 """
 
-from __future__ import annotations
-
 from collections import defaultdict
 from collections.abc import Iterable
 from pathlib import Path, PurePosixPath

@@ -9,8 +9,6 @@ K is of the image's size, its pixel centres at whole numbers; R, C: x = R (X - C
 Source: https://github.com/cdcseacave/openMVS/wiki/Interface
 """
 
-from __future__ import annotations
-
 import os
 import struct
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Photographs with their lens and pose, and the views made of them."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Pixels that a run decodes once: its processes, methods and targets map them from a store."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Any
 

@@ -1,7 +1,5 @@
 """A view's pixels in files, decoded on demand."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path

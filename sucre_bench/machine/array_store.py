@@ -5,8 +5,6 @@ that were used longest ago are removed; whoever has mapped one keeps it. Without
 arrays are made again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import os
 import uuid

@@ -1,7 +1,5 @@
 """Starts child processes that import no Python files of the current folder."""
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Iterator

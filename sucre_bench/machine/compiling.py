@@ -1,7 +1,5 @@
 """Compiles the loops of this package at their first call, and prints a line about it."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Callable
 from typing import Any

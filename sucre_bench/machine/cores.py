@@ -1,7 +1,5 @@
 """How many processors this process may use, and on which device it computes."""
 
-from __future__ import annotations
-
 import os
 from typing import Literal
 

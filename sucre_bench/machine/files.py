@@ -1,7 +1,5 @@
 """Writes files atomically: a reader sees the old content or the new, never a part. Reads regular files only."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import functools

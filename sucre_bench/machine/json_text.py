@@ -1,7 +1,5 @@
 """JSON text: NaN and infinity become null."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Mapping

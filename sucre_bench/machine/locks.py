@@ -1,7 +1,5 @@
 """File locks that name the process which holds them."""
 
-from __future__ import annotations
-
 import errno
 import functools
 import os

@@ -1,7 +1,5 @@
 """The log of tracebacks, and the clock for the times in rows."""
 
-from __future__ import annotations
-
 import threading
 import traceback
 from contextlib import suppress

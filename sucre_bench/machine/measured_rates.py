@@ -1,7 +1,5 @@
 """How fast methods and metrics run on this machine, measured once and stored in the user's cache."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable
 from contextlib import suppress

@@ -1,7 +1,5 @@
 """The limit on this process's memory that `ulimit -v` or a queue sets."""
 
-from __future__ import annotations
-
 LEAST_MB = 800  # with less, OpenBLAS waits for ever for memory that does not come
 
 

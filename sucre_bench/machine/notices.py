@@ -1,7 +1,5 @@
 """Lines on stderr, in colour: what went wrong, and notes."""
 
-from __future__ import annotations
-
 
 def say(text: str, colour: str) -> None:
     """Print a line on stderr, in colour if stderr is a terminal that wants colours."""

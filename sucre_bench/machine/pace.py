@@ -1,7 +1,5 @@
 """Estimates the time left from the steps that are done."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 # A step that is done sooner was stored before: it says nothing of those to come.

@@ -1,7 +1,5 @@
 """Versions, source commit and machine that produced a result: ``environment.json`` beside the score table."""
 
-from __future__ import annotations
-
 import functools
 import importlib.metadata
 import json

@@ -1,7 +1,5 @@
 """Masks passwords in addresses before they are printed or stored."""
 
-from __future__ import annotations
-
 import re
 
 _IN_ADDRESS = re.compile(r"(?<=://)([^\s/@:'\"]*):[^\s/'\"]*@")

@@ -4,8 +4,6 @@ A name may hold an escape sequence that clears the screen, or forges the lines o
 some letters, it gets others of the same width.
 """
 
-from __future__ import annotations
-
 import codecs
 import re
 import sys

@@ -1,7 +1,5 @@
 """Handles the signals that end a command: Ctrl-C, and SIGTERM in the same way."""
 
-from __future__ import annotations
-
 import os
 import signal
 import time

@@ -3,8 +3,6 @@
 The child is forked before anything is imported that starts threads, so it costs a millisecond.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

@@ -4,8 +4,6 @@ NO_COLOR removes colours. TERM=dumb or a pipe removes every escape code. FORCE_C
 pipe, such as the log of a CI.
 """
 
-from __future__ import annotations
-
 import sys
 import time
 from collections.abc import Collection, Iterable, Iterator

@@ -6,8 +6,6 @@ that does not import is listed with its reason, and the others work. Importing a
 are named in ``requires`` and imported where they are used.
 """
 
-from __future__ import annotations
-
 from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
 from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, PairMetric, Plugin
 from sucre_bench.plugins.registry import Registry, current, discover, find, load_file, set_aside, unknown, usable, using

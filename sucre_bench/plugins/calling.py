@@ -1,7 +1,5 @@
 """Calls a method: gives it its encoding, checks its result against the contract, and names it in errors."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar

@@ -1,7 +1,5 @@
 """One short hash of all that a result depends on: its source code, and the files that options name."""
 
-from __future__ import annotations
-
 import inspect
 from collections.abc import Iterable, Iterator
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The decorators that make a frozen dataclass a plugin."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import is_dataclass

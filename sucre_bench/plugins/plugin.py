@@ -1,7 +1,5 @@
 """The protocols of methods, datasets and metrics, and `Plugin`, the record of one."""
 
-from __future__ import annotations
-
 import inspect
 import math
 from collections.abc import Iterable, Mapping

@@ -1,7 +1,5 @@
 """Ranges of options: checked when a plugin is made, before any view is read."""
 
-from __future__ import annotations
-
 from typing import Any, get_args, get_origin
 
 from sucre_bench.errors import InputError, is_number_in

@@ -1,7 +1,5 @@
 """Checks what a plugin requires: installed packages, and depth, poses and so on of the scene."""
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 from typing import Literal

@@ -3,8 +3,6 @@
 In: the folder whose disk to check. Out: `Examined`, with machine, features and remedies.
 """
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import platform

@@ -1,7 +1,5 @@
 """The metrics that have a role in figures and on the page."""
 
-from __future__ import annotations
-
 from sucre_bench import plugins
 from sucre_bench.plugins.plugin import Role
 

@@ -10,8 +10,6 @@ The scene is part of the path if the dataset has several. Replicates but the fir
 name includes its suffix if another view differs only in that.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import re

@@ -3,8 +3,6 @@
 A mask is a PNG of 1 bit a pixel, white where there is a colour. A restoration without holes has none.
 """
 
-from __future__ import annotations
-
 import hashlib
 from pathlib import Path
 

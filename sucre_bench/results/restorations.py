@@ -3,8 +3,6 @@
 With save=full, a metric that is added later is computed from the stored restoration; the method does not run again.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import time

@@ -4,8 +4,6 @@ The record (.json) beside a picture has size, time and hash of the picture, and 
 of the same size and time is taken for the same; only one of another time, a copy say, is read and hashed.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Iterable

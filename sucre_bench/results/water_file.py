@@ -7,8 +7,6 @@ explains; left out, or "view", it is that of the images the water is used with. 
 lit, "gains" of views by name and "lamp". What else such a file holds is ignored.
 """
 
-from __future__ import annotations
-
 import json
 import zipfile
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """The main function of a SLURM job."""
 
-from __future__ import annotations
-
 import signal
 from collections.abc import Callable
 

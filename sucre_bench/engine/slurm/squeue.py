@@ -1,7 +1,5 @@
 """Asks SLURM's controller for the states of jobs, with commands that need no accounting database."""
 
-from __future__ import annotations
-
 import os
 import re
 import shutil

@@ -5,8 +5,6 @@ is expected: I = a J + b, a > 0. The share of the patches' variance that such li
 fits, and that of the same corners begun elsewhere whether they were begun in the wrong place.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
 

@@ -12,8 +12,6 @@ published Lab D50 and sRGB values; the corners are the outer corners of the four
 this chart shows. "colorchecker_sg" and charts described by a CSV file: see `sucre_bench.imaging.charts.kinds`.
 """
 
-from __future__ import annotations
-
 import functools
 from dataclasses import dataclass
 

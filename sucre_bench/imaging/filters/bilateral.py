@@ -1,7 +1,5 @@
 """The bilateral filter: removes noise, keeps edges (Tomasi & Manduchi 1998)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

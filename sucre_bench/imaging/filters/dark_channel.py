@@ -1,7 +1,5 @@
 """The dark channel (He, Sun & Tang 2011), and the greatest value of a neighbourhood."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

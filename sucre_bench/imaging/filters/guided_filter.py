@@ -1,7 +1,5 @@
 """Guided filter (He, Sun & Tang 2013, Guided image filtering): smooths a plane, and keeps the edges of a guide."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

@@ -1,7 +1,5 @@
 """CIE L*a*b* of gamma-encoded sRGB (D65), and contrast-limited histogram equalisation of its lightness."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

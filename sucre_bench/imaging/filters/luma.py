@@ -1,7 +1,5 @@
 """Luma: the brightness of gamma-encoded colours (ITU-R BT.601)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

@@ -1,7 +1,5 @@
 """Weighted blending over scales (Burt & Adelson 1983; Mertens, Kautz & Van Reeth 2007): no seams where weights jump."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Saliency: which pixels stand out (Achanta, Hemami, Estrada & Susstrunk 2009)."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

@@ -22,8 +22,6 @@ Why not neighbouring pixels: of pairs alike in colour and distance, restorers of
 of the contrast in turbid water (noise, which they amplify), and stitching 7 %.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Any

@@ -5,8 +5,6 @@ that nothing is seen through it; t: transmission, the share of the scene's light
 He, Sun & Tang 2011). Methods differ in how they find A and t; this is what is the same in several of them.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Like `View.distance`, distances are Euclidean, in metres, 0 = unknown. Channels are red, green, blue.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Literal

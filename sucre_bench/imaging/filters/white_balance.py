@@ -1,7 +1,5 @@
 """White balance: red raised from green, gray world by scaling or by shifting, and contrast stretches."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

@@ -4,8 +4,6 @@ A finding is a breach (must be fixed), a doubt (may be intended) or a note (a fi
 Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import inspect

@@ -4,8 +4,6 @@
 is JSON.
 """
 
-from __future__ import annotations
-
 import contextlib
 import importlib
 import json

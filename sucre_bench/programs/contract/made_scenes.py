@@ -1,7 +1,5 @@
 """Made scenes for trying plugins: a flat wall before two cameras, and difficult images."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from dataclasses import replace
 from types import MappingProxyType

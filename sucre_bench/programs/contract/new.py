@@ -1,7 +1,5 @@
 """Writes a plugin to start from, with its test: into this repository, into a folder, or as a package of its own."""
 
-from __future__ import annotations
-
 import builtins
 import importlib.util
 import keyword

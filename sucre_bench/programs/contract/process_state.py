@@ -1,7 +1,5 @@
 """Global state of a process that a plugin must not change: random states, threads, flags, working directory."""
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Rules for datasets: scenes open without reading pixels, planes have right shapes, `has` is true."""
 
-from __future__ import annotations
-
 import tempfile
 import time
 from collections.abc import Iterator, Sequence

@@ -1,7 +1,5 @@
 """Rules for every plugin."""
 
-from __future__ import annotations
-
 import functools
 from collections.abc import Iterator
 from typing import Any

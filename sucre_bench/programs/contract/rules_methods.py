@@ -1,7 +1,5 @@
 """Rules for methods: every valid pixel and no other gets a colour, and the process is not changed."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator
 from typing import Any

@@ -1,7 +1,5 @@
 """Rules for metrics: values in their range, none without anything to score, the best for a perfect result."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

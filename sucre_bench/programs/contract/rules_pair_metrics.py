@@ -1,7 +1,5 @@
 """Rules for metrics of pairs of restored views; those for all metrics are in rules_metrics.py."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """The plugins that a command names, by name or file, with their options."""
 
-from __future__ import annotations
-
 import inspect
 import sys
 from collections.abc import Iterator, Mapping, Sequence

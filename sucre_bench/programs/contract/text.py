@@ -1,7 +1,5 @@
 """The outcome of a check as text, a line a rule with its remedies and the counts, or as JSON."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Sequence

@@ -1,7 +1,5 @@
 """The contact sheet: each view with its charts outlined, beside its depth in colours; one colour scale for all."""
 
-from __future__ import annotations
-
 import io
 from collections.abc import Sequence
 

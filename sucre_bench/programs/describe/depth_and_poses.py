@@ -6,8 +6,6 @@ mistakes are undone one by one: distances in place of depth, depth in another un
 mistake whose undoing makes far more points agree is named.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

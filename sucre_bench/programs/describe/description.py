@@ -1,7 +1,5 @@
 """The description of a scene, also as JSON and as a contact sheet."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any

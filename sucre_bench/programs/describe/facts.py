@@ -4,8 +4,6 @@ Colours and depth are measured at full size; views are compared at a reduced siz
 For a view without a camera, depth along the axis takes their place.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

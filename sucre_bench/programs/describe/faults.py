@@ -1,7 +1,5 @@
 """Faults of a scene's data, each with its remedy."""
 
-from __future__ import annotations
-
 import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence

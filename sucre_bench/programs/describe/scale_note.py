@@ -1,7 +1,5 @@
 """Reads the note of `sucre-bench prepare` that says whether lengths of a scene are metres."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ view, and proposed there if the whole frame is inside the image, seen from the f
 hidden according to that view's depth.
 """
 
-from __future__ import annotations
-
 from collections.abc import Container, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 

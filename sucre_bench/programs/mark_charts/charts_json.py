@@ -7,8 +7,6 @@ Loaders read "images" only (see `sucre_bench.loading.charts_file`). null is a re
 made again. Other entries of the file stay.
 """
 
-from __future__ import annotations
-
 import json
 import os
 from collections.abc import Iterable, Mapping

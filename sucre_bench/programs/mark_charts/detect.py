@@ -3,8 +3,6 @@
 Its model of the Digital SG is not used: it found clearly visible painted charts mirrored, or not at all.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

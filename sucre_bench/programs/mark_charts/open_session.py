@@ -1,7 +1,5 @@
 """Opens the session for the words of `sucre-bench charts`."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from pathlib import Path
 

@@ -4,8 +4,6 @@ The server listens on 127.0.0.1. Every address holds a random token, and request
 open page can send any. The page loads nothing from elsewhere, and its content policy forbids it.
 """
 
-from __future__ import annotations
-
 import importlib.resources
 import json
 import re

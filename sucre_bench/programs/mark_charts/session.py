@@ -1,7 +1,5 @@
 """A session of marking charts: the data that the page shows and sends, as plain values for JSON."""
 
-from __future__ import annotations
-
 import base64
 import itertools
 import threading

@@ -1,7 +1,5 @@
 """Agreement: of observers with each other, and of metrics with observers."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

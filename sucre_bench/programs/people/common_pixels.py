@@ -1,7 +1,5 @@
 """The pixels that a study shows: those that all its methods fill, so that people judge colours and not holes."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 from sucre_bench import results

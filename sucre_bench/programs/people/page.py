@@ -1,7 +1,5 @@
 """The page of a people's study: one file that opens from disk, needs no network and names no method."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """Reads the files of votes that a study's page saved. They come from strangers, so everything in them is checked."""
 
-from __future__ import annotations
-
 import json
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence

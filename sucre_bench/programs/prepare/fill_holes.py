@@ -1,7 +1,5 @@
 """Fills small holes of a depth map in flat, untextured objects, for example patches of a colour chart."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from sucre_bench.arrays import Array

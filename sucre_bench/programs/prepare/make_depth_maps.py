@@ -1,7 +1,5 @@
 """Depth maps of all photos: plane sweep, consistency between photos, small holes filled, full size, files."""
 
-from __future__ import annotations
-
 import functools
 import io
 from collections.abc import Sequence

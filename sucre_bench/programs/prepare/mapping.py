@@ -5,8 +5,6 @@ features of lower contrast, and fewer matches. The better result counts.
 Schoenberger & Frahm, Structure-from-Motion Revisited, CVPR 2016.
 """
 
-from __future__ import annotations
-
 import itertools
 import json
 import shutil

@@ -1,7 +1,5 @@
 """Writes the result below OUT: the model, depth maps, the page and prepare.json."""
 
-from __future__ import annotations
-
 import importlib.metadata
 import shutil
 from collections.abc import Mapping, Sequence

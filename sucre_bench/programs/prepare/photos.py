@@ -1,7 +1,5 @@
 """Finds and checks photos, and prepares them for feature detection."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Runs the stages in order, from a folder of photos to a folder that dataset=colmap reads."""
 
-from __future__ import annotations
-
 import errno
 import json
 import shutil

@@ -6,8 +6,6 @@ matching, CVPR 1996; likeness is normalised cross-correlation (NCC), which water
 its gain and veil are even over a window. A depth counts if the depths of other photos agree with it.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass

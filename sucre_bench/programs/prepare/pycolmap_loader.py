@@ -1,7 +1,5 @@
 """Imports pycolmap; no other module does."""
 
-from __future__ import annotations
-
 from types import ModuleType
 
 from sucre_bench.errors import InputError

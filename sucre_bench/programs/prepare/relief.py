@@ -3,8 +3,6 @@
 It is for dives too long for a plane sweep and for seabeds without overhangs: a place has one height.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Sequence
 from typing import Any

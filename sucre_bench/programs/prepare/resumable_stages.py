@@ -1,7 +1,5 @@
 """Stages that resume: each has a folder named after a hash of its inputs, and a mark when it is done."""
 
-from __future__ import annotations
-
 import hashlib
 import shutil
 from dataclasses import dataclass

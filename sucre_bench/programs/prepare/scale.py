@@ -4,8 +4,6 @@ Photos alone cannot distinguish a large scene from a small, near one. What is kn
 cameras, a visible length, or the depth below the surface of each photo.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Callable, Mapping, Sequence

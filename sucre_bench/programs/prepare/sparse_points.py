@@ -1,7 +1,5 @@
 """A registered photo for the stages after mapping: its pinhole camera, pose, and the sparse points it sees."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path

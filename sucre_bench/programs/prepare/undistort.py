@@ -1,7 +1,5 @@
 """Writes pinhole images and a pinhole model, from photos and their model."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path

@@ -1,7 +1,5 @@
 """The board as a page: no script, nothing from a network, every text escaped."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 from collections.abc import Iterator

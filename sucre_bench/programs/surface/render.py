@@ -3,8 +3,6 @@
 Rays are cast into the triangles on the CPU (Open3D's ray casting); no graphics driver is needed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

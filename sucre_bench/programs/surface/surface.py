@@ -6,8 +6,6 @@ A pixel counts if it has depth and is not black, which means "no colour". Views 
 depends on the surface's area and the voxels' size, not on the number of views.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -5,8 +5,6 @@ Vertex colours of glTF are linear light, so they are decoded from sRGB and store
 upward direction to y. PLY has the scene's coordinates.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Sequence
 from pathlib import Path

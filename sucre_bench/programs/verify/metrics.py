@@ -1,7 +1,5 @@
 """The registered metrics that score a bundle again, with the options that the bundle's scores were made with."""
 
-from __future__ import annotations
-
 import functools
 import math
 from collections.abc import Iterator, Mapping

@@ -1,7 +1,5 @@
 """The pictures of a bundle: restored images with their holes, views and references."""
 
-from __future__ import annotations
-
 import io
 import json
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Decides whether a stored score agrees with the score of the 8-bit picture."""
 
-from __future__ import annotations
-
 import functools
 import itertools
 import math

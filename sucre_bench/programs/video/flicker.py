@@ -12,8 +12,6 @@ Of each, the mean over pairs of consecutive views and Student's 95 % interval, a
 Pairs without a common point count for gain alone.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -1,7 +1,5 @@
 """Frames of a before/after video: the input beside the restored images, or both with a moving divider."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 

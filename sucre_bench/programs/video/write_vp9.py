@@ -4,8 +4,6 @@ Browsers play H.264, VP8, VP9 and AV1. OpenCV's wheels write VP9, but neither H.
 part 2 ("mp4v"), does not play in browsers. Chromium plays VP9 from .mp4 and from .webm.
 """
 
-from __future__ import annotations
-
 import contextlib
 import itertools
 import os

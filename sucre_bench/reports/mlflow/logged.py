@@ -1,7 +1,5 @@
 """Notes which tables of a results folder were logged where, so that a run with nothing new does not ask mlflow."""
 
-from __future__ import annotations
-
 import hashlib
 import json
 from contextlib import suppress

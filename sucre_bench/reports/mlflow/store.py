@@ -4,8 +4,6 @@ mlflow makes an empty store by more than fifty migrations, which takes seconds. 
 stores begin as copies of it. mlflow retries a store that it cannot open for minutes; sqlite says at once why it cannot.
 """
 
-from __future__ import annotations
-
 import shutil
 import sqlite3
 import tempfile

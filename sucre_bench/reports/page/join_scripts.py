@@ -4,8 +4,6 @@ Each module becomes a function that returns its exports; nothing is global. Two 
 here: ``import { a, b } from "./name.js";`` (or without names), and ``export`` before a declaration.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Callable
 
