@@ -58,6 +58,10 @@ class OutputError(SucreBenchError):
     """Results cannot be written. The command stops; files that were written before stay complete."""
 
 
+class DiskFullError(OutputError):
+    """The disk is full, so that no other job can write either."""
+
+
 class PluginError(SucreBenchError):
     """A plugin cannot be imported, or breaks the contract.
 

@@ -16,6 +16,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.made import MadeScene
 from sucre_bench.datasets.demo.water import LAMP
+from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.progress import track
@@ -35,7 +36,10 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
     made = make()
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True) as work:
-        write(made, Path(work) / "scene")
+        try:
+            write(made, Path(work) / "scene")
+        except OutputError as fault:
+            raise OutputError(str(fault).replace(f"{work}/scene", str(folder))) from fault
         if folder.exists() and not (folder / _LAST).is_file():
             shutil.rmtree(folder)
         try:

@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 from sucre_bench import results
 from sucre_bench.engine.preflight import Planned, states
 from sucre_bench.engine.run_job import failed_row, run_job
-from sucre_bench.errors import PluginError, SucreBenchError, one_line
+from sucre_bench.errors import DiskFullError, PluginError, SucreBenchError, one_line
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress, terminal
@@ -53,12 +53,17 @@ class Launcher(Protocol):
 
 
 def launch(command: Command, restorations: int) -> Ended:
-    """Run the jobs of a command; return how that ended. restorations: how many views all jobs will do."""
+    """Run the jobs of a command; return how that ended. restorations: how many views all jobs will do.
+
+    Raises DiskFullError, without the jobs that are left: none could write.
+    """
     from hydra.core.utils import env_override
 
     try:
         with env_override(dict(command.settings.hydra.job.env_set)):
             _launcher_of(command).launch(command.jobs, restorations)
+    except DiskFullError:
+        raise
     except BrokenProcessPool:  # a worker of joblib was killed
         keep_traceback(log_path(command.jobs[0].out), "launcher")
         return Ended.WORKER_DIED
@@ -103,6 +108,8 @@ class OneByOne:
             for job in jobs:
                 try:
                     _run(job, step)
+                except DiskFullError:
+                    raise
                 except Exception as fault:
                     faults.append(fault)
         if faults:
@@ -125,7 +132,8 @@ class _ThroughHydra:
         self.launcher.setup(hydra_context=context, task_function=_task, config=self.settings)
         with _same_log_level(), _warnings_as_lines():
             for ended in self.launcher.launch([[job.config, job.shared_pairs] for job in jobs], 0):
-                _ = ended.return_value  # raises what ended the job
+                if isinstance(fault := ended.return_value, DiskFullError):  # raises what else ended the job
+                    raise fault
 
 
 @contextmanager
@@ -160,11 +168,16 @@ class _Composed:
         return OmegaConf.create({"out": settings.out, "hydra": settings.hydra, "job": list(job)})
 
 
-def _task(settings: DictConfig) -> None:
+def _task(settings: DictConfig) -> DiskFullError | None:
+    """Run a job. A full disk is returned: Hydra would print lines about an exception, for each job."""
     from omegaconf import OmegaConf
 
     job: Any = OmegaConf.to_container(settings.job, resolve=False)
-    run_text(*job)
+    try:
+        run_text(*job)
+    except DiskFullError as fault:
+        return fault
+    return None
 
 
 def run_text(
@@ -194,6 +207,8 @@ def run_text(
 def _run(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float = FLUSH_S) -> None:
     try:
         run_job(job, after_view, flush_s)
+    except DiskFullError:
+        raise
     except SucreBenchError as fault:
         progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}", is_fault=True)
 

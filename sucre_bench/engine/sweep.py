@@ -57,13 +57,9 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
         except KeyboardInterrupt:
             interrupted = True
         finally:
+            if not crashed:  # else jobs may still be at work on a cluster
+                _remove_shared(command)
             rows = results.merge(out)
-            if not crashed:
-                remove_decoded(command.jobs[0])
-            if command.shared_pairs and not crashed:  # else jobs may still be at work on a cluster
-                shutil.rmtree(pairs_path(out) / command.shared_pairs, ignore_errors=True)
-                with suppress(OSError):  # another command shares there
-                    pairs_path(out).rmdir()
         if not (interrupted or crashed):
             try:
                 with terminated_as_interrupt():
@@ -71,6 +67,16 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
             except KeyboardInterrupt:
                 interrupted = True
     return _outcome(rows, planned, started, interrupted, crashed)
+
+
+def _remove_shared(command: Command) -> None:
+    """Remove what the jobs of a command shared: decoded files and pairs."""
+    remove_decoded(command.jobs[0])
+    if command.shared_pairs:
+        pairs = pairs_path(command.jobs[0].out)
+        shutil.rmtree(pairs / command.shared_pairs, ignore_errors=True)
+        with suppress(OSError):  # another command shares there
+            pairs.rmdir()
 
 
 def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:

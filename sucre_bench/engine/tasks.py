@@ -6,11 +6,13 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from contextvars import ContextVar
 from dataclasses import dataclass, replace
+from pathlib import Path
 
 from sucre_bench import results
 from sucre_bench.degrade import Degradation, around, degraded_whole
 from sucre_bench.errors import InputError, PluginError, SucreBenchError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.machine.files import is_want_of_room, not_writable
 from sucre_bench.machine.steps import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.results.layout import Place, places
@@ -54,12 +56,12 @@ class Task:
     base: Row
 
 
-_opened: ContextVar[dict[str, list[Scene]] | None] = ContextVar("opened", default=None)
+_opened: ContextVar[dict[str, list[Scene] | SucreBenchError] | None] = ContextVar("opened", default=None)
 
 
 @contextmanager
 def opening_once() -> Iterator[None]:
-    """In this block, open each dataset once, for all jobs of this process."""
+    """In this block, open each dataset once, for all jobs of this process, also if that fails."""
     token = _opened.set({} if (opened := _opened.get()) is None else opened)
     try:
         yield
@@ -73,8 +75,14 @@ def open_scenes(dataset: Choice) -> list[Scene]:
         return _open(dataset)
     key = results.fingerprint({**dataset.record, "replicate": dataset.seed})[1]
     if key not in opened:
-        opened[key] = _open(dataset)
-    return opened[key]
+        try:
+            opened[key] = _open(dataset)
+        except SucreBenchError as fault:
+            opened[key] = fault
+    found = opened[key]
+    if isinstance(found, SucreBenchError):
+        raise found
+    return found
 
 
 def _open(dataset: Choice) -> list[Scene]:
@@ -85,6 +93,8 @@ def _open(dataset: Choice) -> list[Scene]:
         raise
     except (ImportError, OSError) as fault:
         if isinstance(fault, OSError) and fault.filename is not None:
+            if is_want_of_room(fault):
+                raise not_writable(Path(os.fsdecode(fault.filename)), fault) from fault
             remedy = "let this user read it, or give another path"
             raise InputError(f"{os.fsdecode(fault.filename)}: {fault.strerror}; {remedy}") from fault
         reason = f"dataset '{dataset.label}': {one_line(fault)}"

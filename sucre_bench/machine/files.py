@@ -11,7 +11,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from sucre_bench.errors import InputError, OutputError
+from sucre_bench.errors import DiskFullError, InputError, OutputError
 
 _UNFINISHED = ".writing-"
 _DAY_S = 86_400
@@ -135,6 +135,11 @@ def user_cache() -> Path:
     return user_cache_path("sucre_bench", appauthor=False)
 
 
+def is_want_of_room(fault: OSError) -> bool:
+    """Whether a file cannot be written because the disk is full or read-only, or too many files are open."""
+    return fault.errno in (errno.ENOSPC, errno.EDQUOT, errno.EROFS, errno.EFBIG, errno.EMFILE, errno.ENFILE)
+
+
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
     if fault.errno == errno.EFBIG:
@@ -142,7 +147,7 @@ def not_writable(path: Path, fault: OSError) -> OutputError:
     if fault.errno in (errno.EMFILE, errno.ENFILE):
         return OutputError(f"{path}: too many files are open; allow more, for example `ulimit -n 1024`")
     if fault.errno in (errno.ENOSPC, errno.EDQUOT):
-        return OutputError(f"{path}: the disk is full; free some space and repeat the command")
+        return DiskFullError(f"{path}: the disk is full; free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):
         return OutputError(f"{blocking}: is a file; name a folder to write into")
     return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")

@@ -17,9 +17,10 @@ from support.toy_runs import calls, run
 
 import sucre_bench as sb
 from sucre_bench import plugins, results
-from sucre_bench.engine import preflight, sweep
+from sucre_bench.engine import preflight, run_job, sweep
 from sucre_bench.errors import OutputError, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
+from sucre_bench.machine.files import not_writable
 from sucre_bench.plugins.registry import find
 
 pytestmark = pytest.mark.short
@@ -352,6 +353,22 @@ def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkey
         run(out, "overwrite=always")
     assert (out / "scores.parquet").read_bytes() == before
     assert not [p for p in out.rglob(".*") if p.suffix != ".lock"]  # no half-written file is left
+
+
+def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
+    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+):
+    tried: list[str] = []
+
+    def full(folder: Path, place: object, method: str, *_: object) -> None:
+        tried.append(method)
+        raise not_writable(folder / "a.png", OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
+
+    monkeypatch.setattr(run_job, "write_pictures", full)
+    with pytest.raises(OutputError, match="the disk is full"):
+        run(out, "method.gain=1,2,3", multirun=True)
+    assert len(tried) == 1
+    assert "failed" not in capsys.readouterr().err
 
 
 STAYING = ["run", "dataset=toy", "dataset.views=5", "dataset.label=toy", "method=gain", "metrics=[psnr]"]

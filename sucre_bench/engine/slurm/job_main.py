@@ -4,7 +4,7 @@ import signal
 from collections.abc import Callable
 
 from sucre_bench.engine.slurm.waiting import WORDS
-from sucre_bench.errors import StopRequest
+from sucre_bench.errors import DiskFullError, StopRequest
 
 
 class _TimeIsUp(StopRequest):
@@ -34,4 +34,6 @@ def work(run: Callable[[str, str], None], config: str, shared_pairs: str) -> str
         run(config, shared_pairs)
     except _TimeIsUp:
         return WORDS["TIMEOUT"]
+    except DiskFullError as fault:
+        return str(fault)
     return ""
