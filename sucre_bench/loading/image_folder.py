@@ -45,9 +45,7 @@ def image_folder_scene(
     names = image_names(folder, subfolders, but=references)
     if not names:
         raise InputError(f"{folder}: holds no image ({' '.join(SUFFIXES)}); copy the images there")
-    there = _by_stem(references, subfolders) if references else {}
-    if references and not any(_stem(name) in there for name in names):
-        raise InputError(f"{references}: no file is named like an image; name them like {names[0]}")
+    found = {} if references is None else _references(names, references, subfolders)
     sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
     # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.
     seen = (
@@ -57,19 +55,12 @@ def image_folder_scene(
     )
     views = []
     for image in names:
-        reference, faults = None, dict[Plane, str]()
-        if references:
-            same = there.get(_stem(image), [])
-            if image in same or len(same) == 1:
-                reference = references / (image if image in same else same[0])
-            elif same:
-                faults["reference"] = f"{references / same[0]}: {same[1]} is there as well; keep one of them"
-            else:
-                faults["reference"] = f"{references / image}: no such file; copy it there"
+        reference = found.get(image)
+        faults: dict[Plane, str] = {"reference": reference} if isinstance(reference, str) else {}
         photograph = Photograph(
             image,
             folder / image,
-            reference=reference,
+            reference=reference if isinstance(reference, Path) else None,
             charts=seen.get(image, ()),
             charts_file=charts,
             size=sizes[image],
@@ -80,10 +71,22 @@ def image_folder_scene(
     return Scene(name, views, has, data_id=data_id_of(views))
 
 
-def _by_stem(folder: Path, subfolders: bool) -> dict[str, list[str]]:
-    found = defaultdict(list)
+def _references(images: Iterable[str], folder: Path, subfolders: bool) -> dict[str, Path | str]:
+    """Return the reference of each image, or why it has none. Raises InputError if no image has one."""
+    by_stem = defaultdict(list)
     for name in image_names(folder, subfolders):
-        found[_stem(name)].append(name)
+        by_stem[_stem(name)].append(name)
+    found: dict[str, Path | str] = {}
+    for image in images:
+        same = by_stem.get(_stem(image), [])
+        if image in same or len(same) == 1:
+            found[image] = folder / (image if image in same else same[0])
+        elif same:
+            found[image] = f"{folder / same[0]}: {same[1]} is there as well; keep one of them"
+        else:
+            found[image] = f"{folder / image}: no such file; copy it there"
+    if not any(_stem(image) in by_stem for image in found):
+        raise InputError(f"{folder}: no file is named like an image; name them like {next(iter(found))}")
     return found
 
 

@@ -2,6 +2,7 @@
 
 import io
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 
@@ -34,28 +35,36 @@ def contact_sheet(
     pen.text((_GAP + 264, 30), f"distance {low:.3g} to {top:.3g} {unit}, gray: unknown", fill="black", font=font)
     for place, k in enumerate(chosen):
         row, column = divmod(place, columns)
-        x, y = _GAP + column * tile[0], _HEAD + row * tile[1]
-        view, look, distance = facts[k], looks[k], looks[k].distance
-        size = (_WIDE, _height(look))
-        depth = None if distance is None else depth_colours(distance, low, top, _GRAY)
-        for at, picture, absent, how in (
-            (x, look.picture, "cannot be read", Image.Resampling.BOX),
-            (x + _WIDE + 2, depth, "no depth", Image.Resampling.NEAREST),
-        ):
-            if picture is None:
-                pen.rectangle((at, y, at + _WIDE - 1, y + size[1] - 1), fill="#dddddd")
-                pen.text((at + 8, y + 8), absent, fill="black", font=font)
-            else:
-                sheet.paste(Image.fromarray(picture).resize(size, how), (at, y))
-        if look.picture is not None:
-            for corners in look.charts * (_WIDE / look.picture.shape[1]) + [x, y]:
-                outline = [tuple(corner) for corner in (*corners, corners[0])]
-                pen.line(outline, fill="#ff2d6f", width=2)
-        said = f"{view.name}   depth on {view.coverage:.0%}" if view.has_depth else view.name
-        pen.text((x, y + size[1] + 2), said[-80:], fill="black", font=font)
+        at = (_GAP + column * tile[0], _HEAD + row * tile[1])
+        sheet.paste(_tile((tile[0] - _GAP, tile[1] - _GAP), facts[k], looks[k], (low, top)), at)
     content = io.BytesIO()
     sheet.save(content, "PNG" if suffix.lower() == ".png" else "JPEG", quality=92)
     return content.getvalue()
+
+
+def _tile(size: tuple[int, int], view: ViewFacts, look: Look, limits: tuple[float, float]) -> Any:
+    """Return one view as a picture of that size. limits: the distances at the ends of the colour scale."""
+    from PIL import Image, ImageDraw, ImageFont
+
+    tile = Image.new("RGB", size, "white")
+    pen, font = ImageDraw.Draw(tile), ImageFont.load_default(14)
+    high = _height(look)
+    depth = None if look.distance is None else depth_colours(look.distance, *limits, _GRAY)
+    for x, picture, absent, how in (
+        (0, look.picture, "cannot be read", Image.Resampling.BOX),
+        (_WIDE + 2, depth, "no depth", Image.Resampling.NEAREST),
+    ):
+        if picture is None:
+            pen.rectangle((x, 0, x + _WIDE - 1, high - 1), fill="#dddddd")
+            pen.text((x + 8, 8), absent, fill="black", font=font)
+        else:
+            tile.paste(Image.fromarray(picture).resize((_WIDE, high), how), (x, 0))
+    if look.picture is not None:
+        for corners in look.charts * (_WIDE / look.picture.shape[1]):
+            pen.line([tuple(corner) for corner in (*corners, corners[0])], fill="#ff2d6f", width=2)
+    said = f"{view.name}   depth on {view.coverage:.0%}" if view.has_depth else view.name
+    pen.text((0, high + 2), said[-80:], fill="black", font=font)
+    return tile
 
 
 def _height(look: Look) -> int:

@@ -37,7 +37,9 @@ def is_dense(surface: Surface, photos: int) -> bool:
 
 
 class DepthMaps(Protocol):
-    """A source of depth maps."""
+    """A source of depth maps. surface: what they are made from, for people."""
+
+    surface: str
 
     def depth(self, shot: Shot) -> Array:
         """Return planar depth (H, W) float32 at the shot's size, in the model's unit, 0 = unknown."""
@@ -46,6 +48,8 @@ class DepthMaps(Protocol):
 
 class Sparse:
     """Rays cast at a surface through the sparse points. masks: folder of masks (may be empty)."""
+
+    surface = "relief of the sparse points"
 
     def __init__(self, relief: Relief, masks: Path) -> None:
         self._relief, self._masks = relief, masks
@@ -56,6 +60,8 @@ class Sparse:
 
 class Dense:
     """Plane sweeps at reduced size, stored in a folder. longest: longest side of the swept images, in pixels."""
+
+    surface = "plane sweep, confirmed by other photos"
 
     def __init__(self, shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> None:
         self._images, self._masks, self._folder = images, masks, folder

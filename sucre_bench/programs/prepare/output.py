@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, write_depth
+from sucre_bench.programs.prepare.make_depth_maps import DepthMaps, write_depth
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, write_page
 from sucre_bench.programs.prepare.record import Prepared, Quality, write_record
@@ -42,26 +42,17 @@ def write(
         (aside / folder).mkdir()
     model.write_binary(aside / "sparse")
 
-    on_page, pictures, qualities = shown([shot.name for shot in shots]), {}, []
-    depths = np.concatenate([shot.seen_points()[1] for shot in shots])
-    near, far = np.quantile(depths, [0.02, 0.98])
-    for shot in track(shots, "depth maps"):
-        depth = maps.depth(shot)
-        write_depth(aside / "depths", shot.name, depth * np.float32(factor))
-        qualities.append(quality_of(shot, depth, factor))
-        if shot.name in on_page:
-            pictures[shot.name] = thumbnails(out / "images" / shot.name, depth, (near, far))
+    qualities, pictures = _write_depths(aside / "depths", shots, maps, factor, out / "images")
     made = replace(made, qualities=tuple(qualities))
     (out / "quality.html").unlink(missing_ok=True)  # without this file the same command writes everything again
     for folder in ("sparse", "depths"):
         _swap(aside / folder, out / folder)
 
-    surface = "plane sweep, confirmed by other photos" if isinstance(maps, Dense) else "relief of the sparse points"
     facts = {
         "photos placed": f"{len(shots)} of {made.photos}, at the {asked['attempt']} attempt",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         **_figures(qualities),
-        "surface": surface,
+        "surface": maps.surface,
         "scale": made.scale.note,
     }
     write_page(made, facts, pictures)
@@ -75,6 +66,22 @@ def write(
     }
     write_record(made, more)
     return made
+
+
+def _write_depths(
+    folder: Path, shots: Sequence[Shot], maps: DepthMaps, factor: float, images: Path
+) -> tuple[list[Quality], dict[str, tuple[str, str]]]:
+    """Write all depth maps times a factor; return their figures, and the page's thumbnails by name."""
+    on_page, pictures, qualities = shown([shot.name for shot in shots]), {}, []
+    depths = np.concatenate([shot.seen_points()[1] for shot in shots])
+    near, far = np.quantile(depths, [0.02, 0.98])
+    for shot in track(shots, "depth maps"):
+        depth = maps.depth(shot)
+        write_depth(folder, shot.name, depth * np.float32(factor))
+        qualities.append(quality_of(shot, depth, factor))
+        if shot.name in on_page:
+            pictures[shot.name] = thumbnails(images / shot.name, depth, (near, far))
+    return qualities, pictures
 
 
 def _figures(qualities: Sequence[Quality]) -> dict[str, str]:

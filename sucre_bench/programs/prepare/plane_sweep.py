@@ -9,6 +9,7 @@ its gain and veil are even over a window. A depth counts if the depths of other 
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 import numpy.typing as npt
@@ -33,6 +34,38 @@ class Planes:
 
     slope: Array
     offsets: Array
+
+
+class _Best(NamedTuple):
+    """The best of a sweep so far, each (H, W): numba takes this as a tuple of arrays.
+
+    first, second: the two best correlations on this plane; previous: the score of the plane before; best: the best
+    score; at: its plane; before, after: the scores of the planes next to that.
+    """
+
+    first: Array
+    second: Array
+    previous: Array
+    best: Array
+    at: npt.NDArray[np.int16]
+    before: Array
+    after: Array
+
+    @classmethod
+    def of(cls, shape: tuple[int, int]) -> "_Best":
+        """Return the state before the first plane."""
+        first, second, previous, best, before, after = (np.full(shape, -1, dtype=np.float32) for _ in range(6))
+        return cls(first, second, previous, best, np.zeros(shape, dtype=np.int16), before, after)
+
+
+class _Moments(NamedTuple):
+    """What a source's correlation needs, each (H, W): its gray levels, and over a window their mean, their mean square,
+    and their mean product with the photo's."""
+
+    warped: Array
+    mean: Array
+    square: Array
+    product: Array
 
 
 def planes_of(shot: Shot, sources: Sequence[Shot]) -> Planes:
@@ -88,8 +121,7 @@ def sweep(shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Arra
     telling = (variance > _LEAST_VARIANCE) & (gray > 0)
     deviation = np.sqrt(np.maximum(variance, _LEAST_VARIANCE))
 
-    first, second, previous, best, before, after = (np.full(gray.shape, -1, dtype=np.float32) for _ in range(6))
-    at = np.zeros(gray.shape, dtype=np.int16)
+    best = _Best.of((gray.shape[0], gray.shape[1]))
     product, square = np.empty_like(gray), np.empty_like(gray)
     compare, decide = compiled(_compare), compiled(_decide)
     for k, offset in enumerate(planes.offsets):
@@ -98,30 +130,21 @@ def sweep(shot: Shot, gray: Array, sources: Sequence[Shot], grays: Sequence[Arra
             warped = _warped(shot, source, other, plane)
             cv2.multiply(gray, warped, product)
             cv2.multiply(warped, warped, square)
-            means = (cv2.blur(image, _WINDOW) for image in (warped, square, product))
-            compare(first, second, mean, deviation, warped, *means, _LEAST_VARIANCE)
+            means: list[Array] = [np.asarray(cv2.blur(image, _WINDOW)) for image in (warped, square, product)]
+            compare(best, mean, deviation, _Moments(warped, *means), _LEAST_VARIANCE)
         # The better half of the photos counts, two of four, so that a blocked view does not decide.
-        decide(k, len(sources) > 2, first, second, previous, best, at, before, after)
-    return _depth(shot.camera, planes, best, at, before, after) * telling
+        decide(k, len(sources) > 2, best)
+    return _depth(shot.camera, planes, best) * telling
 
 
-def _compare(
-    first: Array,
-    second: Array,
-    mean: Array,
-    deviation: Array,
-    warped: Array,
-    mean_there: Array,
-    square_there: Array,
-    product: Array,
-    least_variance: float,
-) -> None:
+def _compare(state: _Best, mean: Array, deviation: Array, there: _Moments, least_variance: float) -> None:
     """Compute a source's correlation at every pixel, and store the best two."""
+    first, second, warped = state.first, state.second, there.warped
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
-            variance = square_there[y, x] - mean_there[y, x] * mean_there[y, x]
+            variance = there.square[y, x] - there.mean[y, x] * there.mean[y, x]
             if warped[y, x] > 0 and variance > least_variance:
-                score = (product[y, x] - mean[y, x] * mean_there[y, x]) / (deviation[y, x] * math.sqrt(variance))
+                score = (there.product[y, x] - mean[y, x] * there.mean[y, x]) / (deviation[y, x] * math.sqrt(variance))
                 if score > first[y, x]:
                     second[y, x] = first[y, x]
                     first[y, x] = score
@@ -129,10 +152,9 @@ def _compare(
                     second[y, x] = score
 
 
-def _decide(
-    k: int, two: bool, first: Array, second: Array, previous: Array, best: Array, at: Array, before: Array, after: Array
-) -> None:
+def _decide(k: int, two: bool, state: _Best) -> None:
     """Take the plane where it is the best so far, with the scores of its neighbours; reset for the next plane."""
+    first, second, previous, best, at, before, after = state
     for y in range(first.shape[0]):
         for x in range(first.shape[1]):
             score = 0.5 * (first[y, x] + second[y, x]) if two else first[y, x]
@@ -161,10 +183,9 @@ def _warped(shot: Shot, source: Shot, gray: Array, plane: Array) -> Array:
     return np.asarray(cv2.warpPerspective(gray, H, size, flags=flags))
 
 
-def _depth(
-    camera: Camera, planes: Planes, best: Array, at: npt.NDArray[np.int16], before: Array, after: Array
-) -> Array:
+def _depth(camera: Camera, planes: Planes, state: _Best) -> Array:
     """Turn the best plane of each pixel into depth, refined between planes by a parabola through three scores."""
+    best, at, before, after = state.best, state.at, state.before, state.after
     curvature = before - 2 * best + after
     inner = (at > 0) & (at < len(planes.offsets) - 1) & (curvature < 0) & (before > -1) & (after > -1)
     between = np.where(inner, 0.5 * (before - after) / np.where(inner, curvature, -1), 0)
