@@ -48,15 +48,17 @@ class Exposure:
         return "distances do not separate exposure from attenuation; use exposure=constant, or more views"
 
 
-def estimate(observations: Observations, target: str, water_start: WaterParameters, *, seed: int = 0) -> Exposure:
-    """Fit gains and water to random pixels seen more than once.
+def estimate(
+    observations: Observations, target: str, water_start: WaterParameters, *, seed: int = 0, most: int = _SAMPLE
+) -> Exposure:
+    """Fit gains and water to random pixels seen more than once, at most so many.
 
     observations: with `view`; target: the name of the view whose gain is 1; water_start: fitted without gains.
     Raises SolveError when no pixel is seen twice.
     """
     if observations.view is None or not observations.n_repeated:
         raise SolveError("exposure=per_view needs pixels that several views show; use exposure=constant")
-    few = random_repeated(observations, seed)
+    few = random_repeated(observations, seed, most)
     assert few.view is not None
     sample = Sample.of(few)
     view = few.view[sample.order]
@@ -70,10 +72,10 @@ def estimate(observations: Observations, target: str, water_start: WaterParamete
     return Exposure(gains, found.water, found.error, is_separable, found.noise)
 
 
-def random_repeated(observations: Observations, seed: int) -> Observations:
-    """Return the observations of some random pixels that several views show."""
+def random_repeated(observations: Observations, seed: int, most: int) -> Observations:
+    """Return the observations of random pixels that several views show, at most so many."""
     n = observations.n_repeated
-    places = np.random.default_rng(seed).choice(n, min(n, _SAMPLE), replace=False)
+    places = np.random.default_rng(seed).choice(n, min(n, most), replace=False)
     return observations.take(np.sort(places))
 
 

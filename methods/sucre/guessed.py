@@ -13,11 +13,13 @@ from sucre_bench.methods.sucre.shrink_noisy_colours import ImagePrior
 from sucre_bench.scene import Restoration, View
 
 
-def guessed(restoration: Restoration, view: View, prior: ImagePrior | None = None) -> Restoration:
+def guessed(
+    restoration: Restoration, view: View, prior: ImagePrior | None = None, black: Array | None = None
+) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.
 
-    prior: shrinks these colours too, by the error that their guessed distance makes. Water and prior are of the same
-    encoding, the fitted one.
+    prior: shrinks these colours too, by the error that their guessed distance makes; black: (3,), what was subtracted
+    from the other colours. Water, prior and black are of the same encoding, the fitted one.
     """
     z = fill_distances(view)
     holes, water = z > 0, restoration.water
@@ -25,6 +27,8 @@ def guessed(restoration: Restoration, view: View, prior: ImagePrior | None = Non
         return restoration
     J = filled_by_water(view, water, z)[holes].T  # (3, P)
     deviation = deviation_of_guess(J, water, z[holes])
+    if black is not None:
+        J = J - black[:, None]
     if prior is not None:
         J, deviation = prior.posterior(J, deviation)
     filled = np.full(view.rgb.shape, np.nan, dtype=np.float32)

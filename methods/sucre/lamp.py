@@ -42,7 +42,7 @@ _NOISE = 0.01
 _ROUGHLY, _FINELY = (25, 1e-4), (40, 1e-6)
 
 # Less light than this says nothing about a colour: an 8-bit level would be a twentieth of the whole scale.
-_DARK = 0.05
+DARK = 0.05
 
 # Channels at the ends of the scale were cut off.
 _ENDS = (0.5 / 255, 254.5 / 255)
@@ -88,6 +88,10 @@ class LampFit:
         On made scenes a lamp halved `noise`; without one, `noise` changed by .2 %.
         """
         return self.noise < 0.98 * self.noise_without
+
+    def tested(self) -> dict[str, float | bool]:
+        """Return the test of the lamp, for the record."""
+        return {"noise": self.noise, "noise_without": self.noise_without, "found": self.is_worth_it}
 
 
 def estimate(observations: Observations, water_start: WaterParameters, *, seed: int = 0) -> LampFit:
@@ -286,9 +290,9 @@ def lit(observations: Observations, lamp: Lamp) -> Observations:
         part = slice(start, min(start + _PART, n))
         l, way = lamp.light(_points(observations, part))  # noqa: E741
         I = observations.intensity(part)  # noqa: E741
-        usable = (l > _DARK) & _within(I).all(axis=0)
+        usable = (l > DARK) & _within(I).all(axis=0)
         distance[part] = observations.distance[part] + way
-        colour[:, part] = I / np.maximum(l, _DARK)
+        colour[:, part] = I / np.maximum(l, DARK)
         weight[part] = l * l * usable
     if observations.weight is not None:
         weight *= observations.weight

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Indices
+from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
@@ -28,7 +28,8 @@ _PRIOR, _NOISE = 0.7, 0.01
 # Starts of beta and gamma, as optical depths over the median distance, besides the water fitted without light.
 _STARTS = ((0.1, 0.3), (0.7, 0.7))
 
-_TOLERANCE, _STEPS = 1e-7, 60
+# Pixels that the starts are tried on; tolerance there and of the last descent; most steps of each.
+_SCREEN, _ROUGHLY, _TOLERANCE, _STEPS = 1_000, 1e-4, 1e-7, 60
 
 # Largest coefficient.
 _MOST = 2.0
@@ -52,6 +53,13 @@ class Sample:
         I = few.intensity(slice(None))[:, order].astype(np.float64)  # noqa: E741
         sizes = few.counts.astype(np.int64)
         return Sample(few.distance[order].astype(np.float64), I, order, np.cumsum(sizes) - sizes, sizes)
+
+    def every(self, step: int) -> tuple[Sample, Mask]:
+        """Return each step-th pixel with all its observations, and which observations (N,) these are."""
+        kept = np.repeat(np.arange(len(self.sizes)) % step == 0, self.sizes)
+        sizes = self.sizes[::step]
+        few = Sample(self.z[kept], self.I[:, kept], self.order[kept], np.cumsum(sizes) - sizes, sizes)
+        return few, kept
 
     def over_pixels(self, values: Array) -> Array:
         """Sum (..., N) over each pixel's observations, and give every observation its pixel's sum."""
@@ -82,9 +90,14 @@ def fit_light(sample: Sample, columns: Array, start: WaterParameters) -> LightFi
     distance = float(np.median(sample.z))
     bounds = _bounds(len(columns), distance)
     starts = [start, *(_water_at(start, *depths, distance) for depths in _STARTS)]
-    ends = [_descend(sample, columns, water, bounds) for water in starts]
+    few, kept = sample.every(max(1, len(sample.sizes) // _SCREEN))
+    even = np.zeros(len(columns))
+    ends = [
+        _descend(few, columns[:, kept], np.concatenate([water.by_channel().ravel(), even]), bounds, _ROUGHLY)
+        for water in starts
+    ]
     best = min(ends, key=lambda end: float(end.system.cost[0]))
-    unknowns = best.at[0]
+    unknowns = _descend(sample, columns, best.at[0], bounds, _TOLERANCE).at[0]
     plain = _system(sample, columns, unknowns, with_priors=False)
     excess = max(_excess(sample) - len(unknowns), 1)
     noise = float(np.sqrt(plain.cost[0] / excess))
@@ -122,13 +135,11 @@ def _water_at(water: WaterParameters, beta: float, gamma: float, distance: float
     return WaterParameters(water.B, np.full(3, beta / distance), np.full(3, gamma / distance))
 
 
-def _descend(sample: Sample, columns: Array, water: WaterParameters, bounds: Bounds) -> Minimum:
-    start = np.concatenate([water.by_channel().ravel(), np.zeros(len(columns))])
-
+def _descend(sample: Sample, columns: Array, start: Array, bounds: Bounds, tolerance: float) -> Minimum:
     def evaluate(unknowns: Array) -> ReducedSystem:
         return _system(sample, columns, unknowns[0])
 
-    return minimise(evaluate, start[None], bounds, tolerance=_TOLERANCE, max_steps=_STEPS)
+    return minimise(evaluate, start[None], bounds, tolerance=tolerance, max_steps=_STEPS)
 
 
 def _system(sample: Sample, columns: Array, unknowns: Array, with_priors: bool = True) -> ReducedSystem:

@@ -3,7 +3,7 @@
 Options are fields of the groups below, so that a user types `method.physical=true` whatever group it is in. Where the
 water comes from decides what else may be chosen:
 
-| way | chosen by | physical | robust | lamp, exposure=per_view |
+| way | chosen by | physical | robust | lamp=true, exposure=per_view |
 |---|---|---|---|---|
 | EXACT | water=own, solver=exact | yes | yes | one of them, with colours=multi_view |
 | ADAM | water=own, solver=adam | no | no | no |
@@ -61,8 +61,10 @@ class FitOptions:
     constant: one exposure for all views; auto: per_view only if exposures differ, gains explain the observations far
     better, and attenuation is lower with them (footprint=true)."""
 
-    lamp: bool = False
-    """Fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea."""
+    lamp: bool | Literal["auto"] = "auto"
+    """true: fit a lamp that is fixed to the camera and is the only light (solver=exact), as in the deep sea; false:
+    none; auto: only if light falls off across the images, a lamp or a polynomial of the place, whichever explains the
+    observations better (footprint=true)."""
 
     steps: int = 200
     """Steps of Adam."""
@@ -121,7 +123,7 @@ class ColourOptions:
 
     edges: bool = False
     """Where other views contradict the image, at edges of depth and of texture and on animals, show what the image
-    shows (colours=multi_view; no effect with lamp or robust)."""
+    shows (colours=multi_view; no effect with robust)."""
 
     even: bool = False
     """Remove dots, lines and steps that appear where a view misses some pixels between those that it shows
@@ -169,7 +171,9 @@ def check(options: Any, method: str) -> None:
     ]
     if len(given) > 1:
         raise InputError(f"{method}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
-    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name)]
+    if options.lamp not in (True, False, "auto"):
+        raise InputError(f"{method}.lamp: '{options.lamp}' is not a choice; use true, false or auto")
+    extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name) is True]
     extras += ["exposure"] if options.exposure == "per_view" else []
     if extras and options.solver != "exact":
         off = "constant" if extras[0] == "exposure" else "false"
@@ -180,8 +184,8 @@ def check(options: Any, method: str) -> None:
     for name in extras:
         if name not in way_of(options).options:
             raise InputError(f"{method}.{name}: is found with the image's own water; leave out {given[0]}")
-    if options.lamp and options.fill:
-        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; leave out fill=true")
+    if options.lamp is True and options.fill:
+        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; use lamp=auto")
     alone = [name for name in ("lamp", "exposure") if name in extras]
     if len(alone) == 2:
         raise InputError(f"{method}.exposure: a lamp explains the same differences of light; leave out lamp=true")

@@ -6,7 +6,7 @@ those. The steps hand both on together.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
@@ -15,15 +15,17 @@ import numpy as np
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.apply_gains import AtOneExposure, corrected
+from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.exposure import Exposure, differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
-from sucre_bench.methods.sucre.falloff import Falloff, find_falloff
+from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, without_falloff
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.lamp import lit
 from sucre_bench.methods.sucre.robust import robust_noise
-from sucre_bench.methods.sucre.solvers import Solution, solve_exact
+from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, solve_exact
 from sucre_bench.methods.sucre.undetermined_water import gains_explain_better, is_guess, photograph_as_colours
+from sucre_bench.methods.sucre.uneven_light import Removal, UnevenLight, explains_better, record_of, sentence_of
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
@@ -47,8 +49,7 @@ def matched_sample(options: Sucre, scene: Scene, view: View, observations: Obser
     places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
     shown = set(observations.views)
     views = [other for other in scene.views if other.name in shown]
-    how = options.pairing_with(view=True)
-    how["with_ray"] = True
+    how = options.pairing_with(view=True, ray=True)
     found = matched_footprints(view, views, observations.pixels[places], **how)
     return found if found.n_repeated >= _FEWEST_MATCHED else None
 
@@ -64,7 +65,7 @@ class OwnWater:
     def solve(self, observations: Observations) -> tuple[Observations, Solution]:
         """Return the solution, and the observations that it explains: a lamp leaves some out."""
         matched = matched_sample(self.options, self.scene, self.view, observations)
-        if self.options.lamp:
+        if self.options.lamp is True:
             return self._under_a_lamp(observations, matched)
         if self.options.exposure == "per_view":
             sample = observations if matched is None else matched
@@ -72,20 +73,73 @@ class OwnWater:
             found = estimate_gains(sample, self.view.name, start, seed=self.options.seed)
             return self._with_gains(observations, matched, found)
         solution = self._solved(observations, matched, {})
-        limits: tuple[str, ...] = ()
-        falloff = None
-        if matched is not None:
-            limits = differing_exposure(matched, solution.water)
-            if falloff := find_falloff(matched, self.view.name, solution.water, seed=self.options.seed):
-                solution, limits = _doubted(solution, falloff), (falloff.limit,)
-            elif limits and self.options.exposure == "auto":
-                explained = self._with_gains_that_explain(observations, matched, solution)
-                if explained is not None:
-                    return explained
+        if matched is None:
+            return self._determined(observations, solution, ())
+        falloff = find_falloff(matched, self.view.name, solution.water, seed=self.options.seed)
+        if falloff is not None and self.options.lamp == "auto":
+            return self._in_even_light(observations, matched, solution, falloff)
+        if falloff is not None:
+            limit = sentence_of(falloff, Removal.NONE)
+            return self._determined(observations, _doubted(solution, falloff), (limit,), (limit,))
+        return self._at_one_exposure(observations, matched, solution)
+
+    def _at_one_exposure(
+        self, observations: Observations, matched: Observations, solution: Solution
+    ) -> tuple[Observations, Solution]:
+        """Return the solution with gains of views, where these explain the observations better."""
+        limits = differing_exposure(matched, solution.water)
+        if limits and self.options.exposure == "auto":
+            explained = self._with_gains_that_explain(observations, matched, solution)
+            if explained is not None:
+                return explained
+        return self._determined(observations, solution, limits)
+
+    def _determined(
+        self, observations: Observations, solution: Solution, limits: Iterable[str], of_photograph: Iterable[str] = ()
+    ) -> tuple[Observations, Solution]:
+        """Return the solution, or the photograph if the water is a guess; of_photograph: limits that hold there too."""
         if is_guess(solution):  # no exposure is known without a water
-            photograph = self._photograph(observations, solution)
-            return observations, photograph.with_limits([falloff.limit] if falloff else [])
+            return observations, self._photograph(observations, solution).with_limits(of_photograph)
         return observations, solution.with_limits(limits)
+
+    def _in_even_light(
+        self, observations: Observations, matched: Observations, without: Solution, falloff: Falloff
+    ) -> tuple[Observations, Solution]:
+        """Return the solution in even light, by the model of light that explains the observations best.
+
+        without: the solution in falling light. A lamp tells nothing of pixels without depth, and colours=single_view
+        knows no other way of the light than the distance.
+        """
+        with_rays = self.options.observe_with_rays(self.scene, self.view)
+        light = UnevenLight(falloff, None)
+        even = without_falloff(with_rays, falloff)
+        if not self.options.fill and self.options.colours == "multi_view":
+            lamp = estimate_lamp(matched, without.water, seed=self.options.seed)
+            in_its_light = lit(with_rays, lamp.lamp)
+            if explains_better(lamp, falloff) and in_its_light.n_repeated:
+                light, even = UnevenLight(falloff, lamp), in_its_light
+        even_matched = light.removed(matched)
+        on_target = light.on(self.view)
+        fit_in_even_light = replace(self, view=self.options.in_even_light(self.view, on_target))
+        solution = fit_in_even_light._solved(even, even_matched, {})
+        even, solution = fit_in_even_light._at_one_exposure(even, even_matched, solution)
+        limits = (sentence_of(falloff, light.removal), *(_limits_of_lamp(matched) if light.lamp else ()))
+        solution = replace(solution, about={**solution.about, **light.about()}, light=on_target)
+        return even, self._with_doubted_veil(even, matched, solution).with_limits(limits)
+
+    def _with_doubted_veil(self, even: Observations, sample: Observations, solution: Solution) -> Solution:
+        """Return the solution in even light, without trust in its veil if distances are alike.
+
+        Over flat ground the light takes part of the veil, whatever the standard errors of a water alone are. Colours
+        then have the errors of noise: those of the veil are an offset of all.
+        """
+        uncertainty = solution.uncertainty
+        if solution.is_photograph or (is_determined(uncertainty) and not _is_flat(sample)):
+            return solution
+        uncertainty = replace(uncertainty, is_weak=(True, True, True), covariance=np.zeros((3, 3, 3)))
+        where = self.options.backend, self.options.device
+        noise_only = colours_for_water(even, solution.water, uncertainty, *where)
+        return replace(solution, deviation=noise_only.deviation, uncertainty=uncertainty)
 
     def _solved(self, observations: Observations, matched: Observations | None, about: Mapping[str, Any]) -> Solution:
         """Return the minimum; about: what else was found, for the record."""
@@ -141,16 +195,17 @@ class OwnWater:
         """Return the solution in even light, where a lamp explains the observations better."""
         sample = observations if matched is None else matched
         found = estimate_lamp(sample, fit(sample, **self.options.compute).water, seed=self.options.seed)
-        about = {"noise": found.noise, "noise_without": found.noise_without, "found": found.is_worth_it}
         if not found.is_worth_it:
             say("no lamp: the observations are explained as well without one")
-            return observations, self._solved(observations, matched, {"lamp": about})
-        about |= {"lamp_from_cam": found.lamp.lamp_from_cam.tolist(), "precision": found.lamp.precision.tolist()}
-        observations = lit(observations, found.lamp)
+            return observations, self._solved(observations, matched, {"lamp": found.tested()})
+        light = UnevenLight(None, found)
+        observations = light.removed(observations)
         if not observations.n_repeated:
             raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
-        even = None if matched is None else lit(matched, found.lamp)
-        return observations, self._solved(observations, even, {"lamp": about}).with_limits(_limits_of_lamp(sample))
+        even = None if matched is None else light.removed(matched)
+        solution = replace(self._solved(observations, even, light.about()), light=light.on(self.view))
+        solution = self._with_doubted_veil(observations, sample, solution)
+        return observations, solution.with_limits(_limits_of_lamp(sample))
 
 
 def _limits_of_lamp(sample: Observations) -> tuple[str, ...]:
@@ -159,17 +214,23 @@ def _limits_of_lamp(sample: Observations) -> tuple[str, ...]:
     Light may fall with the square of its way d from the lamp, which the lobe does not model. Over the whole way of
     about 2 d, that is d log(d^-2) / d(2 d) = -1 / d, as much as attenuation of 1 / d.
     """
-    near, middle, far = np.quantile(sample.distance, (0.05, 0.5, 0.95))
-    if far > _ALIKE * near:
+    if not _is_flat(sample):
         return ()
+    near, middle, far = np.quantile(sample.distance, (0.05, 0.5, 0.95))
     return (
         f"distances are alike ({near:.3g} to {far:.3g} m), and a lamp's falloff with distance looks like attenuation "
         f"there: beta may be {1 / middle:.2g} 1/m too high",
     )
 
 
+def _is_flat(sample: Observations) -> bool:
+    """Return whether distances are alike."""
+    near, far = np.quantile(sample.distance, (0.05, 0.95))
+    return bool(far <= _ALIKE * near)
+
+
 def _doubted(solution: Solution, falloff: Falloff) -> Solution:
     """Return the solution with no trust in its water, and a record of the falloff."""
-    about = {"least": falloff.least, "noise": falloff.noise, "noise_without": falloff.noise_without}
     uncertainty = replace(solution.uncertainty, is_weak=(True, True, True))
-    return replace(solution, uncertainty=uncertainty, about=solution.about | {"falloff": about})
+    about = solution.about | {"falloff": record_of(falloff, Removal.NONE)}
+    return replace(solution, uncertainty=uncertainty, about=about)

@@ -21,6 +21,7 @@ from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.diagnostics import WaterUncertainty, for_known_water, rescaled_to_noise, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Backend, Kernel, backend_for, opened
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.uneven_light import TargetLight
 from sucre_bench.multiview.observations import Observations
 
 # The paper's start: J = I and B = beta = gamma = 0.1.
@@ -36,7 +37,8 @@ class Solution:
 
     J, deviation: (3, P) float32, in the order of `Observations.pixels`, intensities without water and their standard
     deviation; cost: (3,) sum of squared residuals; uncertainty: of the water; about: solver, steps, and the like;
-    weight: (N,) of each observation, from robust=true; is_photograph: J is the photograph, without a water.
+    weight: (N,) of each observation, from robust=true; is_photograph: J is the photograph, without a water; light: on
+    the target, where uneven light was removed from the observations.
     """
 
     J: Array
@@ -47,6 +49,7 @@ class Solution:
     about: dict[str, Any] = field(default_factory=dict)
     weight: Array | None = None
     is_photograph: bool = False
+    light: TargetLight | None = None
 
     def with_limits(self, limits: Iterable[str]) -> Solution:
         """Return the solution with more limits."""

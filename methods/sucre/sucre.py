@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench import Restoration, Scene, SolveError, View, method
+from sucre_bench import Arrays, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
@@ -33,6 +33,7 @@ from sucre_bench.scene import Encoding
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.exact import WaterFit
     from sucre_bench.methods.sucre.solvers import Solution
+    from sucre_bench.methods.sucre.uneven_light import TargetLight
     from sucre_bench.multiview.observations import Observations
     from sucre_bench.multiview.observe import Options
 
@@ -76,14 +77,22 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         """
         from sucre_bench.methods.sucre.guessed import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
-        from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil, removes_offsets
+        from sucre_bench.methods.sucre.undetermined_water import (
+            UNKNOWN_VEIL,
+            has_unknown_veil,
+            removes_offsets,
+            without_darkest,
+        )
 
         observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
         started = time.perf_counter()
         with named(view):
             observations, solution = self._solve(scene, view, observations)
-            if has_unknown_veil(solution) and not removes_offsets(display_of(self)):
+            if solution.light is not None:
+                view = self.in_even_light(view, solution.light)
+            keeps_veil = not removes_offsets(display_of(self))
+            if keeps_veil and has_unknown_veil(solution) and solution.light is None:
                 solution = solution.with_limits([UNKNOWN_VEIL])
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
@@ -91,6 +100,9 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
                 observations, solution = self._single_view(view, solution)
             else:
                 solution = self._refined(view, observations, solution)
+        black = None
+        if keeps_veil and solution.light is not None and (solution.is_photograph or has_unknown_veil(solution)):
+            solution, black = without_darkest(solution)
         spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
         shrinks = self.prior and not solution.is_photograph
         prior = prior_of(solution.J, solution.deviation, spread) if shrinks else None
@@ -101,10 +113,15 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             solution = _encoded(solution)
         stages["solve"] = time.perf_counter() - started
         restored = restoration(view, observations, solution, stages, self._fitted(view))
-        return guessed(restored, view, prior) if self.fill else restored
+        if self.fill:
+            restored = guessed(restored, view, prior, black)
+        return restored if black is None else _with_unknown_veil(restored)
 
     def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
-        """Return colours of many views with calibrated standard deviations and without gaps, where chosen."""
+        """Return colours of many views with calibrated standard deviations and without gaps, where chosen.
+
+        view: in even light, as the observations are.
+        """
         if solution.is_photograph:
             return solution
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
@@ -115,15 +132,16 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             solution = calibrated(observations, solution, decoded=self._decodes(view))
         if solution.weight is not None:
             observations = replace(observations, weight=solution.weight)
+        way = view.distance if solution.light is None else solution.light.way
         J, deviation = solution.J, solution.deviation
         if self.even:
             J = evened(observations, J, solution.water, view.name)
-        if self.edges and not (self.lamp or self.robust):
-            target = Target(self.intensities(view).reshape(*observations.shape, 3), view.rgb, view.distance)
+        if self.edges and not self.robust:
+            target = Target(self.intensities(view).reshape(*observations.shape, 3), view.rgb, way)
             images = corrected_edges(target, observations.image(J), observations.image(deviation), solution.water)
             J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         if self.even:
-            deviation = even_deviation(observations, deviation, view.distance)
+            deviation = even_deviation(observations, deviation, way)
         return replace(solution, J=J, deviation=deviation)
 
     def observe(self, scene: Scene, view: View, known: Observations | None = None) -> Observations:
@@ -134,13 +152,19 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             return known
         return paired(scene, view, self.pairs, **self.pairing_with(view=known is not None))
 
-    def pairing_with(self, *, view: bool = False) -> Options:
-        """Return the options of pairing; view: whether observations name their view in any case."""
+    def observe_with_rays(self, scene: Scene, view: View) -> Observations:
+        """Return the observations of a view with views and rays."""
+        from sucre_bench.multiview.cache import paired
+
+        return paired(scene, view, self.pairs, **self.pairing_with(view=True, ray=True))
+
+    def pairing_with(self, *, view: bool = False, ray: bool = False) -> Options:
+        """Return the options of pairing; view, ray: whether observations have their views and rays in any case."""
         return {
             "rule": self.pairing,
             "tolerance": self.tolerance,
             "encoding": self.encoding,
-            "with_ray": self.lamp,
+            "with_ray": ray or self.lamp is True,
             "with_view": view or self.even or self.exposure == "per_view",
         }
 
@@ -197,12 +221,20 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
         in_target = observe(view, [view], **self.pairing_with())
         alone = colours_for_water(in_target, solution.water, solution.uncertainty, self.backend, self.device)
-        return in_target, replace(alone, about=solution.about, is_photograph=solution.is_photograph)
+        return in_target, replace(
+            alone, about=solution.about, is_photograph=solution.is_photograph, light=solution.light
+        )
 
     def intensities(self, view: View) -> Array:
         """Return the target's intensities (H W, 3) in the encoding that is fitted."""
         rgb = view.rgb.reshape(-1, 3)
         return srgb_decode(rgb) if self._decodes(view) else rgb
+
+    def in_even_light(self, view: View, light: TargetLight) -> View:
+        """Return the view as even light would show it; colours may exceed 1, and are NaN where it is dark."""
+        linear = self.intensities(view).reshape(view.rgb.shape) / light.light[..., None]
+        rgb = srgb_encode(linear) if self._decodes(view) else linear
+        return replace(view, pixels=Arrays(rgb.astype(np.float32), view.depth, view.reference))
 
     def _fitted(self, view: View) -> Encoding:
         """The encoding of the intensities that are fitted."""
@@ -216,6 +248,13 @@ def _encoded(solution: Solution) -> Solution:
     """Encode the colours of a fit to linear light as the view is; the curve continues below 0 and above 1."""
     J = srgb_encode(solution.J)
     return replace(solution, J=J, deviation=np.abs(srgb_encode(solution.J + solution.deviation) - J))
+
+
+def _with_unknown_veil(restoration: Restoration) -> Restoration:
+    """Return the restoration with a water that tells no veil."""
+    assert restoration.water is not None
+    unknown = np.full(3, np.nan)
+    return replace(restoration, water=replace(restoration.water, veiling_light=unknown, backscatter=unknown))
 
 
 @functools.lru_cache(maxsize=4)  # every view of the scene asks for it

@@ -34,6 +34,24 @@ UNKNOWN_VEIL = (
 )
 
 
+DARKEST_AS_VEIL = (
+    "the veil is not determined; the darkest colours of each channel were taken for it, so true black may be lighter"
+)
+
+# Colours that are darker than the black of a channel, as a share.
+_BLACK = 0.005
+
+
+def without_darkest(solution: Solution) -> tuple[Solution, Array]:
+    """Return the solution with the black of each channel subtracted from its colours, and that black (3,).
+
+    An unknown veil at one distance is an offset of each channel. Under water a strobe always makes one.
+    """
+    black = np.nanquantile(solution.J, _BLACK, axis=1).astype(np.float32)
+    solution = replace(solution, J=solution.J - black[:, None], about=solution.about | {"black": black.tolist()})
+    return solution.with_limits([DARKEST_AS_VEIL]), black
+
+
 def has_unknown_veil(solution: Solution) -> bool:
     """Return whether the colours of most channels hold an offset that the observations do not determine."""
     return not solution.is_photograph and not is_determined(solution.uncertainty)

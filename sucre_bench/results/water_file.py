@@ -76,12 +76,14 @@ def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
     """
     if not isinstance(record, Mapping):
         return Lighting()
-    gains, lamp = record.get("gains"), record.get("lamp")
+    gains, lamp, falloff = record.get("gains"), record.get("lamp"), record.get("falloff")
     if not isinstance(gains, Mapping) or (view and view not in gains):
         gains = {}
     if not all(is_number_in("(0, inf)", gain) for gain in gains.values()):
         raise InputError(f"{place}: gains must be one positive number for each view; run its method again")
-    return Lighting(dict(gains), bool(isinstance(lamp, Mapping) and lamp.get("found")))
+    has_lamp = bool(isinstance(lamp, Mapping) and lamp.get("found"))
+    is_removed = isinstance(falloff, Mapping) and falloff.get("removed_by") not in (None, "none")
+    return Lighting(dict(gains), has_lamp or is_removed)
 
 
 _NAMES = ("B", "beta", "gamma")
