@@ -15,6 +15,7 @@ one water and one colour a pixel.
 | `own_water.py` | the exact fit to one image, with the options below |
 | `robust.py`, `lamp.py`, `exposure.py` | one option each, found together with the water |
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
+| `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
 | `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
 | `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py` | colours and their errors after the fit, one subject each |

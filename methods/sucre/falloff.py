@@ -24,8 +24,9 @@ from sucre_bench.methods.sucre.light_and_water import Sample, fit_light, promise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
-# Pixels that falloff and gains are fitted to. Both are a few numbers, and 5,000 pixels gave the same to .5 %.
-_SAMPLE = 1_500
+# Pixels that falloff and gains are fitted to, and the fewest that are worth it. Both fits have few unknowns: with 5,000
+# pixels they differed by .5 %.
+_SAMPLE, _FEWEST = 1_500, 200
 
 # A falloff counts if it removes at least this share of the residuals. It is fitted if one linear step promises half.
 _BETTER = 0.3
@@ -35,6 +36,9 @@ _DARK = 0.05
 
 # The brightest and darkest places count by percentiles.
 _ENDS = (0.01, 0.99)
+
+# From here on, a channel may have been cut off.
+_FULL = 0.99
 
 _PART = 1 << 16  # observations at a time
 
@@ -77,9 +81,12 @@ def find_falloff(observations: Observations, target: str, water: WaterParameters
     observations: with `ray` and `view`, of pixels seen more than once; target: name of the restored view; water: fitted
     in even light.
     """
-    if observations.ray is None or not observations.n_repeated:
+    if observations.ray is None:
         return None
-    few = random_repeated(observations, seed, _SAMPLE)
+    whole = uncut(observations)
+    if whole.n_repeated < _FEWEST:
+        return None
+    few = random_repeated(whole, seed, _SAMPLE)
     assert few.ray is not None
     sample = Sample.of(few)
     scale = max(float(np.abs(few.ray).max()), 1e-9)
@@ -91,10 +98,18 @@ def find_falloff(observations: Observations, target: str, water: WaterParameters
     darkest, brightest = (float(end) for end in np.quantile(found.coefficients @ columns, _ENDS))
     if found.noise > (1 - _BETTER) * without or np.exp(darkest - brightest) > 1 - _LEAST:
         return None
-    if found.noise >= estimate(observations, target, water, seed=seed, most=_SAMPLE).noise:
+    if found.noise >= estimate(whole, target, water, seed=seed, most=_SAMPLE).noise:
         return None
     is_separable = bool((found.error * float(np.median(sample.z)) < _LOOSE).all())
     return Falloff(found.coefficients, scale, brightest, darkest, found.noise, without, is_separable)
+
+
+def uncut(observations: Observations) -> Observations:
+    """Return the pixels that no view shows with a channel at the end of the scale, where light is cut off."""
+    kept = np.ones(len(observations.pixels), dtype=bool)
+    for n, part in observations.slots():
+        kept[:n] &= (observations.intensity(part) < _FULL).all(axis=0)
+    return observations if kept.all() else observations.take(np.flatnonzero(kept))
 
 
 def without_falloff(observations: Observations, falloff: Falloff) -> Observations:

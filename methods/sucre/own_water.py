@@ -19,7 +19,7 @@ from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.exposure import Exposure, differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
-from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, without_falloff
+from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, uncut, without_falloff
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.lamp import lit
 from sucre_bench.methods.sucre.robust import robust_noise
@@ -111,6 +111,7 @@ class OwnWater:
         knows no other way of the light than the distance.
         """
         with_rays = self.options.observe_with_rays(self.scene, self.view)
+        matched = uncut(matched)
         light = UnevenLight(falloff, None)
         even = without_falloff(with_rays, falloff)
         if not self.options.fill and self.options.colours == "multi_view":

@@ -91,8 +91,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             observations, solution = self._solve(scene, view, observations)
             if solution.light is not None:
                 view = self.in_even_light(view, solution.light)
-            keeps_veil = not removes_offsets(display_of(self))
-            if keeps_veil and has_unknown_veil(solution) and solution.light is None:
+            elif has_unknown_veil(solution) and not removes_offsets(display_of(self)):
                 solution = solution.with_limits([UNKNOWN_VEIL])
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
@@ -101,8 +100,9 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             else:
                 solution = self._refined(view, observations, solution)
         black = None
-        if keeps_veil and solution.light is not None and (solution.is_photograph or has_unknown_veil(solution)):
-            solution, black = without_darkest(solution)
+        lit_unevenly = solution.light is not None
+        if self.prior and lit_unevenly and (solution.is_photograph or has_unknown_veil(solution)):
+            solution, black = without_darkest(solution)  # brightness, which the prior keeps, has a black
         spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
         shrinks = self.prior and not solution.is_photograph
         prior = prior_of(solution.J, solution.deviation, spread) if shrinks else None

@@ -23,13 +23,14 @@ def make_survey(
     strobe_m: tuple[float, float, float] = (0.7, 0.0, 0.0),
     lobe_deg: float = 35.0,
     strobe: bool = True,
+    daylight: float = 0.0,
     width: int = 120,
     height: int = 90,
     noise: float = 0.004,
     seed: int = 0,
 ) -> Scene:
     """Views along a line; relief: the heights' range as a share; lobe_deg: its standard deviation; strobe: false for
-    even light from above instead."""
+    even light from above instead; daylight: how much of that light is there besides the strobe's."""
     rng = np.random.default_rng(seed)
     texture = (0.25 + 0.5 * _smooth(rng)).astype(np.float32)
     camera = Camera(np.array([[1.1 * width, 0, width / 2], [0, 1.1 * width, height / 2], [0, 0, 1.0]]), width, height)
@@ -48,13 +49,19 @@ def make_survey(
             angle = np.rad2deg(np.arccos(Y[..., 2] / reach))
             light = np.exp(-0.5 * (angle / lobe_deg) ** 2) * (height_m / reach) ** 2
             way = distance + reach
-        z = way[..., None]
-        seen = rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
+        seen = through(water, rgb, way)
         if strobe:  # exposed so that the brightest ground is just below full scale
-            seen = seen * light[..., None] * np.exp(1.3 * water.attenuation.min() * height_m)
+            by_day = through(water, rgb, distance)
+            seen = seen * light[..., None] * np.exp(1.3 * water.attenuation.min() * height_m) + daylight * by_day
         stored = np.rint((seen + rng.normal(0, noise, seen.shape)).clip(0, 1) * 255) / 255
         taken.append(View(f"{k}.png", Arrays(stored, depth, rgb), camera, pose))
     return Scene("survey", taken, frozenset({"depth", "poses", "reference", "truth"}), water)
+
+
+def through(water: Water, rgb: np.ndarray, way: np.ndarray) -> np.ndarray:
+    """What is seen of colours (H, W, 3) after light's way (H, W) through water, metres."""
+    z = way[..., None]
+    return rgb * np.exp(-water.attenuation * z) + water.veiling_light * (1 - np.exp(-water.backscatter * z))
 
 
 def _smooth(rng: np.random.Generator) -> np.ndarray:

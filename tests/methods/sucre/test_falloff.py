@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from support.made_ground import WATERS, make_ground
 from support.made_survey import make_survey
 
-from sucre_bench import Restoration, Scene
+from sucre_bench import Arrays, Restoration, Scene
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.plugins.calling import shown_with
@@ -18,22 +20,56 @@ def strobe_lit() -> Scene:
     return make_survey(WATERS["coast"])
 
 
-def shown_error(image: np.ndarray, scene: Scene) -> float:
+def shown_error(image: np.ndarray, scene: Scene, how: str = "stretch-1-99") -> float:
     """Root mean square error of the displayed picture of view 4."""
-    return float(np.sqrt(np.nanmean((display(image, "stretch-1-99") - scene["4.png"].reference) ** 2)))
+    return float(np.sqrt(np.nanmean((display(image, how) - scene["4.png"].reference) ** 2)))
 
 
 def limits(result: Restoration) -> str:
     return "; ".join(result.info["limits"])
 
 
-def test_a_strobe_is_found_and_the_water_is_said_to_be_wrong(strobe_lit: Scene) -> None:
-    result = Sucre().restore(strobe_lit, strobe_lit["4.png"])
-    assert "lamp=true" in limits(result)
+def test_without_a_lamp_the_water_of_a_strobe_lit_survey_is_said_to_be_wrong(strobe_lit: Scene) -> None:
+    result = Sucre(lamp=False).restore(strobe_lit, strobe_lit["4.png"])
+    assert "lamp=auto" in limits(result)
     assert "exposure=per_view" not in limits(result)
     found = result.info["falloff"]
     assert 0.2 < found["least"] < 0.6  # the lobe and the square of the way leave .37 in the corners
     assert found["noise"] < 0.3 * found["noise_without"]
+    assert found["removed_by"] == "none"
+
+
+@pytest.mark.parametrize(("daylight", "waters"), [(0.0, "coast"), (0.3, "coast"), (0.0, "red tide")])
+def test_the_light_of_a_strobe_is_removed_from_the_picture(daylight: float, waters: str) -> None:
+    scene = make_survey(WATERS[waters], daylight=daylight)
+    view = scene["4.png"]  # of "red tide" a third is overexposed
+    result = SucrePlus().restore(scene, view)
+    assert result.info["falloff"]["removed_by"] in ("lamp", "place")
+    assert result.valid.mean() > 0.99
+    assert shown_error(result.image, scene, "black-0.5-white-99") < 0.7 * shown_error(view.rgb, scene)
+
+
+def test_pixels_without_depth_are_filled_in_the_same_light(strobe_lit: Scene) -> None:
+    view = strobe_lit["4.png"]
+    depth = view.depth.copy()
+    depth[:20, :30] = 0  # a corner, where the strobe leaves half of its light
+    holes = replace(view, pixels=Arrays(view.rgb, depth))
+    scene = replace(strobe_lit, views=[holes if one.name == view.name else one for one in strobe_lit.views])
+    whole, filled = Sucre().restore(strobe_lit, view), Sucre(fill=True).restore(scene, holes)
+    assert filled.info["falloff"]["removed_by"] == "place"
+    assert filled.filled is not None
+    corner = np.s_[2:18, 2:28]
+    ratio = np.mean(filled.filled[corner]) / np.mean(filled.image[30:60, 40:80])
+    truth = np.mean(whole.image[corner]) / np.mean(whole.image[30:60, 40:80])
+    assert ratio == pytest.approx(truth, rel=0.1)
+
+
+def test_even_light_is_left_as_it_is() -> None:
+    scene = make_survey(WATERS["coast"], strobe=False)
+    view = scene["4.png"]
+    as_it_is, looked_for = (SucrePlus(lamp=lamp).restore(scene, view) for lamp in (False, "auto"))
+    np.testing.assert_array_equal(as_it_is.image, looked_for.image)
+    assert "falloff" not in looked_for.info
 
 
 @pytest.mark.parametrize("gains", [None, (0.8, 1.2, 0.95, 1.3, 0.85, 1.1)])
@@ -55,12 +91,18 @@ def test_a_lamp_over_flat_ground_says_what_distances_leave_open(strobe_lit: Scen
     assert shown_error(result.image, strobe_lit) < 0.7 * shown_error(view.rgb, strobe_lit)
 
 
-def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it(strobe_lit: Scene) -> None:
+def test_a_veil_that_the_light_hides_is_no_part_of_the_picture(strobe_lit: Scene) -> None:
     view = strobe_lit["4.png"]
     result = SucrePlus(lamp=True).restore(strobe_lit, view)
+    assert "darkest" in limits(result)
+    assert result.water is not None
+    assert np.isnan(result.water.veiling_light).all()
+    assert shown_error(result.image, strobe_lit, "black-0.5-white-99") < 0.7 * shown_error(view.rgb, strobe_lit)
+
+
+def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it() -> None:
+    scene = make_survey(WATERS["coast"], strobe=False)
     named = "stretch-1-99"
-    assert named in limits(result)
-    default = np.nanmean((display(result.image, "black-0.5-white-99") - view.reference) ** 2)
-    assert np.nanmean((display(result.image, named) - view.reference) ** 2) < 0.5 * default
+    assert named in limits(SucrePlus().restore(scene, scene["4.png"]))
     with shown_with(named):
-        assert "veil" not in limits(SucrePlus(lamp=True).restore(strobe_lit, view))
+        assert "veil" not in limits(SucrePlus().restore(scene, scene["4.png"]))

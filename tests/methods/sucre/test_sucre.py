@@ -215,19 +215,20 @@ def test_views_that_are_linear_already_are_not_decoded_again() -> None:
     np.testing.assert_array_equal(once.image, never.image)
 
 
-def test_a_lamp_is_found_in_the_deep_sea_and_not_looked_for_in_daylight() -> None:
+def test_a_lamp_is_found_in_the_deep_sea_and_not_in_daylight() -> None:
     import sucre_bench as sb
 
     psnr = {}
     for water in ("deep_sea", "coastal"):
         scene = next(sb.load_scenes("demo", water=water, views=6, width=192, height=144))
         view = scene.views[3]
-        for lamp in (False, True):
-            image = Sucre(lamp=lamp).restore(scene, view).image
+        for lamp in (False, True, "auto"):
+            image = Sucre(lamp=lamp).restore(scene, view).image  # type: ignore[arg-type]
             error = (image - view.reference)[np.isfinite(image).all(axis=-1)]
             psnr[water, lamp] = -10 * np.log10(np.mean(error**2))
     assert psnr["deep_sea", True] > psnr["deep_sea", False] + 10
-    assert psnr["coastal", True] == psnr["coastal", False]
+    assert psnr["deep_sea", "auto"] == pytest.approx(psnr["deep_sea", True], abs=0.5)
+    assert psnr["coastal", "auto"] == psnr["coastal", True] == psnr["coastal", False]
 
 
 def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly() -> None:
