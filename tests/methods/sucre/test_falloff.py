@@ -105,4 +105,4 @@ def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it(
     named = "stretch-1-99"
     assert named in limits(SucrePlus().restore(scene, scene["4.png"]))
     with shown_with(named):
-        assert "veil" not in limits(SucrePlus().restore(scene, scene["4.png"]))
+        assert "display" not in limits(SucrePlus().restore(scene, scene["4.png"]))
