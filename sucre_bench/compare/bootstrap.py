@@ -90,7 +90,8 @@ def mean_intervals(units: Units) -> tuple[Array, Array]:
     n, finite = len(units.sizes), np.isfinite(units.sums).all(axis=0)
     residuals = np.where(finite, Units(np.where(finite, units.sums, 0.0), units.sizes).residuals, np.nan)
     known = np.nan_to_num(residuals)
-    deviations = np.concatenate([c @ known / _totals(c, units.sizes) for c in _counts(n, _resamples(n))])  # (R, M)
+    resamples = min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
+    deviations = np.concatenate([c @ known / _totals(c, units.sizes) for c in _counts(n, resamples)])  # (R, M)
     tails = (1 - _LEVEL) / 2
     widening = stdtrit(n - 1, 1 - tails) / ndtri(1 - tails) * np.sqrt(n / (n - 1))
     low, high = np.quantile(deviations, [tails, 1 - tails], axis=0)
@@ -175,10 +176,6 @@ def _parts(pairs: int, rows: int) -> Iterator[slice]:
     """Slices of the pairs, small enough for arrays of so many rows."""
     step = max(1, _AT_ONCE // rows)
     return (slice(start, start + step) for start in range(0, pairs, step))
-
-
-def _resamples(n: int) -> int:
-    return min(_RESAMPLES, max(_FEWEST, _DRAWS // n))
 
 
 def _totals(counts: Array, sizes: Array) -> Array:

@@ -6,7 +6,6 @@ Metrics declare by their role what they are good for (`Role`). The first of the 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from sucre_bench import plugins
 from sucre_bench.compare.model import Column, Comparison
 from sucre_bench.compare.pixels import says_filled
 from sucre_bench.plugins.plugin import Role
@@ -50,7 +49,7 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     if every:
         return Deciding(comparison.columns, None, None)
     ranked = [column for column in _one_a_metric(comparison.columns) if column.ranked]
-    roles = {column: _role(column) for column in ranked}
+    roles: dict[Column, Role] = {column: column.plugin.role if column.plugin else "" for column in ranked}
     of_people = [column for column in ranked if column.metric == PREFERENCE]
     known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*of_people, *_of_roles(ranked, roles, _WITHOUT)]
     others = [column for column in ranked if roles[column] in _OTHERS and column not in known]
@@ -73,14 +72,9 @@ def _of_roles(
         yield from [column for column in ranked if roles[column] == role][:most]
 
 
-def _role(column: Column) -> Role:
-    plugin = plugins.usable("metric").get(column.metric)
-    return plugin.role if plugin else ""
-
-
 def _may_know_colours(column: Column) -> bool:
     """Whether a score is of more than the picture alone, or is of a metric that is not known here."""
-    plugin = plugins.usable("metric").get(column.metric)
+    plugin = column.plugin
     return plugin is None or (plugin.role != "no-reference" and bool(plugin.needs))
 
 
@@ -88,11 +82,7 @@ def _one_a_metric(columns: Sequence[Column]) -> list[Column]:
     """The default variant of each metric, or the first that was scored."""
     chosen: dict[str, Column] = {}
     for column in columns:
-        if column.metric not in chosen or _is_default(column):
+        is_default = column.plugin is not None and column.variant == column.plugin.default[0]
+        if column.metric not in chosen or is_default:
             chosen[column.metric] = column
     return list(chosen.values())
-
-
-def _is_default(column: Column) -> bool:
-    plugin = plugins.usable("metric").get(column.metric)
-    return plugin is not None and column.variant == plugin.default[0]

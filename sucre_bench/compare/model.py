@@ -7,8 +7,10 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from sucre_bench import plugins
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units
+from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.rows import COSTS
 
 # A difference and the ends of its 95 % interval.
@@ -50,6 +52,11 @@ class Column:
     n_scenes: int
     missing: int
     pixels: Literal["own", "common"] = "own"
+
+    @property
+    def plugin(self) -> Plugin | None:
+        """The metric; None if it is not installed."""
+        return plugins.usable("metric").get(self.metric)
 
     @property
     def ranked(self) -> bool:

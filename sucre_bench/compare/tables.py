@@ -226,12 +226,6 @@ def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd
     return column, values
 
 
-def _is_of_pairs(metric: str) -> bool:
-    """Whether a view's score is a mean over pairs of views; False if the metric is not installed."""
-    plugin = plugins.usable("metric").get(metric)
-    return plugin is not None and plugin.is_of_pairs
-
-
 def _range(metric: str) -> tuple[float, float]:
     """The range of a metric's values; unlimited if the metric is not installed."""
     if plugin := plugins.usable("metric").get(metric):
@@ -255,6 +249,6 @@ def _independent(column: Column, views: Array, scenes: list[int]) -> Units | Non
     """The independent units, None where there are too few. views: (V, M); scenes: how many views each has."""
     if column.metric == FILLED:
         return None
-    if len(scenes) > 1 or not _is_of_pairs(column.metric):
+    if len(scenes) > 1 or not (column.plugin and column.plugin.is_of_pairs):  # a score is no mean over pairs of views
         return Units.of(views, scenes) if len(views) > 1 else None
     return Units.of(pseudo_values(views), scenes) if len(views) > 2 else None

@@ -17,14 +17,9 @@ def chosen_variants(names: Sequence[str]) -> dict[str, list[str]]:
         name, colon, variant = text.partition(":")
         chosen.setdefault(name, []).extend([variant] if colon else [])
     for name, variants in chosen.items():
-        if variants and name in names:
-            variants[:0] = _defaults(name)
+        if variants and name in names and (plugin := plugins.usable("metric").get(name)):
+            variants[:0] = plugin.default
     return chosen
-
-
-def _defaults(name: str) -> tuple[str, ...]:
-    plugin = plugins.usable("metric").get(name)
-    return plugin.default if plugin else ()
 
 
 def words_for_hydra(names: Sequence[str]) -> Iterator[str]:

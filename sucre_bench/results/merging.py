@@ -70,7 +70,9 @@ def _replace_table(rows: pd.DataFrame, out: Path, before: tuple[int, int, int] |
     before: the identity of the table that was read. The rows, and the other table, are parts then.
     """
     table, new, old = out / TABLE, _new_taken(out / PARTS), _new_taken(out / PARTS)
-    _write_table(rows, new)
+    buffer = io.BytesIO()
+    rows.to_parquet(buffer, index=False)
+    write_part(new, buffer.getvalue())
     with contextlib.suppress(FileNotFoundError):
         table.rename(old)
     is_same = _identity(old) == before
@@ -107,9 +109,3 @@ def _link(new: Path, table: Path) -> None:
         if table.exists():
             raise FileExistsError(table) from None
         new.replace(table)
-
-
-def _write_table(rows: pd.DataFrame, path: Path) -> None:
-    buffer = io.BytesIO()
-    rows.to_parquet(buffer, index=False)
-    write_part(path, buffer.getvalue())

@@ -12,7 +12,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode_bytes
 from sucre_bench.results.bundle_format import Bundle
-from sucre_bench.results.layout import Place, possible_places
+from sucre_bench.results.layout import possible_places
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Restoration
 
@@ -39,15 +39,11 @@ def held(bundle: Bundle, row: Any) -> Held | None:
         return path.as_posix() if path.as_posix() in bundle.inside else ""
 
     for place in possible_places(row.dataset, row.scene, row.view):
-        image = _restored(place, row.method)
+        image = place.restored(root, row.method)
         if there(image):
             record, view, reference = image.with_suffix(".json"), place.original(root), place.reference(root)
             return Held(image.as_posix(), there(record), there(view), there(reference))
     return None
-
-
-def _restored(place: Place, method: str) -> Path:
-    return place.restored(Path(), method)
 
 
 def picture(bundle: Bundle, name: str) -> Array:
