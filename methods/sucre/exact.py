@@ -41,6 +41,13 @@ _SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
 # Minima whose parameters differ by less (relative) are one. A sample cannot rank costs that differ by less (relative).
 _ALIKE, _UNDECIDED = 0.05, 0.01
 
+# The cost has twin minima: one with a backscatter like the attenuation, and one with a far larger backscatter, whose
+# veil is full at all distances: an offset of all colours, most of which it makes negative. Light that differs between
+# views, and pixels that are paired wrongly, change which of them is lower. No water scatters so much more than it
+# attenuates (Jerlov's types: a factor of 2). So a minimum whose gamma is more than this many times its beta counts only
+# if its cost is lower by this share.
+_IMPLAUSIBLE, _HANDICAP = 5.0, 0.05
+
 # Tolerances on the promised gain, relative to the cost: to tell minima apart, on the sample, and at the end.
 _SCREENED, _ROUGHLY, _TOLERANCE = 1e-4, 1e-6, 1e-7
 
@@ -109,7 +116,7 @@ def fit(
         evaluate, starts = _summed(kernels, margin), _distinct(ends, _UNDECIDED)
         end = _best([minimise(evaluate, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in starts])
         known = _uncertainty(end, images, dead)
-        weak = undetermined(end.at, known, end.free, dead)
+        weak = undetermined(end.at, known, end.free, dead, distance)
         if weak.any():
             prior = with_priors(evaluate, known.noise, distance, weak)
             again = [minimise(prior, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in (end.at, *grid)]
@@ -234,7 +241,7 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
     """
     per_channel = []
     for c in range(3):
-        found = [(float(end.system.cost[c]), end.at[c]) for end in ends if np.isfinite(end.system.cost[c])]
+        found = [(float(cost), end.at[c]) for end in ends if np.isfinite(cost := _plausible_cost(end)[c])]
         if not found:
             raise SolveError(_HOPELESS.format("no water gives finite residuals"))
         found.sort(key=lambda pair: pair[0])
@@ -249,9 +256,15 @@ def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:
     ]
 
 
+def _plausible_cost(end: Minimum) -> Array:
+    """Return the costs (3,), higher for waters that scatter far more than they attenuate."""
+    implausible = end.at[:, 2] > _IMPLAUSIBLE * end.at[:, 1]
+    return np.where(implausible, 1 + _HANDICAP, 1.0) * end.system.cost
+
+
 def _best(ends: Sequence[Minimum]) -> Minimum:
     """Combine the best end of each channel."""
-    which = np.argmin([end.system.cost for end in ends], axis=0)
+    which = np.argmin([_plausible_cost(end) for end in ends], axis=0)
 
     def pick(values: Sequence[Any]) -> Any:
         return np.stack([values[which[c]][c] for c in range(3)])

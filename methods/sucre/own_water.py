@@ -24,7 +24,12 @@ from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.lamp import lit
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, solve_exact
-from sucre_bench.methods.sucre.undetermined_water import gains_explain_better, is_guess, photograph_as_colours
+from sucre_bench.methods.sucre.undetermined_water import (
+    gains_explain_better,
+    gains_may_explain,
+    is_guess,
+    photograph_as_colours,
+)
 from sucre_bench.methods.sucre.uneven_light import Removal, UnevenLight, explains_better, record_of, sentence_of
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
@@ -88,7 +93,8 @@ class OwnWater:
     ) -> tuple[Observations, Solution]:
         """Return the solution with gains of views, where these explain the observations better."""
         limits = differing_exposure(matched, solution.water)
-        if limits and self.options.exposure == "auto":
+        tried = self.options.exposure == "auto"
+        if tried and gains_may_explain(matched, self.view.name, solution.water, seed=self.options.seed):
             explained = self._with_gains_that_explain(observations, matched, solution)
             if explained is not None:
                 return explained
@@ -178,6 +184,8 @@ class OwnWater:
             even = corrected(matched, found.gains)
             if not found.is_separable or not gains_explain_better(even, found.water, without):
                 return None
+            if find_falloff(even, self.view.name, found.water, seed=self.options.seed):
+                return None  # a lamp that moves with the camera can pass for gains
             with_views = self.options.observe(self.scene, self.view, observations)
             observations, solution = self._with_gains(with_views, matched, found)
         except SolveError:

@@ -33,15 +33,15 @@ _LOOSE = 0.5
 _LEAST_VEIL = 0.5 / 255
 
 
-def undetermined(rows: Array, uncertainty: WaterUncertainty, free: Mask, dead: Mask) -> Mask:
-    """Return the channels (3,) with a parameter at a bound or with a large standard error.
+def undetermined(rows: Array, uncertainty: WaterUncertainty, free: Mask, dead: Mask, distance: float) -> Mask:
+    """Return the channels (3,) with a parameter at a bound or with a large standard error, or without a veil.
 
     rows: (3 channels, 3) B, beta, gamma; free: (3, 3), parameters that no bound holds; dead: (3,), channels without
-    signal, which no prior helps.
+    signal, which no prior helps; distance: median, m.
     """
     error = uncertainty.standard_error.by_channel()
-    loose = ~free | (error > _LOOSE * np.abs(rows))
-    return np.asarray(loose.any(axis=1) & ~dead & np.isfinite(uncertainty.noise))
+    loose = (~free | (error > _LOOSE * np.abs(rows))).any(axis=1) | ~has_veil(rows, distance)
+    return np.asarray(loose & ~dead & np.isfinite(uncertainty.noise))
 
 
 def with_priors(

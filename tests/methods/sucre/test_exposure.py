@@ -54,6 +54,15 @@ def test_gains_are_fitted_by_themselves_also_for_colours_of_a_single_view(scene:
         assert np.abs(rates(Sucre(**options).restore(scene, scene["3.png"]), WATERS["green"])).max() < 0.03  # type: ignore[arg-type]
 
 
+def test_gains_of_a_camera_that_exposes_dark_views_longer_are_fitted_by_themselves() -> None:
+    """Such gains hide attenuation, where others add to it."""
+    longer = make_ground(WATERS["coast"], gains=(0.85, 0.9, 0.95, 1.0, 1.1, 1.2, 1.3), **GROUND)
+    constant, auto = (Sucre(exposure=e).restore(longer, longer["3.png"]) for e in ("constant", "auto"))  # type: ignore[arg-type]
+    assert rates(constant, WATERS["coast"])[0].mean() < -0.1  # beta is too low
+    assert np.abs(rates(auto, WATERS["coast"])).max() < 0.08
+    assert min(auto.info["gains"].values()) == pytest.approx(0.85, rel=0.02)
+
+
 def test_differing_exposures_are_reported_and_equal_ones_are_not(scene: Scene) -> None:
     even = make_ground(WATERS["green"], **GROUND)
     said = [any("exposure" in limit for limit in Sucre().restore(s, s["3.png"]).info["limits"]) for s in (scene, even)]
