@@ -65,28 +65,12 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     or cannot be undistorted, or if an image name occurs twice or leaves the folder.
     """
     cameras_file, images_file = _find(sparse)
-    binary = cameras_file.suffix == ".bin"
     paths = {"image": images, "input": cameras_file.parent, "output": sparse.parent / "undistorted"}
     given = " ".join(f"--{name}_path {shlex.quote(str(path))}" for name, path in paths.items())
     undistort = f"colmap image_undistorter {given} --output_type COLMAP"
-    cameras: dict[int, tuple[Camera, Lens | None]] = {}
-    for number, model, width, height, parameters in _rows(cameras_file, _binary_cameras if binary else _text_cameras):
-        place = f"{cameras_file}: camera {number}"
-        if model not in (_PARAMETERS if distorted else _PINHOLE):
-            usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
-            raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
-        inner = 3 if model in _ONE_FOCAL else 4
-        camera = Camera(_intrinsics(parameters, inner, width, height, place), width, height)
-        lens = Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", parameters[inner:])
-        if model in _PINHOLE:
-            cameras[number] = (camera, None)
-        elif lens.fault:
-            raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; undistort: {undistort}")
-        else:
-            cameras[number] = (lens.pinhole, lens)
-
+    cameras = _read_cameras(cameras_file, distorted, undistort)
     posed: dict[str, Posed] = {}
-    for pose, number, name in _rows(images_file, _binary_images if binary else _text_images):
+    for pose, number, name in _rows(images_file, _binary_images if images_file.suffix == ".bin" else _text_images):
         place = f"{images_file}: image '{name}'"
         path = PurePosixPath(name)
         if not name or "\0" in name or path.is_absolute() or ".." in path.parts:
@@ -100,6 +84,28 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     if not posed:
         raise InputError(f"{images_file}: no image is registered; run 'colmap mapper' on more, overlapping images")
     return [posed[name] for name in sorted(posed)]
+
+
+def _read_cameras(file: Path, distorted: bool, undistort: str) -> dict[int, tuple[Camera, Lens | None]]:
+    """Return each camera, undistorted, with its lens if that distorts. undistort: the remedy for one not accepted."""
+    cameras: dict[int, tuple[Camera, Lens | None]] = {}
+    for number, model, width, height, parameters in _rows(
+        file, _binary_cameras if file.suffix == ".bin" else _text_cameras
+    ):
+        place = f"{file}: camera {number}"
+        if model not in (_PARAMETERS if distorted else _PINHOLE):
+            usable = "of these distortions none is known here" if distorted else "only pinhole cameras can be used"
+            raise InputError(f"{place} is {model}, {usable}; undistort: {undistort}")
+        inner = 3 if model in _ONE_FOCAL else 4
+        camera = Camera(_intrinsics(parameters, inner, width, height, place), width, height)
+        lens = Lens(camera, "fisheye" if "FISHEYE" in model else "perspective", parameters[inner:])
+        if model in _PINHOLE:
+            cameras[number] = (camera, None)
+        elif lens.fault:
+            raise InputError(f"{place} is {model} with parameters {parameters}, {lens.fault}; undistort: {undistort}")
+        else:
+            cameras[number] = (lens.pinhole, lens)
+    return cameras
 
 
 def _find(sparse: Path) -> tuple[Path, Path]:
