@@ -14,6 +14,7 @@ from sucre_bench.machine.children import isolated_children
 from sucre_bench.machine.memory_limit import limit_mb, too_little
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.shown import escaped_output, with_fewer_letters
+from sucre_bench.machine.sigterm import was_interrupted
 from sucre_bench.machine.supervisor import supervised
 
 _NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
@@ -51,7 +52,7 @@ def _ended() -> int:
     if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
         import_module(_COMMANDS["completion"].module).install()
     try:
-        status = _status()
+        status = _status_or_stopped()
         sys.stdout.flush()
     except BrokenPipeError:  # who read us (head, say) has enough
         status = _BROKEN_PIPE
@@ -69,6 +70,17 @@ def _ended() -> int:
 def _drop_output() -> None:
     """What is left in the buffer has nowhere to go."""
     os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _status_or_stopped() -> int:
+    """Run the command line and return its exit code; an interrupt that a library made another error of is one still."""
+    try:
+        return _status()
+    except Exception:
+        if not was_interrupted():
+            raise
+        say("stopped", "yellow")
+        return 130
 
 
 def _status() -> int:
@@ -100,13 +112,13 @@ def _status() -> int:
         return _fault(f"a library cannot be loaded, {one_line(fault)}; {remedy}", 1)
     except MemoryError:
         return _fault("there is not enough memory; end other programs, or give smaller images (dataset.image_scale)", 1)
-    except RuntimeError as fault:
-        if not str(fault).startswith(_LOOP):  # of Path.resolve, before Python 3.13
-            raise
-        return _fault(f"{str(fault).removeprefix(_LOOP).strip(_QUOTE)}: is a link to itself; give another path", 2)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
+    except RuntimeError as fault:  # an Abort is one, too
+        if not str(fault).startswith(_LOOP):  # of Path.resolve, before Python 3.13
+            raise
+        return _fault(f"{str(fault).removeprefix(_LOOP).strip(_QUOTE)}: is a link to itself; give another path", 2)
     return 0
 
 

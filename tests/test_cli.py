@@ -66,6 +66,12 @@ def test_a_mistake_is_one_line_on_stderr_and_exit_2(bench, arguments: list[str],
     assert said in done.stderr
 
 
+def test_ctrl_c_before_the_work_begins_is_one_word_and_130(bench, tmp_path: Path):
+    (tmp_path / "stops.py").write_text("import os, signal\nos.kill(os.getpid(), signal.SIGINT)\n")
+    done = bench("list", "methods", "--plugin", "stops.py")
+    assert (done.returncode, done.stderr.strip()) == (130, "stopped")
+
+
 def test_the_bare_command_shows_its_help(bench):
     done = bench()
     assert done.returncode == 0

@@ -26,12 +26,14 @@ from sucre_bench import (
     View,
     method,
 )
-from sucre_bench.machine.files import expanded
+from sucre_bench.errors import DiskFullError
+from sucre_bench.machine.files import expanded, temporary_folder
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder, check_pattern
 from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
 from sucre_bench.methods.doors.process import Ended, run_program
+from sucre_bench.methods.doors.room import full_disk_named, want_of_room
 from sucre_bench.methods.doors.template import placeholders
 
 _PER_SCENE = ("input", "depth", "distance", "output")
@@ -119,13 +121,13 @@ class Command:
             if isinstance(batch, SucreBenchError):
                 raise batch
             return self._read(batch, view)
-        with tempfile.TemporaryDirectory(prefix="sucre-bench-", ignore_cleanup_errors=True) as place:
-            work = self._handover(Path(place))
+        with full_disk_named(), temporary_folder() as place:
+            work = self._handover(place)
             paths = work.give(view, "view.png")
             paths["output"] = paths["output"].with_suffix(self.output_suffix)
             height, width = view.rgb.shape[:2]
             ended = self._run({**paths, "name": view.name, "width": width, "height": height})
-            return self._read(_Work(Path(place), self.pattern, {view.name: "view.png"}, {}, ended), view)
+            return self._read(_Work(place, self.pattern, {view.name: "view.png"}, {}, ended), view)
 
     @property
     def _words(self) -> list[str]:
@@ -162,14 +164,16 @@ class Command:
         about = f"{ended.fault}, saying: {ended.last_words}" if ended.fault and ended.last_words else ended.fault
         printed = _Printed(ended.said) if ended.said else None
         if ended.fault and self.per == "view":
-            raise InputError(f"{who}: {about}; mend the program or its options") from printed
+            remedy = want_of_room(work.place, view, ended.said) or "mend the program or its options"
+            raise InputError(f"{who}: {about}; {remedy}") from printed
         try:
             path = work.images.find(work.names[view.name], [*work.names.values()])
             image, done = Reading(self.encoding, self.holes, self.resize).image(path, view)
             water = water_beside(path, self.encoding, view)
         except NotApplicableError:
             fault = f"{about or 'ended well'}, but wrote no image"
-            raise InputError(f"{who}: {fault}; the program is to write to {{output}}") from printed
+            remedy = want_of_room(work.place, view, ended.said) or "the program is to write to {output}"
+            raise InputError(f"{who}: {fault}; {remedy}") from printed
         except InputError as fault:
             raise InputError(f"{who}: {str(fault).replace(f'{work.place}/', '')}") from (printed or fault)
         info = {**done, "seconds": ended.seconds / len(work.names), "peak_mb": ended.peak_mb, "device": "unknown"}
@@ -207,7 +211,8 @@ def _run_batch(scene: Scene, command: Command) -> _Work | SucreBenchError:
     """
     place = Path(tempfile.mkdtemp(prefix="sucre-bench-"))
     try:
-        work = _hand_all(scene, command, place)
+        with full_disk_named():
+            work = _hand_all(scene, command, place)
         weakref.finalize(work, shutil.rmtree, place, ignore_errors=True)
         return work
     except SucreBenchError as fault:
@@ -227,6 +232,8 @@ def _hand_all(scene: Scene, command: Command, place: Path) -> _Work:
             if not command._lack(view):
                 handover.give(view, names[view.name])
                 given[view.name] = names[view.name]
+        except DiskFullError:
+            raise
         except Exception as fault:  # of this view; the others go on
             refused[view.name] = fault
     if not given:

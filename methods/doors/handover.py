@@ -1,10 +1,11 @@
 """Writes views to files for a program: images as PNG, depth or distance as 16-bit millimetres or float metres."""
 
+import io
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import Literal
+from typing import IO, Literal
 
 import numpy as np
 
@@ -12,6 +13,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import write_png
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.methods.doors.pattern import inside
 from sucre_bench.methods.doors.picture import FileEncoding, encoding_of
 from sucre_bench.scene import View
@@ -75,11 +77,17 @@ class Handover:
         import tifffile
 
         if self.depth_format == "npy":
-            np.save(path, depth)
+            _written(path, np.save, depth)
         elif self.depth_format == "tif":
-            tifffile.imwrite(path, depth)
+            _written(path, tifffile.imwrite, depth)
         elif depth.max(initial=0) > _FARTHEST_PNG_M:
             fault = f"depth up to {depth.max():.1f} m does not fit into 16-bit millimetres"
             raise InputError(f"{name}: {fault}; give method.depth_format=npy or tif")
         else:
             write_png(path, (depth * 1000 + 0.5).astype(np.uint16))
+
+
+def _written(path: Path, write: Callable[[IO[bytes], Array], object], depth: Array) -> None:
+    content = io.BytesIO()  # because NumPy does not say why it could not write a file
+    write(content, depth)
+    write_atomically(path, content.getvalue())

@@ -19,6 +19,7 @@ import numpy as np
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.children import environment_of_programs
+from sucre_bench.machine.sigterm import interrupts_held_back
 
 _KEPT_BYTES = 16_384
 _GRACE_S = 3.0
@@ -49,15 +50,15 @@ def run_program(arguments: Sequence[str], timeout: float | None = None) -> Ended
     seconds later.
     """
     started = time.perf_counter()
-    with _start(arguments) as process:
-        watch = _Watch(process)
-        try:
-            in_time = watch.until(None if timeout is None else started + timeout)
-            seconds = time.perf_counter() - started
-        finally:  # before it is waited for: until then, its number cannot be another group's
-            _end(process.pid, watch.read)
-        watch.read()
-        code = process.wait()
+    watch = None
+    try:
+        with interrupts_held_back():
+            watch = _Watch(_start(arguments))
+        in_time = watch.until(None if timeout is None else started + timeout)
+        seconds = time.perf_counter() - started
+    finally:
+        if watch:
+            code = _ended(watch)
     fault = _fault(code) if in_time else f"was stopped after {timeout:g} s"
     return Ended(fault, seconds, watch.peak_mb, watch.said)
 
@@ -83,19 +84,26 @@ def _start(arguments: Sequence[str]) -> subprocess.Popen[bytes]:
         raise InputError(f"{program}: cannot be started, {reason}; name what runs it first, such as python3") from fault
 
 
-def _end(group: int, meanwhile: Callable[[], None]) -> None:
+def _ended(watch: "_Watch") -> int:
+    """End a process with its group, take what it printed, and return its exit code. One more Ctrl-C kills the group."""
+    with interrupts_held_back() as held, watch.process as process:
+        # Before it is waited for: until then, its number cannot be another group's.
+        _end(process.pid, watch.read, lambda: bool(held.numbers))
+        watch.read()
+        return process.wait()
+
+
+def _end(group: int, meanwhile: Callable[[], None], is_urgent: Callable[[], bool]) -> None:
     """End a process group, asking first: a docker client then stops its container, which no kill would.
 
     All of it is waited for: the client may be the child of a script or of conda, which end at once.
     """
-    try:
-        _signal(group, signal.SIGTERM)
-        deadline = time.perf_counter() + _GRACE_S
-        while _is_alive(group) and time.perf_counter() < deadline:
-            meanwhile()
-            time.sleep(_TICK_S)
-    finally:  # also when interrupted once more
-        _signal(group, signal.SIGKILL)
+    _signal(group, signal.SIGTERM)
+    deadline = time.perf_counter() + _GRACE_S
+    while _is_alive(group) and time.perf_counter() < deadline and not is_urgent():
+        meanwhile()
+        time.sleep(_TICK_S)
+    _signal(group, signal.SIGKILL)
 
 
 def _signal(group: int, number: signal.Signals) -> None:

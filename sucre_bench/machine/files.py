@@ -4,6 +4,7 @@ import contextlib
 import errno
 import functools
 import os
+import shutil
 import stat
 import tempfile
 import time
@@ -12,6 +13,7 @@ from pathlib import Path
 from typing import IO
 
 from sucre_bench.errors import DiskFullError, InputError, OutputError
+from sucre_bench.machine.sigterm import interrupts_held_back
 
 _UNFINISHED = ".writing-"
 _DAY_S = 86_400
@@ -97,18 +99,42 @@ def open_atomically(path: Path) -> Iterator[IO[bytes]]:
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(path.parent.absolute())
-        with tempfile.NamedTemporaryFile(dir=path.parent, prefix=_UNFINISHED, delete=False) as file:
-            try:
+        unfinished = ""
+        try:
+            with interrupts_held_back():
+                unfinished, file = _new_file(path.parent)
+            with file:
                 yield file
                 file.flush()
                 os.fsync(file.fileno())
                 os.fchmod(file.fileno(), 0o644)
-                Path(file.name).replace(path)
-            except BaseException:
-                Path(file.name).unlink(missing_ok=True)
-                raise
+                Path(unfinished).replace(path)
+        except BaseException:
+            with interrupts_held_back():
+                if unfinished:
+                    Path(unfinished).unlink(missing_ok=True)
+            raise
     except OSError as fault:
         raise not_writable(path, fault) from fault
+
+
+def _new_file(folder: Path) -> tuple[str, IO[bytes]]:
+    descriptor, name = tempfile.mkstemp(dir=folder, prefix=_UNFINISHED)
+    return name, os.fdopen(descriptor, "wb")
+
+
+@contextlib.contextmanager
+def temporary_folder() -> Iterator[Path]:
+    """Yield a new folder for temporary files, which is removed at the end, however often this block is interrupted."""
+    place = None
+    try:
+        with interrupts_held_back():
+            place = Path(tempfile.mkdtemp(prefix="sucre-bench-"))
+        yield place
+    finally:
+        with interrupts_held_back():
+            if place:
+                shutil.rmtree(place, ignore_errors=True)
 
 
 def remove(path: Path) -> None:

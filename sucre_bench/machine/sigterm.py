@@ -2,12 +2,16 @@
 
 import os
 import signal
+import threading
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import dataclass, field
 
+_STOPS = (signal.SIGINT, signal.SIGTERM)
 _REPEATED_S = 0.5
 _last = -_REPEATED_S
+_was_interrupted = False
 
 
 def _is_repeated() -> bool:
@@ -19,7 +23,14 @@ def _is_repeated() -> bool:
     return _last - before < _REPEATED_S
 
 
+def was_interrupted() -> bool:
+    """Whether Ctrl-C came at any time: an import that it interrupts may raise any error."""
+    return _was_interrupted
+
+
 def _interrupt(*_: object) -> None:
+    global _was_interrupted
+    _was_interrupted = True
     if not _is_repeated():
         raise KeyboardInterrupt
 
@@ -49,3 +60,32 @@ def terminated_as_interrupt() -> Iterator[None]:
         yield
     finally:
         signal.signal(signal.SIGTERM, before)
+
+
+@dataclass
+class HeldBack:
+    """The signals that came in a block of `interrupts_held_back`, in their order."""
+
+    numbers: list[int] = field(default_factory=list)
+
+
+@contextmanager
+def interrupts_held_back() -> Iterator[HeldBack]:
+    """Hold Ctrl-C and SIGTERM back in this block, which must be short: they take effect at its end.
+
+    So nothing that the block starts or creates is left without somebody who ends or removes it.
+    """
+    held = HeldBack()
+    if threading.current_thread() is not threading.main_thread():  # signals interrupt the main thread alone
+        yield held
+        return
+    before = {stop: handler for stop in _STOPS if (handler := signal.getsignal(stop)) is not None}
+    for stop in before:
+        signal.signal(stop, lambda number, _: held.numbers.append(number))
+    try:
+        yield held
+    finally:
+        for stop, handler in before.items():
+            signal.signal(stop, handler)
+        for number in dict.fromkeys(held.numbers):
+            signal.raise_signal(number)
