@@ -56,4 +56,4 @@ def test_every_command_has_its_place_in_the_help():
 def test_a_mistyped_command_is_answered_with_the_nearest():
     done = CliRunner().invoke(cli, ["comprae", "results"])
     assert done.exit_code == 2
-    assert "did you mean 'compare'" in done.output
+    assert "'compare'" in done.output

@@ -283,7 +283,7 @@ def test_each_image_gets_its_own_depth_map_or_none(
     assert "depth" in scene.has
     for name, wanted in zip(names, expected, strict=True):
         if wanted == "ambiguous":
-            with pytest.raises(InputError, match=r"depths/.*(may belong to|is there as well)"):
+            with pytest.raises(InputError, match=r"depths/\S+:? .*(or|keep)"):
                 _ = scene[name].depth
         elif wanted is None:
             assert not scene[name].has_depth

@@ -34,7 +34,7 @@ def test_each_visit_is_a_scene_and_one_can_be_chosen(tmp_path: Path) -> None:
         ("2018", ["a.jpg", "b.jpg"]),
     ]
     assert load(tmp_path, year="2018").data_id == scenes[1].data_id == load(tmp_path / "2018").data_id
-    with pytest.raises(InputError, match="is one visit, not 2015"):
+    with pytest.raises(InputError, match=r"2015"):
         load(tmp_path / "2018", year="2015")
 
 

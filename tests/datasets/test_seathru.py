@@ -91,7 +91,7 @@ def test_a_model_beside_the_images_gives_poses_in_metres(tmp_path: Path) -> None
     assert pixels[0][0] == pytest.approx([50 / 10 + 31, 50 * 2 / 10 + 19])
     assert pixels[1][0] == pytest.approx([31, 50 * 2 / 4 + 19]), "at (5, 0, 10), looking along -x: 4 m before it"
     assert pixels[1][1] == pytest.approx(4)
-    with pytest.raises(InputError, match=r"model: no such folder; .* dataset\.sparse=model"):
+    with pytest.raises(InputError, match=r"model: .* dataset\.sparse=model"):
         load(tmp_path, sparse="model")
 
 
@@ -100,7 +100,7 @@ def test_a_model_of_other_images_is_refused_and_one_of_copies_may_not_be_a_guess
     cameras = [f"1 PINHOLE {WIDTH} {HEIGHT} 50 50 30 20"]
     at, away = (1.0, 0, 0, 0, 0, 0, 0), (1.0, 0, 0, 0, 7.0, 0, 0)
     write_model(tmp_path / "sparse", [("a.png", at, 1)], cameras)
-    with pytest.raises(InputError, match=r"sparse: none of its images, a\.png or so, is in .*linearPNG"):
+    with pytest.raises(InputError, match=r"sparse: .* a\.png .*linearPNG"):
         load(tmp_path)
     several = [("T_S01.jpg", at, 1), ("T_S01.png", away, 1), ("a/T_S02.jpg", at, 1), ("b/T_S02.jpg", away, 1)]
     write_model(tmp_path / "sparse", several, cameras)
@@ -116,7 +116,7 @@ def test_two_depth_maps_of_an_image_are_a_fault_and_no_choice(tmp_path: Path) ->
     write_set(tmp_path)
     tifffile.imwrite(tmp_path / "depth" / "depthT_S01.tiff", np.ones((HEIGHT, WIDTH), np.float32))
     first, second = load(tmp_path)
-    with pytest.raises(InputError, match=r"depthT_S01\.tif: depthT_S01\.tiff is there as well; keep one"):
+    with pytest.raises(InputError, match=r"depthT_S01\.tif: depthT_S01\.tiff "):
         _ = first.depth
     assert second.has_depth
 
@@ -169,7 +169,7 @@ def test_charts_of_d5_are_scaled_to_the_image_and_ones_own_go_first(tmp_path: Pa
     first, second = load(tmp_path, image_scale=0.5)
     assert first.charts == ()
     np.testing.assert_array_equal(second.charts[0].corners, np.array(corners) / 2)
-    with pytest.raises(InputError, match=r"c\.json: no such file"):
+    with pytest.raises(InputError, match=r"c\.json: "):
         load(tmp_path, charts="c.json")
 
 
@@ -231,13 +231,13 @@ def test_raw_files_come_linear_and_without_white_balance(tmp_path: Path, rawpy: 
     assert half.shape == (20, 30, 3)
     assert half[0, 0, 0] == pytest.approx(picture16(5)[:2, :2, 0].mean() / 65535, abs=1e-5)
     (tmp_path / "3585_3685/Raw/T_S02.ARW").write_bytes(b"cut")
-    with pytest.raises(InputError, match=r"T_S02\.ARW: cannot be read \(Unsupported"):
+    with pytest.raises(InputError, match=r"T_S02\.ARW: .*\(Unsupported"):
         _ = load(tmp_path).views[1].rgb
 
 
 def test_without_rawpy_the_message_says_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "rawpy", None)
-    with pytest.raises(InputError, match=r"T_S01\.ARW: is a raw file; install rawpy \(pip install rawpy\)"):
+    with pytest.raises(InputError, match=r"T_S01\.ARW: .*\(pip install rawpy\)"):
         load(write_raw(tmp_path))
 
 
@@ -249,22 +249,22 @@ def test_damaged_files_fail_their_own_view_only(tmp_path: Path) -> None:
     for path in (tmp_path / "linearPNG/T_S01.png", tmp_path / "depth/depthT_S01.tif"):
         path.write_bytes(path.read_bytes()[:100])
     first, second = load(tmp_path)
-    with pytest.raises(InputError, match=r"T_S01\.png: cannot be read"):
+    with pytest.raises(InputError, match=r"T_S01\.png: "):
         _ = first.rgb
-    with pytest.raises(InputError, match=r"depthT_S01\.tif: cannot be read"):
+    with pytest.raises(InputError, match=r"depthT_S01\.tif: "):
         _ = first.depth
     assert second.rgb.shape == (HEIGHT, WIDTH, 3)
     assert second.depth.max() == 22
 
 
 def test_what_is_not_there_is_named(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="holds no folder linearPNG or Raw"):
+    with pytest.raises(InputError, match=r"linearPNG.*Raw"):
         load(tmp_path)
     (tmp_path / "linearPNG").mkdir()
-    with pytest.raises(InputError, match="linearPNG: holds no image"):
+    with pytest.raises(InputError, match="linearPNG: "):
         load(tmp_path)
     write_set(tmp_path)
     for path in (tmp_path / "depth").iterdir():
         path.rename(path.with_name("x" + path.name))
-    with pytest.raises(InputError, match=r"depth: no depth map is named after an image; .* like depth_T_S01\.png"):
+    with pytest.raises(InputError, match=r"depth: .* depth_T_S01\.png"):
         load(tmp_path)

@@ -193,7 +193,7 @@ def test_a_damaged_image_harms_its_view_only(tmp_path: Path) -> None:
     scene = only(Photos(tmp_path))
     same(scene["b.png"].rgb, 1)
     for name in ("a.png", "c.jpg"):
-        with pytest.raises(InputError, match=f"{name}: cannot be read"):
+        with pytest.raises(InputError, match=f"{name}: "):
             _ = scene[name].rgb
 
 

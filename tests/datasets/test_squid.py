@@ -142,7 +142,7 @@ def test_other_ways_to_write_the_same_calibration(tmp_path: Path, change: str) -
 def test_a_calibration_saved_as_an_object_is_read_with_mat_io(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     write_site(tmp_path, stereo=OBJECT)
     monkeypatch.setitem(sys.modules, "matio", None)
-    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: holds an object .* install mat-io"):
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .* mat-io"):
         load(tmp_path)
 
     def made(path: str) -> dict[str, object]:
@@ -165,15 +165,15 @@ def test_what_is_wrong_with_a_calibration_is_named(tmp_path: Path) -> None:
     (tmp_path / "empty").mkdir()
     write_site(tmp_path, stereo={key: value for key, value in STEREO.items() if key != "TranslationOfCamera2"})
     path = tmp_path / "stereoParams0.5.mat"
-    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: is no calibration of two cameras"):
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*cameras"):
         load(tmp_path)
     path.write_bytes(OBJECT[:200])
-    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: cannot be read"):
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*MATLAB"):
         load(tmp_path)
     path.unlink()
-    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: no such file"):
+    with pytest.raises(InputError, match=r"stereoParams0\.5\.mat: .*download"):
         load(tmp_path)
-    with pytest.raises(InputError, match="holds no folder image_set_NN"):
+    with pytest.raises(InputError, match="image_set_NN"):
         load(tmp_path / "empty")
 
 
@@ -183,14 +183,14 @@ def test_what_is_wrong_with_one_view_leaves_the_other_alone(tmp_path: Path) -> N
     maps = scipy.io.loadmat(folder / "distanceFromCamera.mat")
     scipy.io.savemat(folder / "distanceFromCamera.mat", {"dist_map_r": maps["dist_map_r"]})
     left, right = load(tmp_path)
-    with pytest.raises(InputError, match=r"LFT_4007resizedUndistort\.tif: no such file"):
+    with pytest.raises(InputError, match=r"LFT_4007resizedUndistort\.tif: "):
         _ = left.rgb
-    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: holds no map dist_map_l"):
+    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: .* dist_map_l"):
         _ = left.depth
     assert right.rgb.shape == (HEIGHT, WIDTH, 3)
     assert right.depth.max() > 8
     (folder / "distanceFromCamera.mat").write_bytes((folder / "distanceFromCamera.mat").read_bytes()[:300])
-    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: cannot be read"):
+    with pytest.raises(InputError, match=r"distanceFromCamera\.mat: .*MATLAB"):
         _ = load(tmp_path).views[1].depth
     (folder / "distanceFromCamera.mat").unlink()
     scene = load(tmp_path)

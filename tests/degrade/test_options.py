@@ -97,7 +97,7 @@ def test_a_sweep_over_degradations_keeps_them_apart_and_goes_on_where_it_stopped
 def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(toys: str, tmp_path: Path):
     base = ["dataset=two_scenes", "method=gain", "metrics=[redness]", f"out={tmp_path}", "tracking.uri=off"]
     for option, lacking in (("depth_holes=0.1", "depth"), ("pose_noise_m=1", "poses")):
-        with pytest.raises(preflight.ProblemsError, match=f"scene 'left' has no {lacking}; leave it out"):
+        with pytest.raises(preflight.ProblemsError, match=rf"'left' .*{lacking};"):
             sweep.run([*base, f"degrade.{option}"], multirun=False)
 
 
@@ -129,11 +129,11 @@ def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str)
 
 def test_python_callers_are_told_as_well():
     scene = many()
-    with pytest.raises(InputError, match="did you mean 'depth_noise'"):
+    with pytest.raises(InputError, match="'depth_noise'"):
         degraded(scene, depth_nois=0.1)
     with pytest.raises(InputError, match="give target=NAME"):
         degraded(scene, within=1)
-    with pytest.raises(InputError, match=r"no view named 'v77\.png'"):
+    with pytest.raises(InputError, match=r"'v77\.png'"):
         degraded(scene, within=1, target="v77.png")
     with pytest.raises(InputError, match="beside a Degradation"):
         degraded(scene, Degradation(bits=8), noise=0.1)

@@ -45,7 +45,7 @@ def test_water_goes_over_the_reference_where_the_scene_has_some():
     wet = degraded(of(photo() * 0.2, depth, photo()), add_water=NINE)["a.png"]
     assert np.array_equal(wet.rgb, dry.rgb)
     lacking = replace(of(photo(), depth), has=frozenset({"depth", "reference"}))
-    with pytest.raises(InputError, match=r"a\.png: has no reference to add water to"):
+    with pytest.raises(InputError, match=r"a\.png: .*reference"):
         _ = degraded(lacking, add_water=NINE)["a.png"].rgb
 
 
@@ -57,7 +57,7 @@ def test_a_pixel_without_depth_is_as_deep_under_water_as_its_nearest_neighbour()
     whole, pierced = (degraded(of(photo(), d), add_water=NINE)["a.png"] for d in (depth, holes))
     assert np.array_equal(whole.rgb, pierced.rgb)
     assert not pierced.valid[15, 15]
-    with pytest.raises(InputError, match=r"a\.png: has no depth, which added water needs"):
+    with pytest.raises(InputError, match=r"a\.png: .*depth"):
         _ = degraded(of(photo(), np.zeros((60, 80))), add_water=NINE)["a.png"].rgb
 
 
@@ -103,5 +103,5 @@ def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(
     view = scene.views[0].name
     np.testing.assert_array_equal(scene[view].rgb, degraded(many(), add_water=numbers)[view].rgb)
     (tmp_path / "w.json").write_text(json.dumps(told | {"encoding": "linear"}))
-    with pytest.raises(InputError, match="has the encoding linear, the view gamma"):
+    with pytest.raises(InputError, match=r"linear.*gamma"):
         _ = degraded(many(), add_water=tmp_path / "w.json")[view].rgb

@@ -21,7 +21,8 @@ from sucre_bench.plugins.plugin import Plugin
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
 PLUGINS_OF_EXAMPLES = ("halve_blue", "known_water")  # made by their pages, and run by other tests
 
-FILES = ("out", r"dataset\.root")  # the keys of paths: any will do
+ROOT_KEY = re.compile(r"^dataset\.root=.*")  # any path will do
+FREE = re.compile(r"^(out|every)=|^-m$")  # commands that differ in these alone are alike
 
 
 def text_of(page: Path) -> str:
@@ -52,20 +53,21 @@ def check_options(words: list[str]) -> None:
     assert {word.split("=")[0] for word in words[1:] if word.startswith("--")} <= known
 
 
-def few_shards(word: str) -> str:
-    """A word with two shards in place of many: they differ in their number only."""
-    return re.sub(r"^(shard\.(?:count=|index=range\())\d+", r"\g<1>2", word)
+def few(word: str) -> str:
+    """A word with two shards, or two numbers, in place of many: they differ in their number only."""
+    word = re.sub(r"^(shard\.(?:count=|index=range\())\d+", r"\g<1>2", word)
+    return re.sub(r"^([\w.]+=[\d.]+,[\d.]+)(,[\d.]+)+$", r"\1", word)
 
 
 def documented() -> list[list[str]]:
-    """The words of every command; of runs that differ only in where files lie, the first."""
-    found = {}
+    """The words of every command; of runs that differ only in where files lie and in how many views, the first."""
+    found: dict[object, list[str]] = {}
     for line in commands():
         words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
-        place = "|".join(FILES)
-        alike = tuple(re.sub(rf"^({place})=.*", r"\1=", word) for word in words) if words[0] == "run" else line
+        sweep = ("-m",) * (not any("experiment=" in word or word.endswith(".yaml") for word in words) and "-m" in words)
+        alike = (*(ROOT_KEY.sub("dataset.root=", word) for word in words if not FREE.match(word)), *sweep)
         if not any(plugin in line for plugin in PLUGINS_OF_EXAMPLES):
-            found.setdefault(alike, [few_shards(word) for word in words])
+            found.setdefault(alike if words[0] == "run" else line, [few(word) for word in words])
     return list(found.values())
 
 
@@ -165,7 +167,7 @@ def test_contributing_has_the_floors_of_the_import_contract():
         "contracts"
     ]
     layers = next(contract["layers"] for contract in contracts if contract["type"] == "layers")
-    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("## The rooms of")[1].split("\n## ")[0]
+    text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").split("\n## The rooms")[1].split("\n## ")[0]
     floors: list[set[str]] = []
     for floor, rooms in re.findall(r"^\| (\d*) ?\| ([^|]+) \|", text, flags=re.MULTILINE):
         floors += [set()] if floor else []

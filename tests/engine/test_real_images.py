@@ -78,7 +78,7 @@ def patches(out: Path, method: str, view: str, chart: sb.Chart) -> dict[str, np.
 def test_every_restorer_runs_on_the_pool(tmp_path: Path):
     outcome = run(
         "subvo_pool", tmp_path, "method=underwater,gray_world,histogram_stretch,stitching,sucre_paper",
-        "dataset.image_scale=0.5", "every=6", "metrics=[uciqe,uiqm,coverage]",
+        "dataset.image_scale=0.3", "every=6", "metrics=[uciqe,uiqm,coverage]",
     )  # fmt: skip
     assert (outcome.ok, outcome.failed, outcome.skipped) == (10, (), ())
     coverage = outcome.rows[outcome.rows["metric"] == "coverage"].groupby("method")["value"].mean()

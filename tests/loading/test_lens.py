@@ -114,9 +114,9 @@ def test_a_lens_without_a_pinhole_image_says_so(kind: type[Lens], focal: float, 
     camera = Camera(np.array([[focal, 0, 500], [0, focal, 375], [0, 0, 1]]), 1000, 750)
     lens = kind(camera, model, k if kind is Lens else (*k, *[0.0] * 7))
     assert says in lens.fault
-    with pytest.raises(InputError, match=f"{says}.*; undistort the images"):
+    with pytest.raises(InputError, match=rf"{says}.*; undistort the images"):
         _ = lens.pinhole
-    with pytest.raises(InputError, match=f"dive.png: .*{says}.*; undistort the images"):
+    with pytest.raises(InputError, match=rf"dive.png: .*{says}.*; undistort the images"):
         view_of(Photograph("dive.png", Path("dive.png"), lens, None))
 
 

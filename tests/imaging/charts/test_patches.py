@@ -224,7 +224,7 @@ def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_pa
 def test_a_description_that_is_none_is_refused_by_line(tmp_path: Path, change: tuple[str, str], fault: str) -> None:
     path = tmp_path / "own.csv"
     path.write_text(OWN.replace(*change).replace("{illuminant}", "D65"))
-    with pytest.raises(InputError, match="own.csv: .*" + re.escape(fault)):
+    with pytest.raises(InputError, match=r"own.csv: .*" + re.escape(fault)):
         chart_kind(str(path))
 
 

@@ -57,7 +57,7 @@ def test_a_script_that_nothing_runs_is_named(tmp_path: Path, content: str, said:
     script = tmp_path / "restore"
     script.write_text(content)
     script.chmod(0o755)
-    with pytest.raises(InputError, match=f"restore: .*{said}"):
+    with pytest.raises(InputError, match=rf"restore: .*{said}"):
         restored(f"'{script}' {{output}}")
 
 

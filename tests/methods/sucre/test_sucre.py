@@ -139,7 +139,7 @@ def test_a_file_without_water_is_named_with_its_fault(
 ) -> None:
     if content is not None:
         (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=f"^{tmp_path / name}: .*{said}") as fault:
+    with pytest.raises(InputError, match=rf"^{tmp_path / name}: .*{said}") as fault:
         Sucre(water=str(tmp_path / name)).restore(SCENE, TARGET)
     assert "\n" not in str(fault.value)
 
