@@ -8,6 +8,7 @@ mistake whose undoing makes far more points agree is named.
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 
@@ -40,10 +41,14 @@ class Overlap:
     disagreement: float | None
 
 
+Mistake = Literal["distance for depth", "inverted poses", "OpenGL poses", "unit of depth"]
+
+
 @dataclass(frozen=True)
 class Suspicion:
     """A mistake that explains why depth maps disagree. agreeing: share of points with and without the mistake."""
 
+    mistake: Mistake
     what: str
     remedy: str
     agreeing: tuple[float, float]
@@ -67,10 +72,17 @@ def suspect(looks: Sequence[Look]) -> Suspicion | None:
     as_is = _firmly(views, pairs)
     scale = _likely_scale(views, pairs)
     rescaled = [_with_depth(view, view.depth * scale) for view in views]
-    tried = [(_firmly([change(view) for view in views], pairs), what, remedy) for what, remedy, change in _MISTAKES]
-    unit = f"depth is {1 / scale:.3g} times that of the poses", f"multiply depth by {scale:.3g}, or divide positions"
-    best, what, remedy = max((*tried, (_firmly(rescaled, pairs), *unit)), key=lambda one: one[0])
-    return Suspicion(what, remedy, (as_is, best)) if best > max(1.5 * as_is, 0.1) else None
+    tried = [
+        Suspicion(mistake, what, remedy, (as_is, _firmly([change(view) for view in views], pairs)))
+        for mistake, what, remedy, change in _MISTAKES
+    ]
+    what, remedy = (
+        f"depth is {1 / scale:.3g} times that of the poses",
+        f"multiply depth by {scale:.3g}, or divide positions",
+    )
+    tried.append(Suspicion("unit of depth", what, remedy, (as_is, _firmly(rescaled, pairs))))
+    likeliest = max(tried, key=lambda one: one.agreeing[1])
+    return likeliest if likeliest.agreeing[1] > max(1.5 * as_is, 0.1) else None
 
 
 def _usable(looks: Sequence[Look]) -> list[View]:
@@ -170,8 +182,23 @@ def _opengl(view: View) -> View:
     return replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.cam_from_world)
 
 
-_MISTAKES: tuple[tuple[str, str, Callable[[View], View]], ...] = (
-    ("depth is distance", "divide each pixel by the length of its ray, K^-1 (u + .5, v + .5, 1)", _planar),
-    ("poses are inverted", "give cam_from_world, the inverse of the camera's place in the world", _inverted),
-    ("cameras look along -z", "turn poses by 180 degrees about the camera's x axis, as from OpenGL", _opengl),
+_MISTAKES: tuple[tuple[Mistake, str, str, Callable[[View], View]], ...] = (
+    (
+        "distance for depth",
+        "depth is distance",
+        "divide each pixel by the length of its ray, K^-1 (u + .5, v + .5, 1)",
+        _planar,
+    ),
+    (
+        "inverted poses",
+        "poses are inverted",
+        "give cam_from_world, the inverse of the camera's place in the world",
+        _inverted,
+    ),
+    (
+        "OpenGL poses",
+        "cameras look along -z",
+        "turn poses by 180 degrees about the camera's x axis, as from OpenGL",
+        _opengl,
+    ),
 )

@@ -4,10 +4,11 @@ import re
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
-from sucre_bench.programs.describe.depth_and_poses import Overlap, suspect
+from sucre_bench.programs.describe.depth_and_poses import Mistake, Overlap, suspect
 from sucre_bench.programs.describe.facts import Look, ViewFacts
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
@@ -18,10 +19,21 @@ _NARROW = 1.3  # farthest by nearest distance; at 4 m by 3 m the normal equation
 _SAME = 0.5  # 8-bit levels: mean difference of reduced pictures
 
 
+Kind = (
+    Mistake
+    | Literal[
+        "file", "no pose", "no depth", "no pose and no depth", "depth differs", "nothing in common", "view disagrees"
+    ]
+    | Literal["view alone", "black", "one colour", "empty channel", "dark", "saturated", "little depth", "narrow range"]
+    | Literal["twins", "twin pictures", "twin depth maps", "chart"]
+)
+
+
 @dataclass(frozen=True)
 class Fault:
     """A fault. what, remedy: text; views: the views concerned, none for the whole scene."""
 
+    kind: Kind
     what: str
     remedy: str
     views: tuple[str, ...] = ()
@@ -53,15 +65,19 @@ def _files(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
         names, (fault, *_) = zip(*same, strict=True)
         what, remedy = fault.rsplit("; ", 1) if "; " in fault else (fault, "mend the file")
         place, _, said = what.partition(": ")
-        yield Fault(f"{said} (first in {place})" if said and len(names) > 1 else what, remedy, names)
+        yield Fault("file", f"{said} (first in {place})" if said and len(names) > 1 else what, remedy, names)
     lost = [view for view in facts if view.position is None]
     bare = [view for view in facts if not view.has_depth and not view.depth_fault]
     if len(lost) == len(bare) == len(facts):
         remedy = f"{_PREPARE} both of photographs that overlap; methods of one image need neither"
-        yield Fault("the views have no camera positions and no depth", remedy)
+        yield Fault("no pose and no depth", "the views have no camera positions and no depth", remedy)
         return
-    yield from _where(lost, "no pose", f"{_PREPARE} poses of photographs that overlap; other views do not help these")
-    yield from _where(bare, "no depth map", f"{_PREPARE} depth maps; methods that need depth skip these views")
+    yield from _where(
+        "no pose", lost, "no pose", f"{_PREPARE} poses of photographs that overlap; other views do not help these"
+    )
+    yield from _where(
+        "no depth", bare, "no depth map", f"{_PREPARE} depth maps; methods that need depth skip these views"
+    )
 
 
 def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fault]:
@@ -74,62 +90,70 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fa
     if suspicion is not None:
         without, with_ = suspicion.agreeing
         what = f"{suspicion.what}: {without:.0%} of points agree between views, {with_:.0%} without that mistake"
-        yield Fault(what, suspicion.remedy)
+        yield Fault(suspicion.mistake, what, suspicion.remedy)
     elif typical > _DISAGREES:
         what = (
             f"depth differs by {typical:.1%} (median) where views overlap" if known else "views see nothing in common"
         )
-        yield Fault(what, "check that depth maps and poses are of one reconstruction, and their scale")
+        kind: Kind = "depth differs" if known else "nothing in common"
+        yield Fault(kind, what, "check that depth maps and poses are of one reconstruction, and their scale")
     worse = [o for o in overlaps if o.disagreement is not None and o.disagreement > max(_DISAGREES, 3 * typical)]
     if worse:
-        yield Fault("depth disagrees with other views'", "check their depth maps and poses", _names(worse))
+        yield Fault(
+            "view disagrees", "depth disagrees with other views'", "check their depth maps and poses", _names(worse)
+        )
     # A view whose points project into others at other depths lacks no views in between.
     astray = worse if typical <= _DISAGREES else [o for o in overlaps if o.disagreement is not None]
     alone = [o for o in lonely if o not in astray]
     if alone and suspicion is None:
         what = "no other view sees 5 % of what they show"
-        yield Fault(what, "add views between; SUCRe has single observations there", _names(alone))
+        yield Fault("view alone", what, "add views between; SUCRe has single observations there", _names(alone))
 
 
 def _images(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
     seen = [view for view in facts if view.mean]
     black = [v for v in seen if max(v.mean) < _BLACK and max(v.spread) < _FLAT]
     flat = [v for v in seen if max(v.spread) < _FLAT and v not in black]
-    yield from _where(black, "black image", "leave them out")
-    yield from _where(flat, "image of one colour", "leave them out")
+    yield from _where("black", black, "black image", "leave them out")
+    yield from _where("one colour", flat, "image of one colour", "leave them out")
     alive = [v for v in seen if v not in black and v not in flat]
     for channel, colour in enumerate(("red", "green", "blue")):
         dead = [v for v in alive if v.spread[channel] < _FLAT]
-        yield from _where(dead, f"the {colour} channel is empty", "no method brings it back; take nearer or raw images")
+        remedy = "no method brings it back; take nearer or raw images"
+        yield from _where("empty channel", dead, f"the {colour} channel is empty", remedy)
     dark = [v for v in alive if max(v.mean) < 0.1 and v.encoding == "gamma"]
-    yield from _where(dark, "very dark", "if they are linear, say so with dataset.encoding=linear")
+    yield from _where("dark", dark, "very dark", "if they are linear, say so with dataset.encoding=linear")
     burnt = [v for v in alive if v.saturated > _SATURATED]
     share = max((v.saturated for v in burnt), default=0)
-    yield from _where(burnt, f"up to {share:.0%} of pixels saturated", "mask them, or expose less")
+    yield from _where("saturated", burnt, f"up to {share:.0%} of pixels saturated", "mask them, or expose less")
 
 
 def _depth(facts: Sequence[ViewFacts], unit: str) -> Iterator[Fault]:
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
     least = min((v.coverage for v in holes), default=0)
     what = f"depth on less than half of the image (least: {least:.0%}), so restorations are mostly holes"
-    yield from _where(holes, what, "make denser depth maps with `sucre-bench prepare`, or leave the views out")
+    yield from _where(
+        "little depth", holes, what, "make denser depth maps with `sucre-bench prepare`, or leave the views out"
+    )
     ranges = np.array([v.distances for v in facts if v.distances])
     if len(ranges):
         nearest, farthest = ranges[:, 0].min(), ranges[:, 2].max()
         if farthest < _NARROW * nearest:
             what = f"all is seen from {nearest:.2f} to {farthest:.2f} {unit}, too narrow a range to tell the water from"
-            yield Fault(what, "add nearer or farther views, or give the water another way")
+            yield Fault("narrow range", what, "add nearer or farther views, or give the water another way")
 
 
 def _twins(looks: Sequence[Look]) -> Iterator[Fault]:
     """Faults for equal pictures, equal depth maps, and views with both."""
     pictures, maps = _same_pictures(looks), _same_maps(looks)
     for first, group in pictures.items():
-        what = "picture and depth map" if maps.get(first) == group else "picture"
-        yield Fault(f"the same {what} {_times(group)}", "keep one", (first, *group))
+        both = maps.get(first) == group
+        what = f"the same picture{' and depth map' * both} {_times(group)}"
+        yield Fault("twins" if both else "twin pictures", what, "keep one", (first, *group))
     for first, group in maps.items():
         if pictures.get(first) != group:
-            yield Fault(f"the same depth map {_times(group)}", "give each image its own", (first, *group))
+            what = f"the same depth map {_times(group)}"
+            yield Fault("twin depth maps", what, "give each image its own", (first, *group))
 
 
 def _times(group: Sequence[str]) -> str:
@@ -168,13 +192,14 @@ def _charts(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
     for view in facts:
         for chart in view.charts:
             if chart.fault:
-                yield Fault(f"{chart.name}: {chart.fault}", "mark it again with `sucre-bench charts`", (view.name,))
+                what, remedy = f"{chart.name}: {chart.fault}", "mark it again with `sucre-bench charts`"
+                yield Fault("chart", what, remedy, (view.name,))
 
 
-def _where(facts: Sequence[ViewFacts], what: str, remedy: str) -> Iterator[Fault]:
+def _where(kind: Kind, facts: Sequence[ViewFacts], what: str, remedy: str) -> Iterator[Fault]:
     """One fault for all of these views; nothing if there are none."""
     if facts:
-        yield Fault(what, remedy, tuple(view.name for view in facts))
+        yield Fault(kind, what, remedy, tuple(view.name for view in facts))
 
 
 def _names(overlaps: Sequence[Overlap]) -> tuple[str, ...]:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Callable, Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -30,6 +31,11 @@ def found(views: Sequence[View]) -> list[Fault]:
     return find_faults(facts, looks, overlaps(looks))
 
 
+def kinds(views: Sequence[View]) -> list[tuple[str, ...]]:
+    """Of each fault: its kind, and its views."""
+    return [(fault.kind, *fault.views) for fault in found(views)]
+
+
 def with_planes(view: View, rgb: np.ndarray | None = None, depth: np.ndarray | None = None) -> View:
     return replace(view, pixels=Arrays(view.rgb if rgb is None else rgb, view.depth if depth is None else depth))
 
@@ -52,19 +58,18 @@ def test_a_consistent_scene_has_no_faults_and_its_facts_are_true() -> None:
 
 
 @pytest.mark.parametrize(
-    ("spoil", "says"),
+    ("spoil", "kind"),
     [
-        (lambda v: replace(v, cam_from_world=np.linalg.inv(v.cam_from_world)), "poses are inverted"),
-        (lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world), "cameras look along -z"),
-        (lambda v: with_planes(v, depth=v.depth * 2.5), "depth is 2."),
-        (lambda v: with_planes(v, depth=v.depth / 1000), "depth is 0.001 times"),
-        (lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)), "depth is distance"),
+        (lambda v: replace(v, cam_from_world=np.linalg.inv(v.cam_from_world)), "inverted poses"),
+        (lambda v: replace(v, cam_from_world=np.diag([1, -1, -1, 1]) @ v.cam_from_world), "OpenGL poses"),
+        (lambda v: with_planes(v, depth=v.depth * 2.5), "unit of depth"),
+        (lambda v: with_planes(v, depth=v.depth / 1000), "unit of depth"),
+        (lambda v: with_planes(v, depth=v.depth * np.linalg.norm(pixel_rays(v.camera), axis=-1)), "distance for depth"),
     ],
     ids=["inverted", "opengl", "scale", "millimetres", "distance"],
 )
-def test_what_makes_depth_and_poses_disagree_is_named(spoil: Callable[[View], View], says: str) -> None:
-    faults = found([spoil(view) for view in make_scene().views])
-    assert any(fault.what.startswith(says) for fault in faults), [str(f) for f in faults]
+def test_what_makes_depth_and_poses_disagree_is_named(spoil: Callable[[View], View], kind: str) -> None:
+    assert kind in [fault.kind for fault in found([spoil(view) for view in make_scene().views])]
 
 
 def test_one_view_with_a_wrong_pose_is_named_among_good_ones() -> None:
@@ -73,7 +78,7 @@ def test_one_view_with_a_wrong_pose_is_named_among_good_ones() -> None:
     shifted[2, 3] += 0.6
     views[2] = replace(views[2], cam_from_world=shifted)
     views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in (views[0], views[1], views[3])]
-    (fault,) = [f for f in found(views) if "disagrees with other views'" in f.what]
+    (fault,) = [f for f in found(views) if f.kind == "view disagrees"]
     assert fault.views == ("side.png",)
 
 
@@ -83,54 +88,45 @@ def _moved(view: View) -> Arrays:
 
 
 @pytest.mark.parametrize(
-    ("rgb", "says"),
+    ("rgb", "kind"),
     [
-        (lambda v: np.zeros_like(v.rgb), "black image"),
-        (lambda v: np.full_like(v.rgb, 0.4), "image of one colour"),
-        (lambda v: v.rgb * np.array([0, 1, 1], np.float32), "the red channel is empty"),
-        (lambda v: (v.rgb * 3).clip(0, 1), "of pixels saturated"),
-        (lambda v: v.rgb * np.float32(0.12), "very dark"),
+        (lambda v: np.zeros_like(v.rgb), "black"),
+        (lambda v: np.full_like(v.rgb, 0.4), "one colour"),
+        (lambda v: v.rgb * np.array([0, 1, 1], np.float32), "empty channel"),
+        (lambda v: (v.rgb * 3).clip(0, 1), "saturated"),
+        (lambda v: v.rgb * np.float32(0.12), "dark"),
     ],
     ids=["black", "constant", "no red", "saturated", "dark"],
 )
-def test_an_image_without_much_to_see_is_named(rgb: Callable[[View], np.ndarray], says: str) -> None:
+def test_an_image_without_much_to_see_is_named(rgb: Callable[[View], np.ndarray], kind: str) -> None:
     views = list(make_scene().views)
     views[1] = with_planes(views[1], rgb=rgb(views[1]))
     (fault,) = found(views)
-    assert says in fault.what
-    assert fault.views == ("a.png",)
+    assert (fault.kind, fault.views) == (kind, ("a.png",))
 
 
 def test_missing_poses_and_depth_twins_and_a_narrow_range_are_named() -> None:
     views = list(make_scene().views)
     bare = replace(views[0], pixels=Arrays(views[0].rgb), cam_from_world=None)
-    said = " / ".join(map(str, found([bare, *views[1:]])))
-    assert "near.png: no pose" in said
-    assert "near.png: no depth map" in said
-    twin = replace(views[1], name="copy.png")
-    said = " / ".join(map(str, found([*views, twin])))
-    assert "a.png, copy.png: the same picture and depth map twice; keep one" in said
-    assert said.count("a.png, copy.png") == 1
+    assert kinds([bare, *views[1:]]) == [("no pose", "near.png"), ("no depth", "near.png")]
+    assert kinds([*views, replace(views[1], name="copy.png")]) == [("twins", "a.png", "copy.png")]
     twins = [replace(views[1], name=f"{n}.png", pixels=_moved(views[1])) for n in range(2)]
     painted_alike = [
         with_planes(view, rgb=views[1].rgb, depth=view.depth * (1 + n / 1000)) for n, view in enumerate(twins)
     ]
-    said = " / ".join(map(str, found([*views, *painted_alike])))
-    assert "a.png, 0.png, 1.png: the same picture 3 times" in said
-    assert "depth map" not in said
+    assert kinds([*views, *painted_alike]) == [("twin pictures", "a.png", "0.png", "1.png")]
     flat = with_planes(views[1], depth=np.linspace(3, 3.3, views[1].depth.size).reshape(views[1].depth.shape))
     (narrow,) = found([flat])
-    assert "too narrow a range to tell the water" in narrow.what
+    assert narrow.kind == "narrow range"
 
 
 def test_a_view_that_no_other_overlaps_and_one_with_little_depth_are_named() -> None:
     views = list(make_scene().views)
     away = np.array(views[0].cam_from_world)
     away[0, 3] += 80
-    said = [str(f) for f in found([*views[1:], replace(views[0], cam_from_world=away)])]
-    assert any(text.startswith("near.png: no other view sees") for text in said), said
+    assert ("view alone", "near.png") in kinds([*views[1:], replace(views[0], cam_from_world=away)])
     views[1] = with_planes(views[1], depth=np.where(np.arange(60) < 9, views[1].depth, 0))
-    assert any("mostly holes" in str(f) and f.views == ("a.png",) for f in found(views))
+    assert ("little depth", "a.png") in kinds(views)
 
 
 def test_a_view_with_another_depth_is_not_called_lonely_as_well() -> None:
@@ -138,7 +134,7 @@ def test_a_view_with_another_depth_is_not_called_lonely_as_well() -> None:
     views += [replace(view, name=f"again-{view.name}", pixels=_moved(view)) for view in views]
     views[1] = with_planes(views[1], depth=views[1].depth * 1.5)
     (fault,) = found(views)
-    assert (fault.what, fault.views) == ("depth disagrees with other views'", ("a.png",))
+    assert (fault.kind, fault.views) == ("view disagrees", ("a.png",))
 
 
 def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
@@ -147,7 +143,8 @@ def test_a_chart_begun_at_the_wrong_corner_is_named() -> None:
     (fault,) = found(
         [View("c.png", Arrays(rgb, np.linspace(2, 5, 300 * 420).reshape(300, 420)), None, np.eye(4), (wrong,))]
     )
-    assert "chart1: the patches are in order if the corner marked bottom right is the top left one" in fault.what
+    assert (fault.kind, fault.views) == ("chart", ("c.png",))
+    assert re.match("chart1: .*bottom right .*top left", fault.what)
 
 
 # -- the command -------------------------------------------------------------------------------------------------
@@ -165,10 +162,9 @@ def test_a_folder_is_described_with_its_broken_views_and_a_sheet(tmp_path: Path)
     sheet = tmp_path / "sheet.png"
     code, said = run("colmap", f"dataset.root={root}", "--sheet", str(sheet))
     assert code == 0
-    assert "scene    dive of colmap: 4 of 4 views; has depth, poses" in said
-    assert "b.png: " in said
-    assert "cannot be read, damaged or not an image; copy it again" in said
-    assert "is 90x20, a size that cannot match its image's 40x30; make it from the undistorted image" in said
+    assert re.search("scene .*dive of colmap: 4 of 4 views; .*depth, poses", said)
+    assert re.search(r"wrong .*b\.png: .*b\.png", said)
+    assert re.search(r"wrong .*c\.png: .* 90x20, .* 40x30; ", said)
     picture = cv2.imread(str(sheet))
     assert picture is not None
     assert picture.shape[1] > 1000
@@ -183,9 +179,10 @@ def test_a_mistake_made_in_many_files_is_one_line(tmp_path: Path) -> None:
     said = run("colmap", f"dataset.root={root}", "--no-sheet")[1]
     wrong = [line for line in said.splitlines() if "negative" in line]
     first = root / "depths" / "depth_a.npy"
-    assert wrong == [
-        f"wrong    a.png, b.png, c.png: depth -1.25 m is negative (first in {first}); write 0 where there is no depth"
-    ]
+    assert len(wrong) == 1
+    assert re.match(
+        rf"wrong .*a\.png, b\.png, c\.png: .*-1\.25 m .*\(first in {re.escape(str(first))}\); .*\b0\b", wrong[0]
+    )
 
 
 def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Path) -> None:
@@ -194,7 +191,7 @@ def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Pa
     assert "m (1, 50, 99 %)" in run(*words)[1]
     (root / "prepare.json").write_text(json.dumps({"scale": {"is_metric": False, "note": "arbitrary: of 3"}}))
     said = run(*words)[1]
-    assert "scale    arbitrary: of 3; lengths are no metres" in said
+    assert "arbitrary: of 3;" in said
     assert "units (1, 50, 99 %)" in said
     assert " m " not in said
     assert (tmp_path / "sheet.jpg").read_bytes().startswith(b"\xff\xd8")
@@ -220,7 +217,7 @@ def test_json_holds_every_view_and_fault_and_is_strict(tmp_path: Path) -> None:
     assert scene["n_views"] == 2
     assert scene["water"] is None
     assert scene["views"][0]["coverage"] == pytest.approx(39 / 40)
-    assert all(set(fault) == {"what", "remedy", "views", "text"} for fault in scene["faults"])
+    assert all(set(fault) == {"kind", "what", "remedy", "views", "text"} for fault in scene["faults"])
 
 
 def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> None:
@@ -228,7 +225,7 @@ def test_a_scene_of_which_nothing_can_be_read_is_an_error(tmp_path: Path) -> Non
     (root / "images" / "a.png").write_bytes(b"no picture")
     result = CliRunner().invoke(describe, ["colmap", f"dataset.root={root}", "--no-sheet"])
     assert isinstance(result.exception, InputError)
-    assert "no view could be read" in str(result.exception)
+    assert str(result.exception).startswith("describe: ")
 
 
 def test_views_that_a_degradation_leaves_out_around_one_are_described(tmp_path: Path) -> None:
@@ -240,5 +237,5 @@ def test_views_that_a_degradation_leaves_out_around_one_are_described(tmp_path: 
 def test_an_image_that_is_not_its_cameras_is_named_with_both_sizes() -> None:
     views = list(make_scene().views)
     views[1] = replace(views[1], pixels=Arrays(np.random.default_rng(0).random((20, 60, 3)).astype(np.float32)))
-    said = " / ".join(map(str, found(views)))
-    assert "the image is 60x20, its camera 60x44; use the images that its camera was found for" in said
+    (fault,) = [fault for fault in found(views) if fault.kind == "file"]
+    assert re.search("60x20, .*60x44", fault.what)
