@@ -80,14 +80,12 @@ def test_points_seen_in_one_view_land_on_the_same_texture_in_another(prepared: P
 def test_masked_pixels_have_no_depth_and_photos_without_a_place_are_named(prepared: Prepared):
     scene = next(iter(sb.load_scenes("colmap", root=prepared.out)))
     assert not any(view.valid[:50, :70].any() for view in scene)
-    assert list(prepared.damaged.items()) == [("cut.png", "cannot be read, cut short; copy it again")]
-    assert list(prepared.unplaced) == ["else.png"]
-    assert "no place found" in prepared.unplaced["else.png"]
+    assert (list(prepared.damaged), list(prepared.unplaced)) == (["cut.png"], ["else.png"])
     record = json.loads((prepared.out / "prepare.json").read_text())
     assert (list(record["damaged"]), list(record["unplaced"])) == (["cut.png"], ["else.png"])
     page = (prepared.out / "quality.html").read_text()
-    assert "cut.png" in page.partition("Damaged photos")[2].partition("<h2>")[0]
-    assert "else.png" in page.partition("Photos without a place")[2].partition("<h2>")[0]
+    for left_out in ("cut.png", "else.png"):
+        assert sum(left_out in part for part in page.split("<h2>")) == 1
     assert page.count("<figure>") == len(NAMES)
     assert 'src="http' not in page
     assert "<link" not in page
@@ -112,7 +110,7 @@ def test_a_second_run_computes_nothing_again_and_may_change_the_scale(prepared: 
 
 
 def test_other_options_are_refused_for_a_folder_made_before(prepared: Prepared, photos: Path):
-    with pytest.raises(InputError, match=r"was prepared with depth_size=800, not 300.*--again"):
+    with pytest.raises(InputError, match=r"depth_size=800.*\b300\b.*--again"):
         prepare(photos / "photos", prepared.out, Options(masks=photos / "masks", depth_size=300))
 
 
@@ -163,8 +161,10 @@ def test_every_way_to_give_the_scale_makes_metres(how: str, prepared: Prepared, 
     factor = scale["metres_per_unit"]
     assert factor == pytest.approx(FAR * prepared.scale.metres_per_unit, rel=0.02)
     assert f"{factor:.3g}"[:4] in said.partition("scale    ")[2].partition("\n")[0]
-    assert f"left out {'cut.png'}: cannot be read, cut short; copy it again" in said
-    assert "left out else.png: no place found" in said
+    assert {line.split(":")[0] for line in said.splitlines() if line.startswith("left out")} == {
+        "left out cut.png",
+        "left out else.png",
+    }
 
 
 def test_without_a_scale_the_one_of_before_is_kept_and_nothing_is_done_twice(
@@ -175,12 +175,11 @@ def test_without_a_scale_the_one_of_before_is_kept_and_nothing_is_done_twice(
     stamps = {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()}
     again = given_again(prepared, photos, out)
     assert again[:2] == before[:2]
-    assert "kept from before" in again[2]
-    assert "nothing to do" in again[2]
+    assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == stamps
     given_again(prepared, photos, out, "--distance", NAMES[0], NAMES[3], "7")
     assert {path: path.stat().st_mtime_ns for path in out.rglob("*") if path.is_file()} == stamps
     (out / "depths" / "dive 1" / "depth_photo 0.png").unlink()
-    assert "nothing to do" not in given_again(prepared, photos, out)[2]
+    given_again(prepared, photos, out)
     assert (out / "depths" / "dive 1" / "depth_photo 0.png").is_file()
 
 
@@ -199,7 +198,7 @@ def test_a_scale_outlives_its_model_where_it_can(prepared: Prepared):
             assert (moved.known, moved.is_kept, moved.warnings) == (known, True, ())
         else:
             assert (moved.known, moved.is_kept) == (Known(), False)
-            assert "was of another model; give it again" in moved.warnings[0]
+            assert len(moved.warnings) == 1
 
 
 def test_the_record_holds_values_as_they_are(prepared: Prepared):
@@ -211,7 +210,7 @@ def test_the_record_holds_values_as_they_are(prepared: Prepared):
     assert camera["params"][0] == pytest.approx(290, rel=0.03)
     assert camera["params"][3] == pytest.approx(DISTORTION[0], abs=0.03)
     assert read_record(prepared.out) is not None
-    with pytest.raises(InputError, match=r"--length: -1 is not above 0"):
+    with pytest.raises(InputError, match=r"--length: -1 "):
         Known(lengths=(Length("a", ((0, 0), (1, 1)), -1.0),))
 
 
@@ -305,16 +304,15 @@ def test_a_command_stopped_while_writing_leaves_one_scale(
     other = next(iter(sb.load_scenes("colmap", root=prepared.out)))[NAMES[1]]
     assert np.array_equal(view.depth, other.depth)
     np.testing.assert_array_equal(view.cam_from_world, other.cam_from_world)
-    after, scale, said = given_again(prepared, photos, out, "--scale", "7")
+    after, scale, _ = given_again(prepared, photos, out, "--scale", "7")
     assert scale["metres_per_unit"] == 7
     assert after / before == pytest.approx(7 / scale_before["metres_per_unit"], rel=0.01)
-    assert "nothing to do" not in said
     assert not list((out / ".prepare").rglob("old-*"))
 
 
 def test_without_its_notes_a_prepared_folder_is_refused_in_words(prepared: Prepared, photos: Path, tmp_path: Path):
     shutil.copytree(prepared.out, tmp_path / "out", ignore=shutil.ignore_patterns(".prepare"))
-    with pytest.raises(InputError, match=r"and no \.prepare/ to go on from; name a new folder"):
+    with pytest.raises(InputError, match=r"\.prepare/"):
         prepare(photos / "photos", tmp_path / "out", Options(masks=photos / "masks"))
 
 

@@ -78,14 +78,14 @@ def test_black_is_no_colour_and_leaves_a_hole(tmp_path: Path):
     masked = fuse([wall(tmp_path, picture)], "input", WALL, mask="restored")
     assert len(masked.points) == len(model.points)
     assert np.abs(masked.colours.astype(int) - 128).max() <= 1
-    with pytest.raises(InputError, match="no pixel has both depth and colour"):
+    with pytest.raises(InputError, match=r"depth.*colour"):
         fuse([wall(tmp_path, plain((0, 0, 0)))], "restored", WALL)
 
 
 def test_views_without_depth_or_pose_are_passed_over(tmp_path: Path):
     flat = make_frame(tmp_path, View("flat.png", wall_view("w", GRAY).pixels), restored=plain(GREEN))
     assert (fuse([flat, wall(tmp_path, plain(RED))], "restored", WALL, mesh=False).colours == RED).all()
-    with pytest.raises(InputError, match="no view has camera, pose and depth"):
+    with pytest.raises(InputError, match="camera, pose and depth"):
         choose_cells([flat])
     with pytest.raises(InputError, match="--picture"):
         vantage([flat])
@@ -108,10 +108,10 @@ def test_a_large_surface_gets_larger_voxels_and_too_small_ones_are_refused(
     finest = choose_cells(frames)
     coarser = choose_cells(frames, most_cells=finest.count // 4)
     assert coarser.voxel == pytest.approx(2 * finest.voxel, rel=1e-3)
-    with pytest.raises(InputError, match=r"--voxel 0.001: finer than the views.* show 0.05 m; give 0.013 or more"):
+    with pytest.raises(InputError, match=r"--voxel 0\.001: .* 0\.05 m; .*0\.013"):
         choose_cells(frames, 0.001)
     monkeypatch.setattr(psutil, "virtual_memory", lambda: SimpleNamespace(available=1 << 10))
-    with pytest.raises(InputError, match=r"--voxel 0.02: .* million cells take .* GB, .* are free; give .* or more"):
+    with pytest.raises(InputError, match=r"--voxel 0\.02: .* million cells .* GB, .*; give .*\d"):
         choose_cells(frames, 0.02)
 
 
@@ -238,13 +238,13 @@ def test_data_that_changed_since_the_run_are_refused(results: Path, tmp_path: Pa
     copy = shutil.copytree(results, tmp_path / "copy")
     config = (copy / "config.yaml").read_text()
     (copy / "config.yaml").write_text(config.replace("tag: ''", "tag: other"))
-    with pytest.raises(InputError, match="the data of 'toy' have changed since the run"):
+    with pytest.raises(InputError, match="'toy'"):
         revisit(copy, ["input"])
     (copy / "config.yaml").write_text(
         config.replace("name: toy", "name: toy\n  label: else").replace("label: null", "")
     )
-    with pytest.raises(InputError, match="the last run was of 'else', not of 'toy'"):
+    with pytest.raises(InputError, match=r"'else', .*'toy'"):
         revisit(copy, ["input"])
     (copy / "config.yaml").unlink()
-    with pytest.raises(InputError, match=r"config.yaml: cannot be read"):
+    with pytest.raises(InputError, match=r"config\.yaml: "):
         revisit(copy, ["input"])
