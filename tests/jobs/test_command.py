@@ -85,7 +85,7 @@ def test_a_sweep_makes_a_job_of_every_combination():
 
 
 def test_one_label_for_two_configurations_is_refused():
-    with pytest.raises(InputError, match="two jobs of this sweep would both be 'toy / mine'"):
+    with pytest.raises(InputError, match=r"'toy / mine'; .*label="):
         command.jobs(["dataset=toy", "method=gain,halved", "method.label=mine", "metrics=[psnr]"], multirun=True)
 
 
@@ -95,18 +95,18 @@ def test_a_label_of_ones_own_says_which_swept_value_it_has():
 
 
 def test_a_range_is_no_list_for_the_sweeper_that_tries_every_value():
-    with pytest.raises(InputError, match="no list of values; list them"):
+    with pytest.raises(InputError, match="range\\("):
         jobs("method.gain=interval(0,1)", multirun=True)
 
 
 @pytest.mark.parametrize("swept", ["views=[v0.png],[v1.png]", "metrics=[psnr],[ssim]"])
 def test_jobs_that_differ_only_in_what_is_scored_or_which_views_are_refused(swept: str):
-    with pytest.raises(InputError, match="two jobs of this sweep are the same, 'toy / gain'"):
+    with pytest.raises(InputError, match="same, 'toy / gain'"):
         jobs(swept, multirun=True)
 
 
 def test_labels_that_would_share_a_folder_are_refused():
-    with pytest.raises(InputError, match="two jobs of this sweep would both be"):
+    with pytest.raises(InputError, match="label="):
         jobs("method.gain=1,2", "method.label='a b','a_b'", multirun=True)
 
 
@@ -116,7 +116,7 @@ def test_an_option_of_the_swept_methods_need_not_be_one_of_the_default_method():
 
 
 def test_every_job_of_a_sweep_is_checked_before_any_runs():
-    with pytest.raises(InputError, match="no method is called 'fauty'; did you mean 'faulty'"):
+    with pytest.raises(InputError, match=r"'fauty'.*'faulty'"):
         jobs("method=gain,fauty", multirun=True)
 
 
@@ -154,7 +154,7 @@ def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
     listed = tmp_path / "views.txt"
     listed.write_text("v2.png\n\nv0.png\n")
     (tmp_path / "binary.txt").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match=r"binary.txt: not a list of views"):
+    with pytest.raises(InputError, match=r"binary\.txt: "):
         jobs(f"views={tmp_path / 'binary.txt'}")
     assert jobs(f"views={listed}").jobs[0].views == ("v2.png", "v0.png")
 
@@ -176,7 +176,7 @@ def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path:
 
 
 def test_a_datasets_option_without_a_dataset_is_refused():
-    with pytest.raises(InputError, match="no dataset is named; add dataset=NAME, for example dataset=colmap"):
+    with pytest.raises(InputError, match=r"dataset=NAME.*dataset=colmap"):
         command.jobs(["dataset.root=pool", "method=gain"], multirun=False)
 
 

@@ -95,7 +95,7 @@ def test_a_file_for_a_folder_or_a_folder_for_a_file_is_refused(
     place.mkdir(exist_ok=True)
     for option in (*files, *folders):
         (place / "chosen").touch() if option in files else (place / "chosen").mkdir()
-        with pytest.raises(InputError, match=rf"{place}/chosen: is no f.*dataset\.{option}="):
+        with pytest.raises(InputError, match=rf"{place}/chosen: .*dataset\.{option}="):
             list(plugin(root, **{option: named}).scenes())
         (place / "chosen").unlink() if option in files else (place / "chosen").rmdir()
 
@@ -108,7 +108,7 @@ def test_a_folder_in_ones_home_is_read(tmp_path: Path, monkeypatch: pytest.Monke
     (scene,) = Colmap(root, images="~/my_images", sparse="~/my_sparse", depths="~/my_depths").scenes()
     assert scene.has == {"poses", "depth"}
     assert scene["a.png"].rgb.shape == picture(0).shape
-    with pytest.raises(InputError, match="no such folder"):
+    with pytest.raises(InputError, match="~no_such_user"):
         list(Colmap(root, depths="~no_such_user").scenes())
 
 
@@ -192,5 +192,5 @@ def test_a_length_is_above_0_and_finite(tmp_path: Path, value: float) -> None:
         (SeathruNerf, "metres_per_unit"),
         (Squid, "farthest_m"),
     ]:
-        with pytest.raises(InputError, match=rf"\.{option}: {value}; give a number in"):
+        with pytest.raises(InputError, match=rf"\.{option}: {value}; .*[\[(]"):
             plugin(tmp_path, **{option: value})

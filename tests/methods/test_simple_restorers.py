@@ -135,5 +135,5 @@ def test_stitching_has_no_colour_without_depth() -> None:
 
 def test_stitching_a_view_without_any_depth_is_an_error_that_says_so() -> None:
     blind = View("blind.png", Arrays(TARGET.rgb, np.zeros(TARGET.depth.shape)), TARGET.camera, TARGET.cam_from_world)
-    with pytest.raises(SolveError, match=r"^blind\.png: no pixel has depth;"):
+    with pytest.raises(SolveError, match=r"^blind\.png: .*depth;"):
         Stitching().restore(SCENE, blind)

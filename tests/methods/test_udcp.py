@@ -93,5 +93,5 @@ def test_an_unwanted_image_gets_finite_colours(kind: str) -> None:
 
 
 def test_a_window_without_a_middle_is_refused() -> None:
-    with pytest.raises(InputError, match=r"^udcp\.window: 4 is even; give an odd number of pixels$"):
+    with pytest.raises(InputError, match=r"^udcp\.window: 4 .*odd"):
         Udcp(window=4)

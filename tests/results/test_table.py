@@ -88,14 +88,14 @@ def test_another_metrics_code_does_not_matter(tmp_path: Path):
 
 
 def test_a_folder_without_a_table_is_named(tmp_path: Path):
-    with pytest.raises(InputError, match=r"no scores.parquet here; give the folder that"):
+    with pytest.raises(InputError, match=r"scores\.parquet "):
         read(tmp_path)
 
 
 def test_a_damaged_table_is_named_and_not_overwritten(tmp_path: Path):
     (tmp_path / "scores.parquet").write_bytes(b"PAR1 but not really")
     write(tmp_path, "one", ROW)
-    with pytest.raises(InputError, match=r"scores.parquet: not a table of scores"):
+    with pytest.raises(InputError, match=r"scores\.parquet: "):
         merge(tmp_path)
     assert (tmp_path / "scores.parquet").read_bytes() == b"PAR1 but not really"
     assert list((tmp_path / "parts").glob("*.parquet"))
@@ -136,7 +136,7 @@ def test_two_jobs_of_one_process_and_name_keep_all_their_rows(tmp_path: Path):
 @pytest.mark.parametrize("place", ["a_file/out.txt", "x" * 300 + "/out.txt"])
 def test_a_place_that_cannot_be_written_to_is_one_line(tmp_path: Path, place: str):
     (tmp_path / "a_file").write_text("")
-    with pytest.raises(OutputError, match=r"cannot be written|is a file"):
+    with pytest.raises(OutputError, match=place.split("/")[0][:200]):
         write_atomically(tmp_path / place, b"")
 
 

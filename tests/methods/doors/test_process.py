@@ -78,7 +78,7 @@ def test_all_that_a_failing_program_printed_is_kept_with_the_traceback(tmp_path:
 def test_an_output_of_another_size_is_told_with_the_programs_name(tmp_path: Path):
     other = tmp_path / "other.npy"
     np.save(other, RGB[:2, :3])
-    with pytest.raises(InputError, match=r"cp: a.png: output/view.npy: is 3x2, the view is 6x4; .*method.resize=true"):
+    with pytest.raises(InputError, match=r"cp: a\.png: output/view\.npy: .*3x2, .*6x4; .*method\.resize=true"):
         restored(f"cp '{other}' {{output}}", output_suffix=".npy")
     assert restored(f"cp '{other}' {{output}}", output_suffix=".npy", resize=True).info["resized_from"] == [3, 2]
 
@@ -93,7 +93,7 @@ def test_a_program_that_hangs_is_stopped_with_all_its_children(tmp_path: Path, s
         "time.sleep(3600)\n"
     )
     for limit_s in LIMITS_S:
-        with pytest.raises(InputError, match=rf"was stopped after {limit_s:g} s; mend"):
+        with pytest.raises(InputError, match=rf"\b{limit_s:g} s; "):
             restored(f"{program(tmp_path, source)} {{output}}", timeout=limit_s)
         if (tmp_path / "pids").exists():
             break

@@ -133,7 +133,7 @@ def test_whole_numbers_are_rounded_and_need_their_range(tmp_path: Path):
     path = onnx_file(tmp_path / "u8.onnx", [SAME], dtype="UINT8", output_dtype="UINT8")
     image = restored(NOISE * 1.2 - 0.1, model=path, range="bytes")
     np.testing.assert_allclose(image, np.rint(255 * (NOISE * 1.2 - 0.1)).clip(0, 255) / 255, atol=1e-6)
-    with pytest.raises(InputError, match=r"u8.onnx: takes whole numbers.*method.range=bytes"):
+    with pytest.raises(InputError, match=r"u8\.onnx: .*method\.range=bytes"):
         restored(NOISE, model=path)
 
 
@@ -254,7 +254,7 @@ def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: s
 def test_one_of_several_outputs_is_taken_by_name(tmp_path: Path):
     path = onnx_file(tmp_path / "two.onnx", [SAME, make_node("Neg", ["x"], ["minus"])], outputs=("y", "minus"))
     np.testing.assert_allclose(restored(NOISE, model=path, output="minus"), -NOISE, atol=1e-6)
-    with pytest.raises(InputError, match=r"no output 'minos'; did you mean 'minus'"):
+    with pytest.raises(InputError, match=r"'minos'; .*'minus'"):
         restored(NOISE, model=path, output="minos")
 
 
@@ -279,7 +279,7 @@ def test_a_model_reads_weights_beside_it_and_no_file_outside_of_its_folder(tmp_p
     path = tmp_path / "models" / "m.onnx"
     np.testing.assert_array_equal(restored(NOISE, model=with_weights_in("ones.bin", path)), NOISE)
     for told in ("../ones.bin", str(tmp_path / "ones.bin")):
-        with pytest.raises(InputError, match=r"m.onnx: onnxruntime does not open it"):
+        with pytest.raises(InputError, match=r"m\.onnx: onnxruntime "):
             restored(NOISE, model=with_weights_in(told, path))
 
 
@@ -305,7 +305,7 @@ def test_a_model_is_opened_again_when_the_weights_beside_it_change(name: str, tm
 
 def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_path: Path):
     (tmp_path / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
-    with pytest.raises(InputError, match=r"is a folder, of .onnx files it holds none; give the file in method.model"):
+    with pytest.raises(InputError, match=r"none; .*method\.model"):
         restored(NOISE, model=tmp_path)
     path = with_weights_in("ones.bin", tmp_path / "m.onnx")
     np.testing.assert_array_equal(restored(NOISE, model=tmp_path), NOISE)
@@ -313,7 +313,7 @@ def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_p
     os.utime(tmp_path / "ones.bin", ns=(0, 10**18))
     assert source_hash(files=[tmp_path]) != before
     path.with_name("n.onnx").write_bytes(path.read_bytes())
-    with pytest.raises(InputError, match=r"it holds m.onnx, n.onnx; give the file in method.model"):
+    with pytest.raises(InputError, match=r"m\.onnx, n\.onnx; .*method\.model"):
         restored(NOISE, model=tmp_path)
 
 

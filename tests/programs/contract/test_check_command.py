@@ -27,9 +27,9 @@ def test_the_command_says_a_line_a_rule_and_what_to_do(tmp_path: Path) -> None:
     path = write(tmp_path, METHOD, "return Restoration(view.rgb / view.rgb.max())", needs="()")
     done = run(str(path), "--quick")
     assert done.exit_code == 1
-    assert "✗ gives every valid pixel a finite colour" in done.stdout
+    assert re.search("✗ .*finite colour", done.stdout)
     assert "guard" in done.stdout
-    assert re.search(r"\d+ kept, \d+ to mend in [\d.]+ s", done.stdout)
+    assert re.search(r"\d+ kept, [1-9]\d* .* [\d.]+ s", done.stdout)
     assert "\x1b" not in done.stdout
 
 
@@ -60,10 +60,10 @@ def test_the_command_imports_in_another_process_and_tries_a_dataset(tmp_path: Pa
     toys = TOYS
     load_file(toys)
     done = run(str(tmp_path / "heavy.py"), "--on", "toy")
-    assert "imports scipy at once; import it in the function that uses it" in done.stdout
-    assert "its import changes os.environ[HEAVY_HERE]" in done.stdout
-    assert "✓ gives the same in another process" in done.stdout
-    assert re.search(r"✓ restores a view of a whole scene  .* s, .* of 0.0 megapixels of toy", done.stdout)
+    assert "imports scipy " in done.stdout
+    assert "os.environ[HEAVY_HERE]" in done.stdout
+    assert re.search("✓ .*another process", done.stdout)
+    assert re.search(r"✓ .*whole scene  .* s, .* 0\.0 megapixels .*toy", done.stdout)
 
 
 def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> None:
@@ -72,10 +72,10 @@ def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> N
     body += "return Restoration(view.rgb * bits[:, None])"
     load_file(write(tmp_path, METHOD, body, needs="()"))
     plugin = find("method", "tried")
-    (rule,) = [rule for rule in rules(plugin) if str(rule) == "gives the same in another process"]
+    (rule,) = [rule for rule in rules(plugin) if "another process" in str(rule)]
     (outcome,) = check(Subject(plugin), [rule])
     assert outcome.status == "broken"
-    assert "another process differs by up to" in outcome.findings[0].text
+    assert "another process " in outcome.findings[0].text
 
 
 @pytest.mark.parametrize(
@@ -103,6 +103,6 @@ def test_a_name_that_two_kinds_have_is_asked_about(tmp_path: Path) -> None:
         .replace("@metric(", '@metric(name="tried", ')
     )
     load_file(path)
-    assert "is a method and a metric; say which with --kind method" in str(run("tried").exception)
+    assert re.search("method.*metric; .*--kind method", str(run("tried").exception))
     done = run(str(path), "--quick")
     assert done.stdout.index("method tried") < done.stdout.index("metric tried")

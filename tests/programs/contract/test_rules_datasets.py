@@ -56,5 +56,5 @@ def test_a_dataset_must_name_the_folder_that_is_missing(tmp_path: Path) -> None:
         'raise InputError(f"{{self.root}}: holds no scene; give another")', "raise OSError('no data')"
     )
     found = broken(tmp_path, "dataset", rough, "", has=DECLARED)
-    assert "root, a folder that is not there: says only 'dataset 'tried': OSError: no data;" in found
-    assert "root, an empty one: says only" in found
+    assert re.search("^.*root, .*'tried': OSError: no data;", found, flags=re.MULTILINE)
+    assert len(re.findall("root, .*OSError", found)) == 2

@@ -163,10 +163,8 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
     outcomes = check(Subject(plugin), rules(plugin, lasting=False))
     said = {str(one.rule): [f.text for f in one.findings] for one in outcomes if one.status == "doubtful"}
     colours, needs = said.values()
-    assert colours[0] == "black: nothing is restored, too flat; move nearer; fine where no answer has a meaning"
-    assert [text.partition(";")[0] for text in needs] == [
-        f"its result is the same with other {n}" for n in ("depth", "poses")
-    ]
+    assert re.match("black: .*too flat; move nearer; ", colours[0])
+    assert [text.partition(";")[0].split()[-1] for text in needs] == ["depth", "poses"]
 
 
 def test_what_a_plugin_prints_is_a_doubt(tmp_path: Path) -> None:
@@ -181,16 +179,14 @@ def test_what_is_not_explained_or_cannot_be_set_is_named(tmp_path: Path) -> None
         METHOD.replace("'''A method that is tried.'''", "").replace("'''A factor.'''", "").replace("= 1.0", "= 'much'")
     )
     found = broken(tmp_path, "method", bare, "return Restoration(view.rgb)", needs="()")
-    assert "Tried has no docstring" in found
-    assert "option 'gain' is not explained" in found
-    assert "correct the default, or the type" in found
+    assert re.search("Tried .*docstring", found)
+    assert re.search("option 'gain' .*explained", found)
+    assert re.search("default, .*type", found)
 
 
 def test_an_option_that_must_be_given_leaves_rules_unlooked_at_and_says_so(tmp_path: Path) -> None:
     asking = METHOD.replace("= 1.0", "")
-    assert "not looked at, options must be given; add method.gain=..." in broken(
-        tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()"
-    )
+    assert "method.gain=..." in broken(tmp_path, "method", asking, GOOD + "return Restoration(image)", needs="()")
     assert breaches("method", "tried", gain=1.0) == []
 
 
@@ -201,5 +197,5 @@ def test_what_is_random_is_accused_of_nothing_else(tmp_path: Path) -> None:
     found = broken(
         tmp_path, "method", METHOD, "return Restoration(view.rgb * np.random.rand(*view.rgb.shape[:2], 1))", needs="()"
     )
-    assert "does not look" not in found
     assert "same twice" in found
+    assert len(found.splitlines()) == 2  # and what it leaves changed

