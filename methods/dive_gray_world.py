@@ -7,6 +7,7 @@ channel at each distance describe the water, and bringing them to common values 
 """
 
 import functools
+import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 from typing import Literal
@@ -25,6 +26,7 @@ from sucre_bench.scene import Encoding
 Along = Literal["distance", "depth"]
 
 _ROWS = 512  # of an image, counted at once: memory holds a band and never a dive
+_ENOUGH = 1_000_000  # pixels of a view; of larger ones every 2nd, 3rd ... row and column is counted, and weighs as many
 _MOST_BINS = 10_000  # wrong distances beyond fall into the last bin
 _LEAST_DEVIATION = 1 / 255  # a level of 8 bits: what varies less is noise
 
@@ -75,7 +77,7 @@ class DiveGrayWorld(FillOption):
     contrast: float = 0.15
     """Standard deviation of each channel after the correction, in gamma-encoded intensity."""
 
-    most_views: int | None = None
+    most_views: int | None = 100
     """Most views to count, spread evenly over the scene; null = all."""
 
     def __post_init__(self) -> None:
@@ -125,8 +127,10 @@ def pooled(scene: Scene, options: DiveGrayWorld, encoding: Encoding, along: Alon
             if not view.has_depth or (along == "distance" and view.camera is None):
                 continue
             z = view.distance if along == "distance" else view.depth
-            for band in _bands(converted(view.rgb, view.encoding, encoding), z, options.bin_m):
-                sums[: len(band)] += band
+            step = max(1, math.isqrt(z.size // _ENOUGH))
+            rgb = converted(view.rgb[::step, ::step], view.encoding, encoding)
+            for band in _bands(rgb, z[::step, ::step], options.bin_m):
+                sums[: len(band)] += band * step**2
         except InputError as fault:
             last = str(fault)
             say(f"colours by range: {view.name} is left out, {fault}")

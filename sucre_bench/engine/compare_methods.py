@@ -23,10 +23,9 @@ from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, 
 from sucre_bench.imaging.caption import captioned
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.jobs.job import metric_choices
+from sucre_bench.jobs.job import Choice, method_choice, metric_choices
 from sucre_bench.jobs.presets import presets
 from sucre_bench.machine import progress, terminal
-from sucre_bench.plugins.creation import create
 from sucre_bench.results.wide import wide
 from sucre_bench.scene import Scene, View
 
@@ -127,8 +126,8 @@ def compare_methods(
 ) -> Compared:
     """Restore views of a scene with several methods, score the restorations, and compare the methods.
 
-    - methods: names or method objects. To name configurations, give a mapping from each label to a name, an object, or
-      options with the name: {"few": {"name": "sucre", "max_observations": 10}};
+    - methods: names of methods or presets, or method objects. To name configurations, give a mapping from each label
+      to a name, an object, or options with the name: {"few": {"name": "sucre", "max_observations": 10}};
     - metrics: as in `score`; default those of `sucre-bench run`;
     - views: names, places or views; default all views of the scene;
     - show_progress: True shows progress on stderr, False does not, None shows it in a terminal only;
@@ -165,7 +164,7 @@ def compare_methods(
 
 
 def _made(methods: Methods) -> dict[str, Any]:
-    """Method objects by label. Raises InputError for an unknown name or option, or a label that is there twice."""
+    """Choices and method objects by label. InputError for an unknown name or option, or a label that is there twice."""
     if isinstance(methods, str):
         raise InputError(f"methods: '{methods}' is one word; give a list, ['{methods}']")
     given = methods.items() if isinstance(methods, Mapping) else ((_name(each), each) for each in methods)
@@ -175,8 +174,14 @@ def _made(methods: Methods) -> dict[str, Any]:
             raise InputError(f"methods: '{label}' is there twice; give a mapping from labels to methods")
         options = dict(what) if isinstance(what, Mapping) else {"name": what}
         name = options.pop("name", label)
-        made[label] = create(plugins.find("method", name), options) if isinstance(name, str) else name
+        made[label] = _checked(method_choice(name, options)) if isinstance(name, str) else name
     return made
+
+
+def _checked(choice: Choice) -> Choice:
+    """Return the choice. Raises InputError for an option that the method does not take."""
+    choice.make()
+    return choice
 
 
 def _name(method: Any) -> str:
@@ -203,7 +208,8 @@ def _one(
     try:
         result = restore(method, scene, view)
     except SucreBenchError as fault:
-        is_skipped = isinstance(fault, NotApplicableError) or bool(plugins.missing_needs(method.__plugin__, scene.has))
+        plugin = method.plugin if isinstance(method, Choice) else method.__plugin__
+        is_skipped = isinstance(fault, NotApplicableError) or bool(plugins.missing_needs(plugin, scene.has))
         status: results.Status = "skipped" if is_skipped else "failed"
         row = results.Row(dataset=dataset, scene=scene.name, view=view.name, method=label, data_id=scene.data_id)
         return results.frame([row_without_value(row, status, one_line(fault))]), None

@@ -14,11 +14,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.display import display, displayed
+from sucre_bench.imaging.display import display, displayed, is_of_scene
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
-from sucre_bench.jobs.job import metric_choices
+from sucre_bench.jobs.job import Choice, method_choice, metric_choices
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.creation import create
 from sucre_bench.results.restorations import Measured, write_arrays
@@ -106,10 +106,11 @@ def load_scenes(name: str, **options: Any) -> Iterator[Scene]:
 def restore(method: str | Any, scene: Scene, view: View | str | int, **options: Any) -> Restored:
     """Restore one view with a method.
 
-    - method: the method's name, or a method object;
+    - method: the method's name, that of a preset ("sucre_photo", say), or a method object;
     - scene: the scene of the view; methods of several views use its other views;
     - view: a view, its name, or its place in the scene (from 0);
-    - options: the options of a method that is given by name.
+    - options: the options of a method that is given by name, and `display`, the normalisation that makes the
+      restored image (default: the method's own).
 
     `info` of the result also has method, options, display, seconds and peak_mb (MB of memory).
 
@@ -122,22 +123,28 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     >>> result.shown.shape
     (120, 160, 3)
     """
+    label = how = ""
     if isinstance(method, str):
-        method = create(plugins.find("method", method), options)
-    elif options:
+        method, options = method_choice(method, options), {}
+    if isinstance(method, Choice):
+        method, label, how = method.make(), method.label, method.display
+    if options:
         raise InputError(f"{type(method).__name__}: options given beside a method object; give them when making it")
     plugin: plugins.Plugin = method.__plugin__
     if absent := plugins.missing_needs(plugin, scene.has):
         raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
+    how = how or plugin.display
+    if is_of_scene(how):
+        raise InputError(f"display '{how}': needs all views; leave out @scene, or use `sucre-bench run ... save=full`")
     view = view if isinstance(view, View) else scene[view]
     if repr(method) not in _ready:
         make_ready(method)
         _ready.add(repr(method))
     measured = measured_restore(method, scene, view)
     about = {
-        "method": plugin.name,
-        "options": {"name": plugin.name, "display": plugin.display, **asdict(method)},
-        "display": plugin.display,
+        "method": label or plugin.name,
+        "options": {"name": plugin.name, "display": how, **asdict(method)},
+        "display": how,
         "seconds": measured.seconds,
         "peak_mb": measured.peak_mb,
         "scene": scene.name,
@@ -146,7 +153,7 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     }
     restoration = measured.restoration
     known = {field.name: getattr(restoration, field.name) for field in fields(Restoration)}
-    return Restored(**{**known, "info": {**restoration.info, **about}}, display=plugin.display, encoding=view.encoding)
+    return Restored(**{**known, "info": {**restoration.info, **about}}, display=how, encoding=view.encoding)
 
 
 def score(
@@ -188,7 +195,7 @@ def score(
 
 
 def list_methods() -> pd.DataFrame:
-    """Return a table of the methods by name: what each does, what it needs, and whether it can run here.
+    """Return a table of methods and presets by name: what each does, what it needs, and whether it can run here.
 
     >>> list_methods().loc["gray_world", "needs"]
     []
@@ -229,6 +236,8 @@ def _table(kind: plugins.Kind, *columns: str) -> pd.DataFrame:
     import pandas as pd
 
     known = [entry for entry in catalogue.entries(kind) if "installed" in entry]
+    if kind == "method":
+        known += catalogue.configured_entries(kind)
     table = pd.DataFrame(known).set_index("name")
     table["variants"] = [list(variants) for variants in table["variants"]]
     return table[["description", *columns, "installed"]]

@@ -5,7 +5,7 @@ from dataclasses import MISSING
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.jobs.presets import presets
+from sucre_bench.jobs.presets import plugin_of, presets
 from sucre_bench.plugins.options import Option, options_of
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
@@ -56,3 +56,9 @@ def option_entry(option: Option) -> dict[str, Any]:
 def preset_entries(group: str) -> list[dict[str, Any]]:
     """Return name and description of each preset of a folder of conf/, "experiment" say."""
     return [{"name": preset.name, "description": preset.description} for preset in presets(group)]
+
+
+def configured_entries(kind: Kind) -> list[dict[str, Any]]:
+    """Return what is known of the presets of conf/ for a kind: as of their plugin, with their own description."""
+    found = ((preset, plugin_of(kind, preset.name)) for preset in presets(kind))
+    return [entry(p) | {"name": preset.name, "description": preset.description} for preset, p in found if p]

@@ -13,6 +13,7 @@ from sucre_bench.errors import InputError, one_line, unknown_name
 from sucre_bench.imaging.display import check_display, is_of_scene
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.labels import plain_value, swept_label
+from sucre_bench.jobs.presets import plugin_of, preset_of
 from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.shard import Shard
@@ -236,6 +237,15 @@ def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
     if not chosen:
         raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
     return tuple(chosen)
+
+
+def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
+    """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
+    preset = preset_of("method", name)
+    plugin = plugin_of("method", name) if preset else plugins.find("method", name)
+    values: Mapping[str, Any] = preset.sets if preset else {}
+    named = {"name": plugin.name if plugin else name}
+    return _choice("method", {"display": getattr(plugin, "display", ""), **values, **options, **named})
 
 
 def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:

@@ -16,11 +16,12 @@ _ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label"
 
 @dataclass(frozen=True)
 class Preset:
-    """A file of conf/: its name, what its first comment says, and the names in its defaults list."""
+    """A file of conf/: its name, what its first comment says, the names in its defaults list, and what it sets."""
 
     name: str
     description: str
     builds_on: tuple[str, ...]
+    sets: Mapping[str, Any]
 
 
 def presets(group: str) -> list[Preset]:
@@ -31,11 +32,15 @@ def presets(group: str) -> list[Preset]:
 def plugin_of(kind: Kind, name: str) -> Plugin | None:
     """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
     known = plugins.usable(kind)
-    group = "metrics" if kind == "metric" else kind
-    if name not in known:
-        bases = (base for preset in presets(group) if preset.name == name for base in preset.builds_on)
-        name = next((base for base in bases if base in known), name)
+    if name not in known and (preset := preset_of(kind, name)):
+        name = next((base for base in preset.builds_on if base in known), name)
     return known.get(name)
+
+
+def preset_of(kind: Kind, name: str) -> Preset | None:
+    """Return the preset of this name, unless a plugin has it; None where there is none."""
+    group = "metrics" if kind == "metric" else kind
+    return None if name in plugins.discover(kind) else next((p for p in presets(group) if p.name == name), None)
 
 
 def option_names(kind: Kind, name: str) -> list[str]:
@@ -71,10 +76,14 @@ def _read(path: Path) -> Preset:
     comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
     description = next((comment for comment in comments if not comment.startswith("@")), "")
     names = tuple(entry for entry in _defaults(text) if isinstance(entry, str) and entry != "_self_")
-    return Preset(path.stem, description, names)
+    return Preset(path.stem, description, names, {k: v for k, v in _loaded(text).items() if k != "defaults"})
 
 
 def _defaults(text: str) -> list[Any]:
+    return list(_loaded(text).get("defaults") or [])
+
+
+def _loaded(text: str) -> dict[str, Any]:
     import yaml
 
-    return list((yaml.safe_load(text) or {}).get("defaults") or [])
+    return yaml.safe_load(text) or {}
