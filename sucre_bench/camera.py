@@ -18,15 +18,24 @@ from sucre_bench.arrays import Array
 
 def pixel_rays(camera: Camera) -> Array:
     """Return K^-1 (u + .5, v + .5, 1) of every pixel: (H, W, 3) float32, third component 1."""
-    u = np.arange(camera.width) + 0.5
-    v = np.arange(camera.height) + 0.5
-    grid = np.stack([*np.meshgrid(u, v), np.ones((camera.height, camera.width))], axis=-1)
-    return np.asarray(grid @ np.linalg.inv(camera.K).T, dtype=np.float32)
+    rays = np.ones((camera.height, camera.width, 3), dtype=np.float32)
+    rays[..., 0], rays[..., 1] = _slopes(camera)
+    return rays
 
 
 def distance_map(camera: Camera, depth: Array) -> Array:
     """Return the Euclidean distance (H, W) float32 of planar depth (H, W), both in metres; 0 stays 0."""
-    return np.asarray(np.linalg.norm(pixel_rays(camera), axis=-1) * depth, dtype=np.float32)
+    x, y = (slope.astype(np.float32) for slope in _slopes(camera))
+    return np.asarray(np.sqrt(x * x + y * y + np.float32(1)) * depth, dtype=np.float32)
+
+
+def _slopes(camera: Camera) -> tuple[Array, Array]:
+    """Return x / z and y / z of the ray through every pixel, as arrays that broadcast to (H, W)."""
+    K_inv = np.linalg.inv(camera.K)
+    u, v = np.arange(camera.width) + 0.5, (np.arange(camera.height) + 0.5)[:, None]
+    if not K_inv[0, 1] and not K_inv[1, 0]:  # without skew, columns tell x and rows y
+        return K_inv[0, 0] * u + K_inv[0, 2], K_inv[1, 1] * v + K_inv[1, 2]
+    return K_inv[0, 0] * u + K_inv[0, 1] * v + K_inv[0, 2], K_inv[1, 0] * u + K_inv[1, 1] * v + K_inv[1, 2]
 
 
 def relative_pose(to_cam_from_world: Array, from_cam_from_world: Array) -> Array:
