@@ -15,7 +15,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_header import Header, pillow, read_header, tiff_file
 from sucre_bench.imaging.image_notes import note_alpha, note_few_bits
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
-from sucre_bench.imaging.tiff_colours import read_stored
+from sucre_bench.imaging.tiff_colours import Stored, read_stored
 from sucre_bench.machine.files import regular, write_atomically
 
 _MOST_BYTES_A_PIXEL = 16  # four channels of 32 bits
@@ -141,22 +141,25 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
 
 
 def _imdecode(data: bytes, flags: int, place: str, header: Header) -> Any:
-    """What OpenCV makes of a file; None if it cannot. A photograph's transparent pixels keep their colours."""
+    """What OpenCV makes of a file; None if it cannot. Transparent pixels keep their colours if colours are wanted."""
     import cv2
 
     content = np.frombuffer(data, dtype=np.uint8)
-    is_photograph = flags & cv2.IMREAD_ANYDEPTH and flags != cv2.IMREAD_UNCHANGED
-    if is_photograph and header.is_tiff and (header.has_alpha or header.has_planes):
-        if (stored := read_stored(data, place)) is not None:
-            if stored.alpha is not None and stored.alpha.dtype.kind == "u":  # the reader refuses others
-                note_alpha(place, stored.alpha)
-            return stored.bgr
-    elif is_photograph and header.has_alpha:
-        values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
-        if values is not None and values.shape[2:] == (4,):
-            note_alpha(place, values[..., 3])
-            return values[..., :3]
-    return cv2.imdecode(content, flags)
+    stored = None
+    if flags != cv2.IMREAD_UNCHANGED and flags & cv2.IMREAD_COLOR:
+        if header.is_tiff and (header.has_alpha or header.has_planes):
+            stored = read_stored(data, place)
+        elif header.has_alpha:
+            values = cv2.imdecode(content, cv2.IMREAD_UNCHANGED)
+            if values is not None and values.shape[2:] == (4,):
+                stored = Stored(values[..., :3], values[..., 3])
+    if stored is None:
+        return cv2.imdecode(content, flags)
+    if not flags & cv2.IMREAD_ANYDEPTH:
+        return (stored.bgr >> 8).astype(np.uint8) if stored.bgr.dtype == np.uint16 else stored.bgr
+    if stored.alpha is not None and stored.alpha.dtype.kind == "u":  # the reader refuses others
+        note_alpha(place, stored.alpha)
+    return stored.bgr
 
 
 def encode_png(values: npt.NDArray[Any], compression: int = 3) -> bytes:
