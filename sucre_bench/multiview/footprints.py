@@ -43,6 +43,13 @@ from sucre_bench.scene import View
 # changes by less than 1 %; less leaves differences between square pixels, more rejects points near outlines.
 _K = 1.0
 
+# JPEG files store colours at half size: the finest detail of red is that of brightness, mostly of green, and water does
+# not take it away. Where a view is such a file, the common Gaussian is wider than that detail.
+_JPEG, _K_JPEG = (".jpg", ".jpeg"), 3.0
+
+# Intensities from here on are cut off, and so are footprints that hold them, unless most of a channel is cut off.
+_WHITE, _MOSTLY = 253.5 / 255, 0.5
+
 # The variance of a square pixel, in pixels^2.
 _SQUARE = 1 / 12
 
@@ -88,6 +95,7 @@ def matched_footprints(
     chosen = [views[k] for k in evenly(len(views), _VIEWS)]
     if all(view.name != target.name for view in chosen):
         chosen = [target, *chosen]
+    k = _K_JPEG if any(view.name.lower().endswith(_JPEG) for view in chosen) else _K
     planes = _Planes.of(target, surface)
     place = np.full(surface.camera.width * surface.camera.height, -1, dtype=np.int32)
     place[surface.pixels] = np.arange(len(surface.pixels))
@@ -98,7 +106,7 @@ def matched_footprints(
         return None
 
     def colours(landing: _Landing) -> Seen:
-        return _seen(landing, common[landing.places], encoding, with_ray)
+        return _seen(landing, common[landing.places], k, encoding, with_ray)
 
     with ThreadPoolExecutor(min(usable_cores(), len(chosen))) as pool:
         landings = [landing for landing in pool.map(land, chosen) if landing is not None]
@@ -197,10 +205,10 @@ def _common_footprint(landings: Sequence[_Landing], n_points: int) -> Array:
     return np.linalg.inv(coarsest)
 
 
-def _seen(landing: _Landing, common: Array, encoding: Kept, with_ray: bool) -> Seen:
-    """Return the colours of a view averaged over the common footprint."""
+def _seen(landing: _Landing, common: Array, k: float, encoding: Kept, with_ray: bool) -> Seen:
+    """Return the colours of a view averaged over the common footprint, of k pixels of the coarsest view."""
     M = landing.to_view @ common
-    S = (_K**2 + _SQUARE) * M @ M.swapaxes(1, 2) - _SQUARE * np.eye(2)
+    S = (k**2 + _SQUARE) * M @ M.swapaxes(1, 2) - _SQUARE * np.eye(2)
     variances = np.linalg.eigvalsh(S)  # (M, 2), rising
     usable = (variances[:, 0] > _LEAST) & (variances[:, 1] < _MOST)
     landing, S, least = landing.only(usable), S[usable], variances[usable, 0]
@@ -208,7 +216,8 @@ def _seen(landing: _Landing, common: Array, encoding: Kept, with_ray: bool) -> S
     rgb = srgb_decode(view.rgb) if encoding == "linear" and view.encoding == "gamma" else view.rgb
     colour, share = np.full((len(S), 3), np.nan, dtype=np.float32), np.zeros(len(S), dtype=np.float32)
     levels = np.maximum(np.floor(np.log2(np.maximum(least / _ENOUGH, 1)) / 2), 0).astype(np.int64)
-    for level, image, depth in _smaller(rgb, view.depth, int(levels.max(initial=0))):
+    uncut = np.where(_is_cut_off(view.rgb), 0, view.depth)
+    for level, image, depth in _smaller(rgb, uncut, int(levels.max(initial=0))):
         here = np.flatnonzero(levels == level)
         if not len(here):
             continue
@@ -221,6 +230,12 @@ def _seen(landing: _Landing, common: Array, encoding: Kept, with_ray: bool) -> S
     matches = replace(kept.matches, at=kept.at.astype(np.float32))
     ray = rays_at(matches, view.camera) if with_ray and view.camera is not None else None
     return Seen(view.name, matches.pixels, matches.distance, colour[enough], ray)
+
+
+def _is_cut_off(rgb: Array) -> Mask:
+    """Return the pixels (H, W) that are white in a channel; not those of a channel that is mostly white."""
+    white = rgb >= _WHITE
+    return np.asarray((white & (white.mean(axis=(0, 1)) < _MOSTLY)).any(axis=2))
 
 
 def _smaller(rgb: Array, depth: Array, last: int) -> Iterator[tuple[int, Array, Array]]:
