@@ -1,6 +1,6 @@
-"""Types of arrays, and questions about arrays that many rooms ask."""
+"""Types of arrays and tables, and questions about arrays that many rooms ask."""
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -9,6 +9,13 @@ Array = npt.NDArray[np.floating[Any]]
 Indices = npt.NDArray[np.integer[Any]]
 Mask = npt.NDArray[np.bool_]
 Picture = npt.NDArray[np.uint8]
+
+# pandas takes half a second to import. Functions that need it import it; annotations name its types from here.
+if TYPE_CHECKING:
+    from pandas import DataFrame as DataFrame
+    from pandas import Series as Series
+else:
+    DataFrame = Series = Any
 
 
 def evenly(count: int, most: int) -> list[int]:

@@ -9,14 +9,12 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.model import Column, Comparison, Difference
 from sucre_bench.compare.tables import asked_for, compare
 from sucre_bench.errors import InputError, did_you_mean
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _WORST = 5
 
@@ -67,7 +65,7 @@ class Gated:
         return self.outcome in ("failed", "no score")
 
 
-def gated(rows: pd.DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gated]:
+def gated(rows: DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gated]:
     """Return what gates say of every method but the baseline.
 
     Raises InputError for a metric or method that the rows do not have, and for a metric that only describes.
@@ -84,7 +82,7 @@ def gated(rows: pd.DataFrame, gates: Sequence[Gate], baseline: str) -> list[Gate
     return found
 
 
-def _of_table(rows: pd.DataFrame, table: Comparison, gate: Gate, baseline: str) -> Iterator[Gated]:
+def _of_table(rows: DataFrame, table: Comparison, gate: Gate, baseline: str) -> Iterator[Gated]:
     if not table.baseline:
         raise InputError(f"{table.title}: {baseline} was not run on these data; run it there")
     ranked = [column for column in table.columns if column.better != "none"]
@@ -115,7 +113,7 @@ def _outcome(gain: Difference, limit: float) -> Literal["passed", "failed", "unk
     return "failed" if value < limit and high < 0 else "passed"
 
 
-def _worst(rows: pd.DataFrame, dataset: str, column: Column, method: str, baseline: str) -> list[tuple[str, float]]:
+def _worst(rows: DataFrame, dataset: str, column: Column, method: str, baseline: str) -> list[tuple[str, float]]:
     """The views with the largest losses, the largest first."""
     of_pair = rows[(rows["dataset"] == dataset) & rows["method"].isin([method, baseline])]
     gains = []

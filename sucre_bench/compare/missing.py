@@ -1,19 +1,14 @@
 """The notes of a comparison: which method lacks which scores, why, and what remains to compare on."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
-from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare.model import Column, Note
 from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples, values_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _REPETITION = ["scene", "view", "_replicate"]
 
@@ -21,9 +16,9 @@ _View = tuple[str, str]  # scene and view
 
 
 def notes(
-    rows: pd.DataFrame,
-    scores: Mapping[Column, pd.DataFrame],
-    repetitions: Mapping[Column, pd.DataFrame],
+    rows: DataFrame,
+    scores: Mapping[Column, DataFrame],
+    repetitions: Mapping[Column, DataFrame],
     methods: Sequence[str],
 ) -> list[Note]:
     """Return what each method lacks that others have.
@@ -54,7 +49,7 @@ def notes(
     return [*made, *_repeats_lost(rows, repetitions)]
 
 
-def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[Note]:
+def _unscored(rows: DataFrame, methods: Iterable[str]) -> Iterator[Note]:
     """Why none of the requested metrics scored a method that did restore."""
     unscored = rows[rows["_asked"] & rows["_fresh"] & (rows["status"] != "ok")]
     for name in methods:
@@ -62,7 +57,7 @@ def _unscored(rows: pd.DataFrame, methods: Iterable[str]) -> Iterator[Note]:
         yield Note("no score", (name,), reasons=_counted(why))
 
 
-def _restored(rows: pd.DataFrame) -> dict[str, set[_View]]:
+def _restored(rows: DataFrame) -> dict[str, set[_View]]:
     """The views that each method restored."""
     ok = restoration_rows(rows[(rows["status"] == "ok") & rows["_fresh"]])
     return {str(name): set(values_of(of_method, "scene", "view")) for name, of_method in ok.groupby("method")}
@@ -75,7 +70,7 @@ _WHY = ("status", "reason", "scene", "view", "method", "metric", "variant")
 class _Why:
     """Why there is no score, by method, metric, variant and view; of metric RESTORATION, no restoration."""
 
-    rows: pd.DataFrame
+    rows: DataFrame
 
     @cached_property
     def known(self) -> dict[tuple[str, str, str, _View], str]:
@@ -128,8 +123,8 @@ def _counted(reasons: Iterable[str]) -> str:
 def _scores_lost(
     name: str,
     lost: set[_View],
-    scores: Mapping[Column, pd.DataFrame],
-    repetitions: Mapping[Column, pd.DataFrame],
+    scores: Mapping[Column, DataFrame],
+    repetitions: Mapping[Column, DataFrame],
     why: _Why,
 ) -> Iterator[Note]:
     """A note for the metrics that lack the same units, apart from views that were not restored."""
@@ -154,7 +149,7 @@ def _scores_lost(
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
-def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]) -> Iterator[Note]:
+def _repeats_lost(rows: DataFrame, repetitions: Mapping[Column, DataFrame]) -> Iterator[Note]:
     """Replicates that a method lacks, failed or never run, of images that have at least one other replicate."""
     whole = restoration_rows(rows[rows["_fresh"] & (rows["view"] != "")])
     keys = [whole[name] for name in (*_REPETITION, "method")]
@@ -174,12 +169,12 @@ def _repeats_lost(rows: pd.DataFrame, repetitions: Mapping[Column, pd.DataFrame]
     yield from (replace(note, columns=tuple(columns)) for note, columns in alike.items())
 
 
-def _partly(has: pd.DataFrame, of: list[str]) -> pd.DataFrame:
+def _partly(has: DataFrame, of: list[str]) -> DataFrame:
     """Tell which repetitions a method lacks while it has others. has: repetitions x methods; of: what is repeated."""
     return ~has & has.groupby(level=of).transform("any")
 
 
-def _replicates_lost(name: str, lost: pd.Series) -> Note:
+def _replicates_lost(name: str, lost: Series) -> Note:
     """lost: whether each replicate of an image is lost."""
     n = len(lost.index[lost].droplevel("_replicate").unique())
     return Note("replicates lost", (name,), n=n, total=len(lost), lost=int(lost.sum()))

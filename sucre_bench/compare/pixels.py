@@ -5,23 +5,19 @@ views on their common pixels too (`sucre_bench.engine.common_pixels`), and `on_p
 the own ones.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 from sucre_bench import plugins
+from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import restoration_rows, restorations, values_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Pixels = Literal["own", "common"]
 
@@ -38,7 +34,7 @@ _RESULT = ["value", "n_pixels", "coverage", "status", "reason"]
 _Place = tuple[str, str, str]
 
 
-def on_pixels(rows: pd.DataFrame, common: pd.DataFrame, pixels: Pixels = "common") -> pd.DataFrame:
+def on_pixels(rows: DataFrame, common: DataFrame, pixels: Pixels = "common") -> DataFrame:
     """Return rows with scores on common pixels in the place of own ones, where methods fill a view differently.
 
     rows: of the score table; common: of `results.read_common`; pixels: "own" leaves every score as it is.
@@ -59,7 +55,7 @@ def on_pixels(rows: pd.DataFrame, common: pd.DataFrame, pixels: Pixels = "common
     return _replaced(rows, scored, common, states) if len(scored) else rows
 
 
-def _without_little(rows: pd.DataFrame, restorations: pd.DataFrame) -> pd.DataFrame:
+def _without_little(rows: DataFrame, restorations: DataFrame) -> DataFrame:
     """Leave methods without a score of views that they fill next to nothing of, if others fill more."""
     is_little = restorations["coverage"] < LEAST_FILLED
     some = set(_places(restorations[~is_little]))
@@ -73,12 +69,12 @@ def _without_little(rows: pd.DataFrame, restorations: pd.DataFrame) -> pd.DataFr
     return rows
 
 
-def _places(rows: pd.DataFrame) -> list[_Place]:
+def _places(rows: DataFrame) -> list[_Place]:
     """The view of each row."""
     return [*values_of(rows, *_VIEW)]
 
 
-def of_pixels(metrics: pd.Series) -> pd.Series:
+def of_pixels(metrics: Series) -> Series:
     """Return which metrics rank pictures by their pixels; one that is not installed does not."""
     return metrics.isin({name for name, plugin in plugins.usable("metric").items() if plugin.is_of_pixels})
 
@@ -97,7 +93,7 @@ class _State:
     reason: str = ""
 
 
-def _states(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
+def _states(restorations: DataFrame, common: DataFrame) -> dict[_Place, _State]:
     """The views whose methods fill different pixels."""
     filled = restorations.groupby(_VIEW)["coverage"].agg(["min", "max", "size"])
     filled = filled[(filled["min"] < 1) & (filled["size"] > 1)]
@@ -111,7 +107,7 @@ def _states(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _S
     return {place: state for place, state in states.items() if state.kind != "equal"}
 
 
-def _known(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _State]:
+def _known(restorations: DataFrame, common: DataFrame) -> dict[_Place, _State]:
     """The state of each view in the table of common scores. It counts only if it covers all methods and their newest
     results."""
     of_views = common[common["metric"] == COMMON_PIXELS]
@@ -128,9 +124,7 @@ def _known(restorations: pd.DataFrame, common: pd.DataFrame) -> dict[_Place, _St
     return known
 
 
-def _replaced(
-    rows: pd.DataFrame, scored: pd.DataFrame, common: pd.DataFrame, states: Mapping[_Place, _State]
-) -> pd.DataFrame:
+def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Mapping[_Place, _State]) -> DataFrame:
     """Put common scores in the place of own ones.
 
     scored: the own scores of views whose methods fill different pixels.
@@ -161,7 +155,7 @@ def _replaced(
 # -- what tables say of it ---------------------------------------------------------------------------------
 
 
-def filled_rows(rows: pd.DataFrame) -> pd.DataFrame:
+def filled_rows(rows: DataFrame) -> DataFrame:
     """Return rows of the share of the image that methods fill, if pictures are ranked and one has holes.
 
     rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
@@ -184,17 +178,17 @@ def says_filled(metric: str, variant: str) -> bool:
     return metric == FILLED or is_coverage
 
 
-def _differing(restorations: pd.DataFrame) -> set[tuple[str, str]]:
+def _differing(restorations: DataFrame) -> set[tuple[str, str]]:
     """The views, by scene and name, of which methods fill shares that differ by more than `LEAST_DIFFERENCE`."""
     filled = restorations[restorations["coverage"] >= LEAST_FILLED].groupby(_VIEW[1:])["coverage"]
     return set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
 
 
-def _of_pixels(rows: pd.DataFrame) -> pd.Series:
+def _of_pixels(rows: DataFrame) -> Series:
     return of_pixels(rows["metric"]) & (rows["region"] == "image")
 
 
-def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
+def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> list[Note]:
     """Return on which pixels scores are that methods would have of different ones.
 
     rows: of one table, with `_fresh` and `_asked`; columns: of the table.
@@ -210,7 +204,7 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
     common = scores[(scores["pixels"] == "common") & ~none]
 
-    def note(kind: NoteKind, concerned: pd.DataFrame, **more: Any) -> Note:
+    def note(kind: NoteKind, concerned: DataFrame, **more: Any) -> Note:
         pairs = _metrics(concerned)
         named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
         return Note(kind, (), named, len(set(_views(concerned))), len(set(_views(scores))), **more)
@@ -225,11 +219,11 @@ def pixel_notes(rows: pd.DataFrame, columns: Iterable[Column]) -> list[Note]:
     return made + [one for one in unshared if one.columns]  # a metric that lacks a reference, say, has no column
 
 
-def _views(rows: pd.DataFrame) -> list[tuple[str, str]]:
+def _views(rows: DataFrame) -> list[tuple[str, str]]:
     return [*values_of(rows, "scene", "view")]
 
 
-def _metrics(rows: pd.DataFrame) -> set[tuple[str, str]]:
+def _metrics(rows: DataFrame) -> set[tuple[str, str]]:
     """The metrics of rows, with their variants."""
     columns = ["metric", "variant"]
     return set(values_of(rows[columns].drop_duplicates(), *columns))

@@ -1,25 +1,21 @@
 """Refuses comparisons of different images, replicates, variants, versions, data or options."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 from sucre_bench import results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, values_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 T = TypeVar("T")
 
@@ -60,7 +56,7 @@ class NotComparableError(InputError):
 _Fault = tuple[Difference, str]
 
 
-def load(folders: Iterable[str | Path]) -> pd.DataFrame:
+def load(folders: Iterable[str | Path]) -> DataFrame:
     """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
 
     Says with `progress.say` where folders have different values. A folder may be a bundle (.zip), too.
@@ -85,7 +81,7 @@ def load(folders: Iterable[str | Path]) -> pd.DataFrame:
     return rows.drop_duplicates(_SCORE, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
 
 
-def _say_differing(rows: pd.DataFrame) -> None:
+def _say_differing(rows: DataFrame) -> None:
     """Say that folders have other values of the same scores, of which the newest are taken."""
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
     twice = scores[scores.duplicated(_SCORE, keep=False)]
@@ -107,7 +103,7 @@ def _say_differing(rows: pd.DataFrame) -> None:
     )
 
 
-def _rows(place: Path) -> pd.DataFrame:
+def _rows(place: Path) -> DataFrame:
     """The score table of an output folder, or of a bundle; `verify` checks what a bundle says."""
     if not is_bundle(place):
         return results.read(place)
@@ -115,20 +111,20 @@ def _rows(place: Path) -> pd.DataFrame:
         return bundle.rows
 
 
-def _refuse_several(rows: pd.DataFrame, group: list[str], column: str, fault: str) -> None:
+def _refuse_several(rows: DataFrame, group: list[str], column: str, fault: str) -> None:
     several = rows.groupby(group)[column].nunique()
     if (several > 1).any():
         names = " / ".join(several[several > 1].index[0])
         raise InputError(f"{names}: {fault}; run it again, or give it another label")
 
 
-def refuse(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
+def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
     """Raise NotComparableError, a line a refusal, where methods cannot be compared. Arguments as for `refusals`."""
     if found := tuple(refusals(rows, metrics, common)):
         raise NotComparableError(found)
 
 
-def refusals(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[Refusal]:
+def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[Refusal]:
     """Yield why methods cannot be compared.
 
     metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
@@ -143,7 +139,7 @@ def refusals(rows: pd.DataFrame, metrics: Sequence[str] = (), common: bool = Fal
         yield from (Refusal(str(dataset), difference, text) for difference, text in found)
 
 
-def _images(rows: pd.DataFrame, common: bool) -> Iterator[_Fault]:
+def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
     """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
     whole = set(rows.loc[rows["view"] == "", "method"])
     per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
@@ -206,7 +202,7 @@ def _listed(numbers: Iterable[int]) -> str:
     return ", ".join(map(str, numbers))
 
 
-def _variants(rows: pd.DataFrame) -> Iterator[_Fault]:
+def _variants(rows: DataFrame) -> Iterator[_Fault]:
     """Methods that were scored by one metric in different variants only."""
     for metric, of_metric in rows.groupby("metric", sort=False):
         variants = {
@@ -222,7 +218,7 @@ def _variants(rows: pd.DataFrame) -> Iterator[_Fault]:
                 break
 
 
-def _versions(rows: pd.DataFrame) -> Iterator[_Fault]:
+def _versions(rows: DataFrame) -> Iterator[_Fault]:
     """Scores of one column from different versions or options of the metric; the newest is taken as right."""
     for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
         made_by = of_variant["code"].map({code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()})
@@ -240,7 +236,7 @@ def _versions(rows: pd.DataFrame) -> Iterator[_Fault]:
         )
 
 
-def _normalisations(rows: pd.DataFrame) -> Iterator[_Fault]:
+def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
     """Two labels of one method with different display normalisations that the labels do not mention."""
     known = rows.drop_duplicates("method")[["method", "options"]]
     options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}

@@ -1,15 +1,13 @@
 """Makes comparisons from rows: the units that all methods have, and a table for each dataset, view or region."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, DataFrame, Series
 from sucre_bench.compare import ranks
 from sucre_bench.compare.bootstrap import Units, pseudo_values
 from sucre_bench.compare.missing import notes
@@ -20,9 +18,6 @@ from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _VIEW = ["scene", "view"]
 _UNIT = [*_VIEW, "region"]
 _REPETITION = [*_UNIT, "_replicate"]
@@ -32,7 +27,7 @@ _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", 
 
 
 def compare(
-    rows: pd.DataFrame, metrics: Sequence[str] = (), by: By = "method", order: Sequence[str] = (), baseline: str = ""
+    rows: DataFrame, metrics: Sequence[str] = (), by: By = "method", order: Sequence[str] = (), baseline: str = ""
 ) -> list[Comparison]:
     """Return a table per dataset; by "view" or "region", a table for each of those.
 
@@ -109,7 +104,7 @@ def only(comparison: Comparison, metrics: Sequence[str]) -> Comparison:
     )
 
 
-def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFrame:
+def _with_reasons(region: DataFrame, everywhere: DataFrame) -> DataFrame:
     """A region's rows, and other rows with the reasons for missing scores: a failure concerns a whole image."""
     import pandas as pd
 
@@ -119,7 +114,7 @@ def _with_reasons(region: pd.DataFrame, everywhere: pd.DataFrame) -> pd.DataFram
     return pd.concat([region.assign(_asked=scored), elsewhere[has_reason].assign(_asked=False)])
 
 
-def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
+def asked_for(rows: DataFrame, metrics: Sequence[str]) -> Series:
     """Return which rows are of these metrics, "name" or "name:variant"; without metrics, all."""
     if not metrics:
         return rows["metric"].notna()
@@ -135,14 +130,14 @@ def asked_for(rows: pd.DataFrame, metrics: Sequence[str]) -> pd.Series:
     return rows["metric"].isin(metrics) | full.isin(metrics)
 
 
-def without_replicates(rows: pd.DataFrame) -> pd.DataFrame:
+def without_replicates(rows: DataFrame) -> DataFrame:
     """Give the scenes of repetitions the name of what they repeat."""
     names = {name: results.unreplicated(name)[0] for name in rows["scene"].unique()}
     return rows.assign(scene=rows["scene"].map(names))
 
 
 def _table(
-    title: str, rows: pd.DataFrame, methods: list[str], baseline: str, all_photographs: Collection[str]
+    title: str, rows: DataFrame, methods: list[str], baseline: str, all_photographs: Collection[str]
 ) -> Comparison:
     import pandas as pd
 
@@ -175,7 +170,7 @@ def _table(
     return against(table, baseline) if baseline else table
 
 
-def _photographs(rows: pd.DataFrame) -> set[tuple[str, str]]:
+def _photographs(rows: DataFrame) -> set[tuple[str, str]]:
     """The methods that return the photograph itself, each with its dataset."""
     known, columns = plugins.usable("method"), ["dataset", "method", "options"]
     each = rows[columns].drop_duplicates(columns[:2], keep="last")
@@ -188,13 +183,13 @@ def _order(column: Column) -> tuple[bool, bool, bool]:
     return not says_filled(column.metric, column.variant), column.better == "none", column.metric in COSTS
 
 
-def _repetitions(scores: pd.DataFrame) -> pd.DataFrame:
+def _repetitions(scores: DataFrame) -> DataFrame:
     """The values of a metric before they are averaged: repetitions of units x methods, both sorted, NaN = a hole."""
     in_order = scores.sort_values("value", kind="stable")  # sums must not depend on the order of rows
     return in_order.groupby([*_REPETITION, "method"])["value"].mean().unstack("method")
 
 
-def _averaged(repetitions: pd.DataFrame) -> pd.DataFrame:
+def _averaged(repetitions: DataFrame) -> DataFrame:
     """Means over the repetitions that all methods have: units x methods.
 
     Of a unit without any such repetition, methods that lack one have a hole.
@@ -205,7 +200,7 @@ def _averaged(repetitions: pd.DataFrame) -> pd.DataFrame:
     return shared.reindex(means.index).fillna(means)
 
 
-def _column(scores: pd.DataFrame, repetitions: pd.DataFrame) -> tuple[Column, pd.DataFrame]:
+def _column(scores: DataFrame, repetitions: DataFrame) -> tuple[Column, DataFrame]:
     """A metric, and its values: units x methods, both sorted, NaN = a hole."""
     values = _averaged(repetitions)
     left = values.dropna().index
@@ -235,7 +230,7 @@ def _range(metric: str) -> tuple[float, float]:
     return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
 
 
-def _measured(column: Column, values: pd.DataFrame) -> ColumnScores:
+def _measured(column: Column, values: DataFrame) -> ColumnScores:
     """The numbers of a column. values: units x methods, both sorted, NaN = a hole."""
     complete = values.dropna()
     std = standard_deviation(complete.to_numpy())

@@ -13,12 +13,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sucre_bench import results
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import Scorer, scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
@@ -33,9 +32,6 @@ from sucre_bench.results.rows import Row, restorations, row_objects
 from sucre_bench.results.stored_pictures import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def score_across_views(planned: Sequence[Planned]) -> None:
@@ -63,7 +59,7 @@ def _by_data(jobs: Sequence[Job]) -> Iterator[list[Job]]:
     return (list(group.values()) for group in groups.values())
 
 
-def _score_dataset(jobs: Sequence[Job], rows: pd.DataFrame, part: Part) -> None:
+def _score_dataset(jobs: Sequence[Job], rows: DataFrame, part: Part) -> None:
     """Score all methods on the scenes of one dataset."""
     scenes = open_scenes(jobs[0].dataset)
     by_job = [_by_scene(job, scenes) for job in jobs]
@@ -104,7 +100,7 @@ class _Restored:
     scored: frozenset[tuple[str, str, str, str]]
 
     @classmethod
-    def of(cls, job: Job, every: Sequence[Task], rows: pd.DataFrame) -> _Restored:
+    def of(cls, job: Job, every: Sequence[Task], rows: DataFrame) -> _Restored:
         """Find what the results folder holds. every: all views of the scene."""
         base = every[0].base
         of_job = rows[

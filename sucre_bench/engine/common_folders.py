@@ -4,14 +4,12 @@ A run scores the methods of one folder on their common pixels. Folders that are 
 pictures and masks, and from their data, which `config.yaml` names.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sucre_bench import results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import is_fresh
 from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of
 from sucre_bench.engine.tasks import Task, open_scenes, tasks
@@ -23,13 +21,10 @@ from sucre_bench.results.bundle_format import is_bundle
 from sucre_bench.results.common_scores import ViewKey, common_frame, differing_views, filled_restorations
 from sucre_bench.results.rows import RESTORATION, Row, restorations, row_objects
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _Restoration = tuple[str, str, str, str, str]  # dataset, scene, view, method, time
 
 
-def score_folders(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
+def score_folders(folders: Sequence[Path], rows: DataFrame) -> DataFrame:
     """Return scores on common pixels, as `results.read_common` has them, of views with restorations in several folders.
 
     rows: of all folders, as `compare.load` reads them. A view has no scores if its data do not open any more, or if one
@@ -61,7 +56,7 @@ def _folders(folders: Sequence[Path]) -> dict[_Restoration, Path]:
 
 
 def _in_several_folders(
-    whole: pd.DataFrame, views: Collection[ViewKey], folder_of: Mapping[_Restoration, Path]
+    whole: DataFrame, views: Collection[ViewKey], folder_of: Mapping[_Restoration, Path]
 ) -> set[ViewKey]:
     """Those of some views whose restorations lie in several folders. A bundle counts as a folder."""
     found: dict[ViewKey, set[Path | None]] = {}
@@ -97,7 +92,7 @@ def _tasks(jobs: Sequence[Job], wanted: Collection[ViewKey]) -> dict[ViewKey, Ta
 
 
 def _views(
-    whole: pd.DataFrame, folder_of: Mapping[_Restoration, Path], opened: Mapping[ViewKey, Task]
+    whole: DataFrame, folder_of: Mapping[_Restoration, Path], opened: Mapping[ViewKey, Task]
 ) -> dict[ViewKey, CommonView]:
     """The views with all their restorations; those that lack one are left out."""
     views = {key: CommonView(task.base, task.view) for key, task in opened.items()}

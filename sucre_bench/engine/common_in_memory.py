@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Mask, Picture
+from sucre_bench.arrays import DataFrame, Mask, Picture
 from sucre_bench.engine.common_view import CommonView, PixelMetrics, add_scores, of_views, rows_of
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.results.common_scores import ViewKey, common_frame, differing_views, filled_restorations
@@ -17,9 +16,6 @@ from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import row_objects
 from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _Of = tuple[str, str]  # view, label
 
@@ -51,8 +47,8 @@ class InMemory:
 
 
 def score_in_memory(
-    views: Sequence[View], rows: pd.DataFrame, held: Mapping[_Of, InMemory], metrics: Sequence[str]
-) -> pd.DataFrame:
+    views: Sequence[View], rows: DataFrame, held: Mapping[_Of, InMemory], metrics: Sequence[str]
+) -> DataFrame:
     """Return scores on common pixels of the views that methods fill differently, as `results.read_common` has them.
 
     rows: all scores of one scene; held: restorations by view and label; metrics: those of the rows, by name.

@@ -5,14 +5,12 @@ restored the view take part, also those of earlier runs; one that failed or fill
 What is there already is not scored again, unless the common mask has changed.
 """
 
-from __future__ import annotations
-
 import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sucre_bench import results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of, score_of
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.tasks import Task
@@ -34,14 +32,11 @@ from sucre_bench.results.layout import log_path
 from sucre_bench.results.merging import locked as locked_table
 from sucre_bench.results.rows import row_objects
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _FLUSH_S = 30.0
 _VIEW = ["dataset", "scene", "view"]
 
 
-def score_on_common_pixels(planned: Sequence[Planned], rows: pd.DataFrame, out: Path) -> None:
+def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Path) -> None:
     """Bring the scores on common pixels up to date for the views of a run's jobs.
 
     rows: of the results folder `out`. Raises OutputError if the table cannot be written. A fault in a view becomes its
@@ -69,7 +64,7 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: pd.DataFrame, out: 
                 write_common(out, _replaced(before, made))
 
 
-def _before(out: Path) -> pd.DataFrame:
+def _before(out: Path) -> DataFrame:
     try:
         return read_common(out)
     except DamagedTableError:
@@ -77,7 +72,7 @@ def _before(out: Path) -> pd.DataFrame:
         return common_frame([])
 
 
-def _replaced(before: pd.DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]]) -> pd.DataFrame:
+def _replaced(before: DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]]) -> DataFrame:
     """The table with the new rows of some views."""
     import pandas as pd
 
@@ -90,7 +85,7 @@ def _replaced(before: pd.DataFrame, made: Mapping[ViewKey, Sequence[CommonRow]])
 # -- views and their stored scores -------------------------------------------------------------------------
 
 
-def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[ViewKey, Task]:
+def _candidates(rows: DataFrame, planned: Sequence[Planned]) -> dict[ViewKey, Task]:
     """The views of the jobs that several methods restored, one of them with holes."""
     wanted = differing_views(filled_restorations(rows))
     tasks = {(plan.job.dataset.label, task.base.scene, task.view.name): task for plan in planned for task in plan.tasks}
@@ -98,7 +93,7 @@ def _candidates(rows: pd.DataFrame, planned: Sequence[Planned]) -> dict[ViewKey,
 
 
 def _views(
-    rows: pd.DataFrame, before: pd.DataFrame, tasks: Mapping[ViewKey, Task], metrics: PixelMetrics, out: Path
+    rows: DataFrame, before: DataFrame, tasks: Mapping[ViewKey, Task], metrics: PixelMetrics, out: Path
 ) -> dict[ViewKey, CommonView]:
     views = {place: CommonView(task.base, task.view) for place, task in tasks.items()}
     for place, row in of_views(row_objects(filled_restorations(rows)), views):

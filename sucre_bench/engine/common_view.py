@@ -7,11 +7,11 @@ import math
 from collections.abc import Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from typing import Protocol, TypeVar
 
 import numpy as np
 
-from sucre_bench.arrays import Mask, Picture
+from sucre_bench.arrays import DataFrame, Mask, Picture
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import InputError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
@@ -24,9 +24,6 @@ from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row, row_objects
 from sucre_bench.results.stored_pictures import masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.scene import Restoration, View
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 Score = tuple[str, str, str, str]  # method, metric, variant, code
 _R = TypeVar("_R", bound=Row)
@@ -138,7 +135,7 @@ def of_views(rows: Iterable[_R], views: Container[ViewKey]) -> Iterator[tuple[Vi
             yield key, row
 
 
-def add_scores(views: Mapping[ViewKey, CommonView], rows: pd.DataFrame, metrics: PixelMetrics) -> None:
+def add_scores(views: Mapping[ViewKey, CommonView], rows: DataFrame, metrics: PixelMetrics) -> None:
     """Add to each view the scores of its restorations on own pixels. rows: of the score table."""
     names = {name for name, _ in metrics.by_code}
     scores = rows[(rows["status"] == "ok") & (rows["region"] == "image") & rows["metric"].isin(names)]

@@ -4,18 +4,15 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from sucre_bench import results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row, tuples
 from sucre_bench.results.stored_hashes import are_as_written
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(slots=True)
@@ -60,7 +57,7 @@ class Done:
             return cls.among(results.frame([]), job, since)
 
     @classmethod
-    def among(cls, rows: pd.DataFrame, job: Job, since: str = "") -> Done:
+    def among(cls, rows: DataFrame, job: Job, since: str = "") -> Done:
         """Pick what a table holds of a job."""
         kept: dict[tuple[str, str], list[_Kept]] = {}
         of_job = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]

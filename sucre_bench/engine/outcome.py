@@ -1,17 +1,12 @@
 """The outcome of a run: counts, faults, and the exit code."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.jobs.schema import Tracking
 from sucre_bench.jobs.study import Study
 from sucre_bench.results.rows import values_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -34,8 +29,8 @@ class Outcome:
     were requested, and none of them has a value for any view.
     """
 
-    rows: pd.DataFrame
-    stored: pd.DataFrame
+    rows: DataFrame
+    stored: DataFrame
     requested: frozenset[tuple[str, str, str, str]]
     out: Path
     datasets: tuple[str, ...]
@@ -54,7 +49,7 @@ class Outcome:
     nothing_scored: bool
 
     @property
-    def requested_rows(self) -> pd.DataFrame:
+    def requested_rows(self) -> DataFrame:
         """Those of `rows` of the requested restorations."""
         keys = values_of(self.rows, "dataset", "method", "scene", "view")
         return self.rows[[key in self.requested for key in keys]].reset_index(drop=True)

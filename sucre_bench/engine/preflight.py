@@ -1,13 +1,12 @@
 """The check before the work: opens all that a command selects, and compares it with the stored results."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.done import Done
 from sucre_bench.engine.tasks import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedTableError, InputError, SucreBenchError, did_you_mean, one_line, raise_if_stop
@@ -17,9 +16,6 @@ from sucre_bench.machine.steps import step
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import Status, restoration_rows, tuples
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class ProblemsError(SucreBenchError):
@@ -156,7 +152,7 @@ class State:
     is_new: bool = False
 
 
-def states(rows: pd.DataFrame, plan: Planned, started: str) -> list[State]:
+def states(rows: DataFrame, plan: Planned, started: str) -> list[State]:
     """Return the state of each of a job's tasks. started: when the command did.
 
     Older results count if they are what the job would make.

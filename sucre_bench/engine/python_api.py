@@ -1,16 +1,14 @@
 """Functions for Python scripts: load scenes, restore a view, score the restoration, list plugins and experiments."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
@@ -23,9 +21,6 @@ from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.creation import create
 from sucre_bench.results.restorations import Measured, write_arrays
 from sucre_bench.scene import Encoding, Restoration, Scene, View
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # Methods with their options that have imported and compiled what they need.
 _ready: set[str] = set()
@@ -158,7 +153,7 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
 
 def score(
     result: Restoration, view: View, metrics: str | Sequence[str], how: str | None = None, dataset: str = ""
-) -> pd.DataFrame:
+) -> DataFrame:
     """Score a restoration. Return a table with one row for each score (columns: `sucre_bench.results.rows.Row`).
 
     - result: what `restore` returned;
@@ -194,7 +189,7 @@ def score(
     return results.frame(score_rows(measured, shown, view, scorers(metric_choices(metrics)), base))
 
 
-def list_methods() -> pd.DataFrame:
+def list_methods() -> DataFrame:
     """Return a table of methods and presets by name: what each does, what it needs, and whether it can run here.
 
     >>> list_methods().loc["gray_world", "needs"]
@@ -203,7 +198,7 @@ def list_methods() -> pd.DataFrame:
     return _table("method", "needs")
 
 
-def list_datasets() -> pd.DataFrame:
+def list_datasets() -> DataFrame:
     """Return a table of the datasets by name: what each holds, what its scenes may have, and where to get it.
 
     >>> "depth" in list_datasets().loc["demo", "has"]
@@ -212,7 +207,7 @@ def list_datasets() -> pd.DataFrame:
     return _table("dataset", "has", "source")
 
 
-def list_metrics() -> pd.DataFrame:
+def list_metrics() -> DataFrame:
     """Return a table of the metrics by name: what each measures, its unit, its better direction, and its variants.
 
     >>> list_metrics().loc["psnr", "better"]
@@ -221,7 +216,7 @@ def list_metrics() -> pd.DataFrame:
     return _table("metric", "needs", "unit", "better", "variants")
 
 
-def list_experiments() -> pd.DataFrame:
+def list_experiments() -> DataFrame:
     """Return a table of the experiments by name, with what each does.
 
     >>> "demo" in list_experiments().index
@@ -232,7 +227,7 @@ def list_experiments() -> pd.DataFrame:
     return pd.DataFrame(catalogue.preset_entries("experiment")).set_index("name")
 
 
-def _table(kind: plugins.Kind, *columns: str) -> pd.DataFrame:
+def _table(kind: plugins.Kind, *columns: str) -> DataFrame:
     import pandas as pd
 
     known = [entry for entry in catalogue.entries(kind) if "installed" in entry]

@@ -1,13 +1,12 @@
 """Runs a whole command: checks everything first, launches the jobs, merges their rows, and returns the outcome."""
 
-from __future__ import annotations
-
 import shutil
 from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import compare, results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels import score_on_common_pixels
 from sucre_bench.engine.launch import Ended, launch, rescue
@@ -27,9 +26,6 @@ from sucre_bench.machine.steps import note_start
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import pairs_path
 from sucre_bench.results.rows import Status
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def run(overrides: Sequence[str], multirun: bool) -> Outcome:
@@ -91,7 +87,7 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     write_atomically(config_path(first.out), masked(text).encode())
 
 
-def _outcome(rows: pd.DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:
+def _outcome(rows: DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:
     ok = cached = 0
     failed: list[Fault] = []
     skipped: list[Fault] = []
@@ -148,14 +144,14 @@ def _requested_scores(planned: Sequence[Planned]) -> frozenset[tuple[str, str, s
     )
 
 
-def _with_status(rows: pd.DataFrame, requested: Set[tuple[str, ...]], status: Status) -> Iterator[Any]:
+def _with_status(rows: DataFrame, requested: Set[tuple[str, ...]], status: Status) -> Iterator[Any]:
     """The rows of requested scores that have a status."""
     for r in rows[rows["status"] == status].itertuples():
         if (r.dataset, r.method, r.scene, r.view, r.metric) in requested:
             yield r
 
 
-def _failed_scores(rows: pd.DataFrame, requested: Set[tuple[str, ...]]) -> Iterator[Fault]:
+def _failed_scores(rows: DataFrame, requested: Set[tuple[str, ...]]) -> Iterator[Fault]:
     """The requested scores that a metric failed to give."""
     for r in _with_status(rows, requested, "failed"):
         yield Fault(f"{r.dataset} / {r.method} / {r.metric}", r.view, r.reason)

@@ -1,7 +1,5 @@
 """Makes the line-up of a results folder, from its last command's configuration and the rows of older commands."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import os
@@ -9,9 +7,10 @@ from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.config_file import config_path, read_config
 from sucre_bench.jobs.job import Job, MetricChoice
@@ -20,9 +19,6 @@ from sucre_bench.jobs.lineup import Entry, Kind, LineUp
 from sucre_bench.jobs.presets import given_paths
 from sucre_bench.jobs.rerun import given
 from sucre_bench.jobs.study import Study
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # Settings of the last command that a line-up has where they are not as by default.
 _SETTINGS: dict[str, Any] = {"views": None, "every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}
@@ -91,7 +87,7 @@ def _of_jobs(jobs: Iterable[Job]) -> Iterator[_Made]:
         )
 
 
-def _of_rows(rows: pd.DataFrame) -> Iterator[_Made]:
+def _of_rows(rows: DataFrame) -> Iterator[_Made]:
     """What older commands made; rows of before datasets were recorded tell nothing."""
     last = rows.sort_values("time", kind="stable").drop_duplicates(["dataset", "method", "options"], keep="last")
     for row in last.itertuples():
@@ -137,7 +133,7 @@ def _relative(path: str, folder: Path) -> str:
     return path if Path(path).is_absolute() else os.path.relpath(path, folder)
 
 
-def _metrics(jobs: Sequence[Job], rows: pd.DataFrame) -> Iterator[Entry]:
+def _metrics(jobs: Sequence[Job], rows: DataFrame) -> Iterator[Entry]:
     """The metrics of the last command, then those that only rows have, but for scores that no run computes."""
     last = {choice.plugin.name: choice for job in jobs for choice in job.metrics}
     for choice in last.values():
@@ -190,7 +186,7 @@ def _study(study: Study) -> dict[str, Any]:
     return {name: value for name, value in values.items() if value != Study.defaults()[name]}
 
 
-def _notes(made: Sequence[_Made], rows: pd.DataFrame) -> Iterator[str]:
+def _notes(made: Sequence[_Made], rows: DataFrame) -> Iterator[str]:
     """Where a run of the line-up would do other than the folder holds."""
     datasets, methods = (dict.fromkeys(one.pair[i] for one in made) for i in (0, 1))
     there = {one.pair for one in made}

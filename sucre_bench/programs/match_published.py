@@ -13,18 +13,15 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from decimal import Decimal
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sucre_bench import plugins
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.shown import counted
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _NAMES = frozenset(
@@ -238,7 +235,7 @@ def variants_to_try(table: PublishedTable, images: Mapping[str, Path]) -> list[s
     return [f"{metric}:all{size}" for metric in dict.fromkeys(c.metric for c in table.columns) for size in at]
 
 
-def compare(column: Column, scores: pd.DataFrame) -> list[Candidate]:
+def compare(column: Column, scores: DataFrame) -> list[Candidate]:
     """Return how far each variant is from a column, the nearest first. scores: rows of a score table.
 
     Images that no variant has a score of, as those that cannot be read, are left out.

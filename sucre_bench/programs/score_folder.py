@@ -1,14 +1,11 @@
 """Score any folder of images, with no dataset and no method: `sucre-bench score`."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError
@@ -19,9 +16,6 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.files import fault_of
 from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -37,7 +31,7 @@ class _Files:
         return read_rgb(self.compared_with) if plane == "reference" and self.compared_with else None
 
 
-def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> pd.DataFrame:
+def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -> DataFrame:
     """Score every image under a folder (or one file): the long table's columns, the folder's name as the method.
 
     reference: a folder with the same names, or one file; metrics: names as `sucre_bench.score` takes them, none for

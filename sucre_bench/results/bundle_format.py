@@ -12,8 +12,6 @@ kinds and sizes of all entries before any is read. The same content gives the sa
 no date.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import io
@@ -26,17 +24,15 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path, PurePosixPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.machine.files import open_atomically
 from sucre_bench.results.check_table import check_values
 from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.encoded_rows import encoded
 from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 MANIFEST, SCORES, COMMON = "bundle.json", "scores.csv", "common.csv"
 _FORMAT, _VERSION = "sucre_bench bundle", 1
@@ -128,12 +124,12 @@ class Bundle:
         return "" if hash_of(content) == self.inside[name] else "is not what its hash says"
 
     @cached_property
-    def rows(self) -> pd.DataFrame:
+    def rows(self) -> DataFrame:
         """The score table, as `results.read` returns it. Raises InputError if it is none."""
         return _table(self.path / SCORES, self.read(SCORES), COLUMNS)
 
     @cached_property
-    def common(self) -> pd.DataFrame | None:
+    def common(self) -> DataFrame | None:
         """The scores on common pixels, as `read_common` returns them; None if it has none. InputError if damaged."""
         if COMMON not in self.entries:
             return None
@@ -153,7 +149,7 @@ def hash_of(content: bytes | Path) -> FileHash:
 
 def write_bundle(
     path: Path,
-    rows: pd.DataFrame,
+    rows: DataFrame,
     files: Mapping[str, bytes | Path],
     outside: Mapping[str, FileHash],
     by: str,
@@ -290,7 +286,7 @@ def _hashes(told: Mapping[str, Mapping[str, Any]]) -> dict[str, FileHash]:
     return {name: FileHash(str(one["sha256"]), int(one["bytes"])) for name, one in told.items()}
 
 
-def _table(path: Path, content: bytes, columns: Sequence[str]) -> pd.DataFrame:
+def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
     """Read a table of rows: text as it stands, numbers as numbers. path: for errors."""
     import pandas as pd
     from pyarrow import Table

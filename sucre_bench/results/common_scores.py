@@ -13,15 +13,13 @@ import json
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import ANY_FAULT, DamagedTableError, SucreBenchError, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 COMMON_TABLE = "common.parquet"
 
@@ -56,32 +54,32 @@ class CommonRow(Row):
         return cls(**{name: getattr(row, name) for name in COLUMNS}, pixels=pixels, methods=json.dumps(sorted(methods)))
 
 
-def filled_restorations(rows: pd.DataFrame) -> pd.DataFrame:
+def filled_restorations(rows: DataFrame) -> DataFrame:
     """Return the rows of restorations that fill enough of their view to take part."""
     whole = restorations(rows)
     return whole[whole["coverage"] >= LEAST_FILLED]
 
 
-def differing_views(whole: pd.DataFrame) -> set[ViewKey]:
+def differing_views(whole: DataFrame) -> set[ViewKey]:
     """Return the views that several methods restored, one of them with holes. whole: rows of restorations."""
     by_view = whole.groupby(["dataset", "scene", "view"], sort=False)
     may_differ = (by_view["method"].nunique() > 1) & (by_view["coverage"].min() < 1)
     return set(may_differ.index[may_differ])
 
 
-def common_frame(rows: Iterable[CommonRow]) -> pd.DataFrame:
+def common_frame(rows: Iterable[CommonRow]) -> DataFrame:
     """Return rows as a table."""
     import pandas as pd
 
     return pd.DataFrame([asdict(row) for row in rows], columns=list(_COLUMNS))
 
 
-def common_rows(table: pd.DataFrame) -> Iterator[CommonRow]:
+def common_rows(table: DataFrame) -> Iterator[CommonRow]:
     """Yield each row of a table as a `CommonRow`."""
     return (CommonRow(*values) for values in values_of(table, *_COLUMNS))
 
 
-def read_common(*folders: Path) -> pd.DataFrame:
+def read_common(*folders: Path) -> DataFrame:
     """Return the scores on common pixels of results folders and bundles; no rows if none were needed.
 
     Raises DamagedTableError (an InputError) if a table cannot be read.
@@ -92,7 +90,7 @@ def read_common(*folders: Path) -> pd.DataFrame:
     return pd.concat(tables or [common_frame([])], ignore_index=True)
 
 
-def _of(folder: Path) -> pd.DataFrame | None:
+def _of(folder: Path) -> DataFrame | None:
     """The table of a results folder or a bundle."""
     if is_bundle(folder):
         with open_bundle(folder) as bundle:
@@ -100,7 +98,7 @@ def _of(folder: Path) -> pd.DataFrame | None:
     return _read(folder / COMMON_TABLE) if (folder / COMMON_TABLE).is_file() else None
 
 
-def _read(path: Path) -> pd.DataFrame:
+def _read(path: Path) -> DataFrame:
     import pandas as pd
     from pyarrow.parquet import read_table
 
@@ -116,7 +114,7 @@ def _read(path: Path) -> pd.DataFrame:
         raise DamagedTableError(f"{path}: {reason}; delete it and run again") from fault
 
 
-def write_common(out: Path, rows: pd.DataFrame) -> None:
+def write_common(out: Path, rows: DataFrame) -> None:
     """Write the table of a results folder as a whole. Raises OutputError if it cannot be written."""
     buffer = io.BytesIO()
     rows.to_parquet(buffer, index=False)

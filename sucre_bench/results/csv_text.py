@@ -1,14 +1,9 @@
 """Writes a table as CSV, with as many digits as are needed to read the same numbers again."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    import pandas as pd
+from sucre_bench.arrays import DataFrame
 
 
-def csv_text(table: pd.DataFrame) -> str:
+def csv_text(table: DataFrame) -> str:
     """Return a table as CSV without its index, lines ending in one newline. NaN: an empty cell.
 
     pandas alone writes numbers as numpy prints them, and packages alter that for a whole process: importing

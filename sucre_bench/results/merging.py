@@ -1,26 +1,21 @@
 """Joins the parts that jobs write into the score table, while other processes and machines may do the same."""
 
-from __future__ import annotations
-
 import contextlib
 import io
 import uuid
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.machine.files import not_writable
 from sucre_bench.machine.locks import waited_lock
 from sucre_bench.results.rows import frame
 from sucre_bench.results.table import PARTS, TABLE, read_any, write_part
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 _TAKEN = "taken-"
 
 
-def merge(out: Path) -> pd.DataFrame:
+def merge(out: Path) -> DataFrame:
     """Join the parts into the table, and return it. Safe beside jobs at work and other processes that do the same.
 
     A part is renamed before it is read: what its job writes from then on is in new parts. The lock spares work. Without
@@ -64,7 +59,7 @@ def _identity(table: Path) -> tuple[int, int, int] | None:
     return state.st_ino, state.st_mtime_ns, state.st_size
 
 
-def _replace_table(rows: pd.DataFrame, out: Path, before: tuple[int, int, int] | None) -> bool:
+def _replace_table(rows: DataFrame, out: Path, before: tuple[int, int, int] | None) -> bool:
     """Put rows into the place of the table that was read; False if another process has written a table since.
 
     before: the identity of the table that was read. The rows, and the other table, are parts then.

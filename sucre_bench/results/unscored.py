@@ -1,16 +1,12 @@
 """Scores that views could not give, together by their reason."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.rows import score_rows, values_of
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _VIEW = ["dataset", "scene", "view"]
 
@@ -39,7 +35,7 @@ class Unscored:
         return f"{', '.join(self.metrics)}{of}{where}: {self.reason}{lack}"
 
 
-def unscored(rows: pd.DataFrame, with_nothing_to_score: bool = False) -> Iterator[Unscored]:
+def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[Unscored]:
     """Yield what is skipped of the scores, once for each reason.
 
     rows: of a score table; with_nothing_to_score: also scores of what a view or method does not have. If other scores
@@ -66,7 +62,7 @@ def unscored(rows: pd.DataFrame, with_nothing_to_score: bool = False) -> Iterato
         )
 
 
-def _with_variants(metric: Any, lost: pd.DataFrame, rows: pd.DataFrame) -> str:
+def _with_variants(metric: Any, lost: DataFrame, rows: DataFrame) -> str:
     """A metric's name, with the variants that are lost where others are not."""
     variants = list(dict.fromkeys(lost["variant"]))
     every = rows.loc[rows["metric"] == metric, "variant"].nunique()

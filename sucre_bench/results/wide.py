@@ -1,18 +1,12 @@
 """Turns the score table into one with a column for each metric, and one row for each view and method."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
+from sucre_bench.arrays import DataFrame
 from sucre_bench.results.rows import KEYS
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _INDEX = list(KEYS)
 
 
-def wide(rows: pd.DataFrame) -> pd.DataFrame:
+def wide(rows: DataFrame) -> DataFrame:
     """Return scores with one row for each view and method, and one column for each metric.
 
     - rows: the score table, from `sb.score`, `results.read` or scores.parquet.

@@ -1,16 +1,15 @@
 """Collects the files of a bundle from a results folder, and writes the bundle."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import ANY_FAULT, InputError
 from sucre_bench.jobs.job import metric_choices
@@ -23,9 +22,6 @@ from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.rows import COSTS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, View
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.
 Pictures = Literal["none", "restored", "all"]
@@ -81,7 +77,7 @@ def bundle_results(
     return Bundled(path, made, n_scores, len(found.keys() & files.keys()), len(outside), _local_paths(rows), lost)
 
 
-def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:
+def _files(folder: Path, rows: DataFrame) -> Iterator[Path]:
     """The pictures and records of every restoration that ended well. InputError for a picture that is gone."""
     for row in restorations(rows).itertuples():
         place = layout.find(row.dataset, row.scene, row.view, folder)
@@ -94,7 +90,7 @@ def _files(folder: Path, rows: pd.DataFrame) -> Iterator[Path]:
         yield from (picture, *(file for file in more if is_file(file)))
 
 
-def _local_paths(rows: pd.DataFrame) -> tuple[str, ...]:
+def _local_paths(rows: DataFrame) -> tuple[str, ...]:
     """Absolute paths among the options of methods and datasets."""
     texts = {text for options in rows["options"].unique() for text in _strings(json.loads(options))}
     return tuple(sorted(text for text in texts if text.startswith(("/", "~"))))
@@ -108,7 +104,7 @@ def _strings(value: Any) -> Iterator[str]:
             yield from _strings(inner)
 
 
-def unverifiable(rows: pd.DataFrame) -> Mapping[str, int]:
+def unverifiable(rows: DataFrame) -> Mapping[str, int]:
     """Return how many scores of each metric need more than the restored image, by "metric:variant"."""
     scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
     counts = scores.groupby(["metric", "variant"], sort=False, observed=True).size()

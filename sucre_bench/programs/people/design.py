@@ -4,8 +4,6 @@ The page has pictures under random names and knows no method. The key stays in t
 people/<study>.json.
 """
 
-from __future__ import annotations
-
 import json
 import random
 import re
@@ -14,18 +12,15 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from itertools import combinations
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import results
-from sucre_bench.arrays import evenly
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import LEAST_FILLED
 from sucre_bench.results.rows import restorations
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _FORMAT, _VERSION = "sucre_bench people's study", 1
 
@@ -77,7 +72,7 @@ def design(folder: Path, methods: Sequence[str], dataset: str = "", views: int =
     return Key(secrets.token_hex(4), str(candidates["dataset"].iloc[0]), tuple(methods), pictures)
 
 
-def _dataset(rows: pd.DataFrame, methods: Sequence[str], given: str, folder: Path) -> str:
+def _dataset(rows: DataFrame, methods: Sequence[str], given: str, folder: Path) -> str:
     """The dataset that is given, or the only one that the methods restored."""
     if len(set(methods)) < 2:
         raise InputError("--methods: fewer than two labels; give at least two, with commas between them")

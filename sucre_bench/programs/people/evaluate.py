@@ -1,26 +1,20 @@
 """From files of votes to preferences of methods, agreement, and rows of the metric `preference`."""
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from sucre_bench import results
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import InputError
 from sucre_bench.programs.people import design
 from sucre_bench.programs.people.agreement import Agreement, MetricAgreement, metric_agreement, observer_agreement
 from sucre_bench.programs.people.bradley_terry import Preferences, Votes, fit, preferences
 from sucre_bench.programs.people.votes import Numbered, as_numbers, read_votes
 from sucre_bench.results.rows import COSTS, PREFERENCE, Row, restorations
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 METRIC, _VARIANT, _UNIT = PREFERENCE, "bradley-terry", "log-odds"
 _VERSION = 1
@@ -66,7 +60,7 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
 
 
 def _agreements(
-    rows: pd.DataFrame, numbered: Numbered, people: Preferences
+    rows: DataFrame, numbered: Numbered, people: Preferences
 ) -> Iterator[tuple[tuple[str, str], MetricAgreement]]:
     """Each metric by which methods win or lose, in each variant, against people."""
     is_score = (rows["status"] == "ok") & (rows["better"] != "none") & ~rows["metric"].isin([*COSTS, METRIC])

@@ -5,22 +5,17 @@ one version of its metric. What does not fit a table begins another one, with th
 out, since bundles come from different machines, and so are metrics that are not registered here.
 """
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from enum import Enum
-from typing import TYPE_CHECKING
 
 from sucre_bench import compare, plugins
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.text import decisive
 from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import RESTORATION
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 class State(Enum):
@@ -48,8 +43,8 @@ class Entry:
     state: State
     checked: tuple[int, int]
     fault: str
-    rows: pd.DataFrame | None
-    common: pd.DataFrame | None = None
+    rows: DataFrame | None
+    common: DataFrame | None = None
 
     @property
     def who(self) -> str:
@@ -101,7 +96,7 @@ def board(entries: Sequence[Entry]) -> Board:
     return Board(tuple(entries), tuple(table for name in datasets for table in _tables(name, usable)))
 
 
-def _rows(entry: Entry) -> pd.DataFrame:
+def _rows(entry: Entry) -> DataFrame:
     assert entry.rows is not None
     return entry.rows[entry.rows["metric"].isin([*plugins.usable("metric"), RESTORATION])]
 
@@ -110,8 +105,8 @@ def _rows(entry: Entry) -> pd.DataFrame:
 class _Group:
     """Methods that were found to be comparable so far. common: scores on common pixels, a table for each bundle."""
 
-    rows: pd.DataFrame
-    common: list[pd.DataFrame]
+    rows: DataFrame
+    common: list[DataFrame]
     lines: list[Line]
     apart: str
 
@@ -140,7 +135,7 @@ def _tables(dataset: str, entries: Sequence[Entry]) -> Iterator[Table]:
                 yield Table(dataset, tuple(group.lines), replace(chosen, columns=ranked), group.apart)
 
 
-def _labelled(common: pd.DataFrame | None, labels: Mapping[str, str]) -> pd.DataFrame:
+def _labelled(common: DataFrame | None, labels: Mapping[str, str]) -> DataFrame:
     """A bundle's scores on common pixels, with the methods' labels on the board."""
     if common is None:
         return common_frame([])
@@ -148,7 +143,7 @@ def _labelled(common: pd.DataFrame | None, labels: Mapping[str, str]) -> pd.Data
     return common.assign(method=common["method"].map(labels).fillna(""), methods=names)
 
 
-def _add(groups: list[_Group], rows: pd.DataFrame, common: pd.DataFrame, lines: dict[str, Line]) -> None:
+def _add(groups: list[_Group], rows: DataFrame, common: DataFrame, lines: dict[str, Line]) -> None:
     """Add a bundle's methods to the first group that they may be compared with, or as a group of their own."""
     import pandas as pd
 
@@ -165,7 +160,7 @@ def _add(groups: list[_Group], rows: pd.DataFrame, common: pd.DataFrame, lines: 
     groups.append(_Group(rows, [common], list(lines.values()), reason))
 
 
-def _refusal(one: pd.DataFrame, other: pd.DataFrame, together: pd.DataFrame) -> str:
+def _refusal(one: DataFrame, other: DataFrame, together: DataFrame) -> str:
     """Why two tables may not stand in one, "" if they may."""
     ids = [frame[frame["scene"] != ""].groupby("scene")["data_id"].first() for frame in (one, other)]
     shared = ids[0].index.intersection(ids[1].index)

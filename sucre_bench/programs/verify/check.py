@@ -1,16 +1,15 @@
 """Verifies a bundle: hashes first, then every score that can be computed again."""
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from sucre_bench import plugins
+from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, Lack, SucreBenchError
 from sucre_bench.machine import progress
@@ -34,9 +33,6 @@ from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
 from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Verified:
@@ -68,7 +64,7 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     )
 
 
-def _common(bundle: Bundle, file_faults: list[str]) -> pd.DataFrame:
+def _common(bundle: Bundle, file_faults: list[str]) -> DataFrame:
     """The scores on common pixels; no rows if there are none, or the table is damaged: then `file_faults` says so."""
     try:
         common = bundle.common
@@ -79,7 +75,7 @@ def _common(bundle: Bundle, file_faults: list[str]) -> pd.DataFrame:
     return common_frame([]) if common is None else common
 
 
-def _by_restoration(rows: pd.DataFrame) -> Iterator[pd.DataFrame]:
+def _by_restoration(rows: DataFrame) -> Iterator[DataFrame]:
     """The rows of each restoration that ended well: first the one that stands for it, then its scores."""
     whole = restorations(rows).index
     is_score = (rows["status"] == "ok") & ~rows["metric"].isin(COSTS)
@@ -87,14 +83,14 @@ def _by_restoration(rows: pd.DataFrame) -> Iterator[pd.DataFrame]:
         yield of_restoration
 
 
-def _sizes(rows: pd.DataFrame) -> dict[tuple[str, str], float]:
+def _sizes(rows: DataFrame) -> dict[tuple[str, str], float]:
     """The median size of each column's finite scores: what a difference near zero is compared with."""
     scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
     sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median()
     return {(str(m), str(v)): float(size) for (m, v), size in sizes.items()}
 
 
-def _wrong_meaning(file: str, rows: pd.DataFrame) -> Iterator[str]:
+def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
     """Metrics of which a table of the bundle says another unit or direction than they have."""
     known = plugins.usable("metric")
     once = rows[~rows["metric"].isin(COSTS)].drop_duplicates(["metric", "unit", "better"])
@@ -120,7 +116,7 @@ class _Check:
         self._bundle, self._opened, self._tolerance, self._sizes = bundle, opened, tolerance, sizes
         self._metrics = Metrics(bundle)
 
-    def restoration(self, rows: pd.DataFrame) -> None:
+    def restoration(self, rows: DataFrame) -> None:
         """Score a restoration again. rows: see `_by_restoration`."""
         whole, scores = restorations(rows), rows[~rows["metric"].isin(COSTS)]
         if whole.empty:
@@ -160,7 +156,7 @@ class _Check:
         text = fault.beside(self._bundle.path) if isinstance(fault, SucreBenchError) else str(fault)
         self.faults.append(f"{where}: {text}")
 
-    def _score(self, row: Any, scores: pd.DataFrame, names: Held, kept: Restored) -> None:
+    def _score(self, row: Any, scores: DataFrame, names: Held, kept: Restored) -> None:
         """Compute scores again, and judge each. row: of the restoration; kept: the same, or its common pixels."""
         scene = self._opened.scenes.get((row.dataset, row.scene))
         view = self._view(row, names, scene, kept.restoration)

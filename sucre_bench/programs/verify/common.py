@@ -1,15 +1,13 @@
 """Finds the common pixels of a bundle's views again, from the pictures of all methods."""
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import reduce
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from sucre_bench.arrays import Mask
+from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.programs.verify.pictures import Restored, held, restoration_of
 from sucre_bench.results.bundle_format import COMMON, Bundle
@@ -17,9 +15,6 @@ from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, K
 from sucre_bench.results.masks import mask_id
 from sucre_bench.results.rows import values_of
 from sucre_bench.results.stored_pictures import masked
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 NO_PICTURES = "the bundle has no pictures"
 LOOK_ALIKE = "black pixels and holes look alike"
@@ -35,7 +30,7 @@ class CommonView:
     """
 
     said: Any
-    scores: pd.DataFrame
+    scores: DataFrame
     whole: Mapping[str, Any]
 
     @property
@@ -44,7 +39,7 @@ class CommonView:
         return f"{COMMON}: {self.said.dataset} / {self.said.view}"
 
 
-def common_views(common: pd.DataFrame, rows: pd.DataFrame) -> Iterator[CommonView]:
+def common_views(common: DataFrame, rows: DataFrame) -> Iterator[CommonView]:
     """Yield the views of a table of scores on common pixels. rows: the bundle's score table."""
     by_view: dict[tuple[str, ...], dict[str, Any]] = {}
     for row in filled_restorations(rows).itertuples():

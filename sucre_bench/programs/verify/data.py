@@ -1,14 +1,13 @@
 """Opens the data of a bundle's scores in the folders that the user names."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path, PurePosixPath, PureWindowsPath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation, degraded_whole
 from sucre_bench.engine.tasks import open_scenes
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
@@ -16,9 +15,6 @@ from sucre_bench.jobs.job import Choice
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.plugins.options import options_of, typed
 from sucre_bench.scene import Scene
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _ROOT = "root"  # the option of datasets that names their folder
 
@@ -41,7 +37,7 @@ class _Origin:
     options: str
 
 
-def open_data(rows: pd.DataFrame, places: Mapping[str, Path]) -> Opened:
+def open_data(rows: DataFrame, places: Mapping[str, Path]) -> Opened:
     """Open the data of rows. places: folder of the data, by dataset label.
 
     A dataset's other options are those of the bundle, but none may lead out of the folder. Data that are made, since
@@ -65,7 +61,7 @@ def open_data(rows: pd.DataFrame, places: Mapping[str, Path]) -> Opened:
     return Opened(scenes, tuple(dict.fromkeys(faults)))
 
 
-def _origins(rows: pd.DataFrame, places: Mapping[str, Path]) -> Iterator[_Origin]:
+def _origins(rows: DataFrame, places: Mapping[str, Path]) -> Iterator[_Origin]:
     """A scene of a dataset is the same for all methods, unless the bundle mixes data: then each is checked."""
     known = rows[(rows["view"] != "") & rows["dataset"].isin(places)]
     once = known.drop_duplicates(["dataset", "scene", "data_id"])

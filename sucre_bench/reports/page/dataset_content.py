@@ -1,15 +1,14 @@
 """The page's data of a dataset, as plain values: its table, its views with their pictures, its charts."""
 
-from __future__ import annotations
-
 import json
 from collections import defaultdict
 from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
 from sucre_bench.compare.answer import answer, blind, rough
 from sucre_bench.compare.decisive_columns import Deciding, deciding
@@ -24,9 +23,6 @@ from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restoration_rows, tuples
 from sucre_bench.results.stored_hashes import FILES
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
@@ -81,7 +77,7 @@ class Section:
     """
 
     out: Path
-    rows: pd.DataFrame
+    rows: DataFrame
     table: Comparison
     gallery: Gallery
     plugins: tuple[str, ...]
@@ -135,7 +131,7 @@ class Section:
         }
 
     @staticmethod
-    def _view_words(of_method: pd.DataFrame) -> str:
+    def _view_words(of_method: DataFrame) -> str:
         """The words that ask for a method's views again; none for more than a command line has room for."""
         views = sorted(set(of_method["view"].unique()) - {""})
         return shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""

@@ -5,16 +5,15 @@ is compared on the images that all methods have at all values. Differences are p
 undegraded value (or the first), and of the methods to a baseline at each value.
 """
 
-from __future__ import annotations
-
 import contextlib
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, fields, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
 from sucre_bench.compare.tables import without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
@@ -22,9 +21,6 @@ from sucre_bench.degrade.water import read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.study import Study
 from sucre_bench.results.newest import is_fresh
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -73,7 +69,7 @@ def _line(option: str, value: Value, method: str) -> str:
     return f"{option}={value.word} · {method}"
 
 
-def along(rows: pd.DataFrame, study: Study) -> list[Along]:
+def along(rows: DataFrame, study: Study) -> list[Along]:
     """Group rows by dataset, without the followed option in its label, and tabulate scores per value of the option.
 
     rows: their order sets the order of methods, and of values that are not numbers.
@@ -105,7 +101,7 @@ def along(rows: pd.DataFrame, study: Study) -> list[Along]:
     return followed
 
 
-def _is_scored(rows: pd.DataFrame, study: Study) -> bool:
+def _is_scored(rows: DataFrame, study: Study) -> bool:
     """Whether a dataset has scores of every metric that the study asks for."""
     ok = rows[rows["status"] == "ok"]
     return len(ok) > 0 and {metric.partition(":")[0] for metric in study.metrics} <= {*ok["metric"]}
@@ -157,7 +153,7 @@ def _without(label: str, option: str) -> str:
     return ",".join(part for part in label.split(",") if not part.startswith(f"{option}="))
 
 
-def _along(title: str, rows: pd.DataFrame, option: str, study: Study, notes: tuple[Note, ...]) -> Along:
+def _along(title: str, rows: DataFrame, option: str, study: Study, notes: tuple[Note, ...]) -> Along:
     values = _ordered(rows["_value"].unique())
     methods = tuple(dict.fromkeys(rows["method"]))
     reference = next((value for value in values if not value.is_given), values[0])

@@ -1,20 +1,15 @@
 """The rows of a study, with its comparisons: each is computed once, for all tables and figures."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import By, Comparison, against, compare, only
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.jobs.study import Study
 from sucre_bench.reports.paper.follow_option import Along, along
-
-if TYPE_CHECKING:
-    import pandas as pd
 
 
 @dataclass(frozen=True)
@@ -26,7 +21,7 @@ class StudyResults:
     """
 
     study: Study
-    rows: pd.DataFrame
+    rows: DataFrame
     out: Path
     made: tuple[Comparison, ...] = ()
 

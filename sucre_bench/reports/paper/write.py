@@ -1,13 +1,11 @@
 """A study's files: ``tables/NAME.{md,tex,csv}`` and ``figures/NAME-FIGURE[-SUFFIX].{png,pdf}``."""
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Collection, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison, text, verdicts
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.study import Study
@@ -20,9 +18,6 @@ from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.layout import file_name, log_path
 
-if TYPE_CHECKING:
-    import pandas as pd
-
 
 @dataclass(frozen=True)
 class Written:
@@ -34,7 +29,7 @@ class Written:
 
 def write(
     study: Study,
-    rows: pd.DataFrame,
+    rows: DataFrame,
     out: Path,
     methods: Sequence[str] = (),
     datasets: Sequence[str] = (),
@@ -92,7 +87,7 @@ def _clear(out: Path, whole: str, written: Collection[Path]) -> None:
         old.unlink()
 
 
-def _in_order(rows: pd.DataFrame, methods: Sequence[str], datasets: Sequence[str]) -> pd.DataFrame:
+def _in_order(rows: DataFrame, methods: Sequence[str], datasets: Sequence[str]) -> DataFrame:
     """Rows so that what comes first is first named."""
     by_time = rows.sort_values("time", kind="stable")
     for column, given in (("method", methods), ("dataset", datasets)):
@@ -102,7 +97,7 @@ def _in_order(rows: pd.DataFrame, methods: Sequence[str], datasets: Sequence[str
     return ordered.drop(columns=["_dataset", "_method"]).reset_index(drop=True)
 
 
-def _applicable(study: Study, rows: pd.DataFrame, notes: list[str]) -> Study:
+def _applicable(study: Study, rows: DataFrame, notes: list[str]) -> Study:
     """The study without metrics that nothing was scored by, and without a baseline that did not run."""
     scored = rows[rows["status"] == "ok"]
     known = {*scored["metric"], *(scored["metric"] + ":" + scored["variant"])}
