@@ -81,12 +81,13 @@ class OwnWater:
         if matched is None:
             return self._determined(observations, solution, ())
         falloff = find_falloff(matched, self.view.name, solution.water, seed=self.options.seed)
-        if falloff is not None and self.options.lamp == "auto":
-            return self._in_even_light(observations, matched, solution, falloff)
-        if falloff is not None:
-            limit = sentence_of(falloff, Removal.NONE)
-            return self._determined(observations, _doubted(solution, falloff), (limit,), (limit,))
-        return self._at_one_exposure(observations, matched, solution)
+        if falloff is None:
+            return self._at_one_exposure(observations, matched, solution)
+        if self.options.lamp == "auto" and falloff.is_sure:
+            return self._in_even_light(matched, solution, falloff)
+        removal = Removal.UNSURE if self.options.lamp == "auto" else Removal.NONE
+        limit = sentence_of(falloff, removal)
+        return self._determined(observations, _doubted(solution, falloff, removal), (limit,), (limit,))
 
     def _at_one_exposure(
         self, observations: Observations, matched: Observations, solution: Solution
@@ -109,7 +110,7 @@ class OwnWater:
         return observations, solution.with_limits(limits)
 
     def _in_even_light(
-        self, observations: Observations, matched: Observations, without: Solution, falloff: Falloff
+        self, matched: Observations, without: Solution, falloff: Falloff
     ) -> tuple[Observations, Solution]:
         """Return the solution in even light, by the model of light that explains the observations best.
 
@@ -238,8 +239,8 @@ def _is_flat(sample: Observations) -> bool:
     return bool(far <= _ALIKE * near)
 
 
-def _doubted(solution: Solution, falloff: Falloff) -> Solution:
+def _doubted(solution: Solution, falloff: Falloff, removal: Removal) -> Solution:
     """Return the solution with no trust in its water, and a record of the falloff."""
     uncertainty = replace(solution.uncertainty, is_weak=(True, True, True))
-    about = solution.about | {"falloff": record_of(falloff, Removal.NONE)}
+    about = solution.about | {"falloff": record_of(falloff, removal)}
     return replace(solution, uncertainty=uncertainty, about=about)

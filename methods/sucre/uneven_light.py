@@ -27,15 +27,17 @@ _BETTER = 0.8
 
 
 class Removal(enum.Enum):
-    """How uneven light was removed."""
+    """How uneven light was removed. UNSURE: not, because something else may be the cause."""
 
     NONE = "none"
+    UNSURE = "unsure"
     LAMP = "lamp"
     PLACE = "place"
 
 
 _SENTENCES = {
     Removal.NONE: "the fitted water is wrong; use lamp=auto, which removes the falloff",
+    Removal.UNSURE: "it explains too little to be removed; the fitted water may be wrong; lamp=true fits a lamp",
     Removal.LAMP: "a lamp on the camera was fitted, and its light removed",
     Removal.PLACE: "the falloff was removed; beta also holds how light falls with the distance from a lamp",
 }

@@ -15,6 +15,7 @@ from sucre_bench.commands.common import json_option, plugin_option, refuse_optio
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.depth_and_poses import Overlap
     from sucre_bench.programs.describe.description import Described
+    from sucre_bench.programs.describe.exposure import Exposure
     from sucre_bench.programs.describe.facts import ViewFacts
     from sucre_bench.scene import Water
 
@@ -125,6 +126,7 @@ def _facts(one: Described) -> dict[str, str]:
         "cameras": f"{len(focals)}, focal {', '.join(f'{fx:.0f}' for fx, _ in focals[:3])} px" if focals else "none",
         "travel": _travel(one.facts, one.unit),
         "water": "not known" if one.water is None else _water(one.water),
+        "exposure": _exposure(one.exposure),
     }
     if one.scale is not None:
         remedy = "run `sucre-bench prepare` again with a known length for metres"
@@ -172,6 +174,19 @@ def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
     if len(places) < 2:
         return "not known, no poses" if not len(places) else "one pose"
     return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} {unit} between the outermost of {len(places)} cameras"
+
+
+def _exposure(exposure: Exposure | None) -> str:
+    if exposure is None:
+        return "not known: no two views see points at like distances"
+    if exposure.falls_off:
+        light = f"light falls off across the images, to {exposure.least:.0%} of its peak, as from a lamp on the camera"
+        return f"gains of views not known: {light}; sucre removes it with lamp=auto, its default"
+    low, high = min(exposure.gains), max(exposure.gains)
+    gains = f"gains of {len(exposure.views)} views {low:.2f} to {high:.2f}, ± {exposure.error:.1%}"
+    if exposure.differs:
+        return f"{gains}; they differ: method=sucre method.exposure=per_view fits them"
+    return f"{gains}; no difference beyond chance"
 
 
 def _water(water: Water) -> str:

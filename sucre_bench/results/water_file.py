@@ -82,7 +82,7 @@ def lighting_of(record: Any, place: str, view: str = "") -> Lighting:
     if not all(is_number_in("(0, inf)", gain) for gain in gains.values()):
         raise InputError(f"{place}: gains must be one positive number for each view; run its method again")
     has_lamp = bool(isinstance(lamp, Mapping) and lamp.get("found"))
-    is_removed = isinstance(falloff, Mapping) and falloff.get("removed_by") not in (None, "none")
+    is_removed = isinstance(falloff, Mapping) and falloff.get("removed_by") in ("lamp", "place")
     return Lighting(dict(gains), has_lamp or is_removed)
 
 

@@ -10,6 +10,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.programs.describe.contact_sheet import contact_sheet
 from sucre_bench.programs.describe.depth_and_poses import Overlap, overlaps
+from sucre_bench.programs.describe.exposure import Exposure, estimate_exposure
 from sucre_bench.programs.describe.facts import Look, ViewFacts, look_at
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.programs.describe.scale_note import ScaleNote
@@ -20,9 +21,10 @@ _BINS = 12
 
 @dataclass(frozen=True, eq=False)
 class Described:
-    """The description of a scene: facts and overlaps of its views, and faults.
+    """The description of a scene: facts and overlaps of its views, their exposure, and faults.
 
-    n_views: number of views in the scene, also those that are not described; scale: the note of `prepare`, or None if
+    n_views: number of views in the scene, also those that are not described; exposure: None if no two views see points
+    at like distances; scale: the note of `prepare`, or None if
     there is none (lengths then count as metres); edges (B + 1,), counts (B,): histogram of distances over all views'
     pixels with depth, as shares.
     """
@@ -38,6 +40,7 @@ class Described:
     edges: tuple[float, ...]
     counts: tuple[float, ...]
     looks: tuple[Look, ...]
+    exposure: Exposure | None
     scale: ScaleNote | None = None
 
     @property
@@ -73,6 +76,7 @@ def described(
         edges,
         counts,
         tuple(looks),
+        estimate_exposure(looks),
         scale,
     )
 
@@ -104,6 +108,16 @@ def _plain_scene(one: Described) -> dict[str, Any]:
         "water": water,
         "views": [asdict(view) for view in one.facts],
         "overlaps": [asdict(overlap) for overlap in one.overlaps],
+        "exposure": None if one.exposure is None else _plain_exposure(one.exposure),
         "distances": {"edges": list(one.edges), "shares": list(one.counts)},
         "faults": [{**asdict(fault), "text": str(fault)} for fault in one.faults],
+    }
+
+
+def _plain_exposure(exposure: Exposure) -> dict[str, Any]:
+    return {
+        "gains": dict(zip(exposure.views, exposure.gains, strict=True)),
+        "error": exposure.error,
+        "differs": exposure.differs,
+        "least_light": exposure.least,
     }

@@ -1,0 +1,236 @@
+"""Estimates how much the exposures of views differ, without a water, from points that views see at like distances.
+
+At like distances water takes and adds the same, so what two views i and j show of a point differs by their gains g and
+by the light at its places p in the images:
+
+    log I_j - log I_i = log g_j - log g_i + t (D(p_j) - D(p_i)) - s (z_j - z_i).
+
+D: the terms x, y, x^2, x y, y^2 of light that falls off across the images, as that of a lamp on the camera; s: a slope
+of each channel over the small differences of distance that remain. Within a pair of views the gains are constant, so t
+and s follow from differences to the pair's means, and the pair's medians give the gains, by least squares over all
+pairs. How well the pairs agree tells what is chance.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from sucre_bench.arrays import Array, evenly
+from sucre_bench.camera import project, relative_pose, unproject
+from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.multiview.pairing import lift, visible_pixels
+from sucre_bench.programs.describe.facts import Look
+from sucre_bench.scene import Arrays, View
+
+# Views that are compared with others, how many others each, points of a view, and the fewest that make a pair.
+_TARGETS, _PARTNERS, _POINTS, _FEWEST = 40, 8, 4_000, 100
+
+# Depths that agree, and distances that are alike, as shares; intensities that are neither dark nor cut off.
+_AGREES, _ALIKE, _LIT = 0.02, 0.15, (0.04, 0.97)
+
+# Gains are those of points with so small a difference of distances, or of this share of the points. Their error is this
+# share of the difference, since veil and colours bend the slope.
+_EQUAL, _SHARE, _BENT = 0.05, 0.25, 0.3
+
+# Gains differ if they do by this much, and by this many standard errors; the least error of a pair.
+_DIFFERENT, _SURE, _LEAST_ERROR = 0.1, 4.0, 0.005
+
+# Light falls off if it explains this share of what differs within pairs, and is darker than this somewhere.
+_EXPLAINED, _DARKER = 0.3, 0.9
+
+# Range of slopes, as optical depths. Over flat ground falling light looks like more attenuation than any water has.
+_SLOPES = -1.0, 2.5
+
+# A residual counts up to so many typical ones. Deviation of t and s beforehand.
+_CLIPPED, _PRIOR = 3.0, 0.7
+
+
+@dataclass(frozen=True)
+class Exposure:
+    """gains: (V,) of the views named, their middle being 1; error: standard error of a gain, as a share; least: light
+    at the darkest places of the images over that at the brightest, 1 for even light."""
+
+    views: tuple[str, ...]
+    gains: tuple[float, ...]
+    error: float
+    least: float
+
+    @property
+    def falls_off(self) -> bool:
+        """Whether light falls off across the images. Gains of views are not told from that."""
+        return self.least < _DARKER
+
+    @property
+    def differs(self) -> bool:
+        """Whether the gains differ beyond chance."""
+        span = math.log(max(self.gains) / min(self.gains))
+        return not self.falls_off and span > max(math.log1p(_DIFFERENT), _SURE * self.error)
+
+
+def estimate_exposure(looks: Sequence[Look]) -> Exposure | None:
+    """Return the exposure of the largest group of views that see points at like distances; None if no two do."""
+    views = [_small(look) for look in looks if _is_usable(look)]
+    pairs = [pair for k in evenly(len(views), _TARGETS) for pair in _pairs_of(k, views)]
+    if not pairs:
+        return None
+    light = _Light.of(pairs)
+    group = _largest_group(pairs, len(views))
+    within = [pair for pair in pairs if pair.first in group]
+    between, errors = np.array([pair.gain(light) for pair in within]).T
+    number = {k: n for n, k in enumerate(group)}
+    A = np.zeros((len(within), len(group)))
+    for row, pair in enumerate(within):
+        A[row, number[pair.second]], A[row, number[pair.first]] = 1, -1
+    inverse = np.linalg.pinv(A / errors[:, None])
+    log = inverse @ (between / errors)
+    excess = len(within) - len(group) + 1
+    off = (((between - A @ log) / errors) ** 2).sum() / max(excess, 1)
+    gains = np.exp(log - np.median(log))
+    return Exposure(
+        tuple(views[k].name for k in group),
+        tuple(float(gain) for gain in gains),
+        float(np.sqrt((inverse**2).sum(axis=1).max() * max(1.0, off))),
+        light.least,
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Pair:
+    """Points that two views see. ratio: (N, 3) log I of the second over the first; place: (N, 2, 2) of the two, x / z
+    and y / z; further: (N,) how much farther the second is, over the middle distance."""
+
+    first: int
+    second: int
+    ratio: Array
+    place: Array
+    further: Array
+
+    @property
+    def columns(self) -> Array:
+        """(N, 6): the terms of falling light, and `further`."""
+        terms = _terms(self.place)
+        return np.concatenate([terms[:, 1] - terms[:, 0], self.further[:, None]], axis=1)
+
+    def gain(self, light: _Light) -> tuple[float, float]:
+        """Return log of the second view's gain over the first's, and its error, from the most equal distances."""
+        off = np.abs(self.further)
+        is_equal = off <= max(_EQUAL, np.quantile(off, _SHARE))
+        left = (self.ratio - light.explains(self))[is_equal]
+        return float(np.median(left)), _LEAST_ERROR + _BENT * float(off[is_equal].mean())
+
+
+@dataclass(frozen=True, eq=False)
+class _Light:
+    """falloff: (5,) coefficients t; slope: (3,) of each channel; least: see `Exposure`."""
+
+    falloff: Array
+    slope: Array
+    least: float
+
+    @staticmethod
+    def of(pairs: Sequence[_Pair]) -> _Light:
+        """Fit falling light and slopes to what differs within pairs."""
+        x = np.concatenate([pair.columns - pair.columns.mean(axis=0) for pair in pairs])
+        y = np.concatenate([pair.ratio - np.median(pair.ratio, axis=0) for pair in pairs])
+        slope = _regressed(x[:, 5:], y, np.zeros((1, 3))).clip(*_SLOPES)
+        before = np.median(np.abs(y - x[:, 5:] @ slope))
+        for _ in range(3):
+            falloff = _regressed(x[:, :5], (y - x[:, 5:] @ slope).mean(axis=1, keepdims=True), np.zeros((5, 1)))
+            slope = _regressed(x[:, 5:], y - x[:, :5] @ falloff, slope).clip(*_SLOPES)
+        after = np.median(np.abs(y - x[:, 5:] @ slope - x[:, :5] @ falloff))
+        over = _terms(np.concatenate([pair.place.reshape(-1, 2) for pair in pairs])) @ falloff[:, 0]
+        least = float(np.exp(np.subtract(*np.percentile(over, (1, 99)))))
+        if after > (1 - _EXPLAINED) * before or least > _DARKER:
+            return _Light(np.zeros(5), _regressed(x[:, 5:], y, slope).clip(*_SLOPES)[0], 1.0)
+        return _Light(falloff[:, 0], slope[0], least)
+
+    def explains(self, pair: _Pair) -> Array:
+        """Return what light and slope explain of the ratios (N, 3)."""
+        columns = pair.columns
+        return np.asarray((columns[:, :5] @ self.falloff)[:, None] + columns[:, 5:] * self.slope)
+
+
+def _regressed(x: Array, y: Array, start: Array) -> Array:
+    """Return the coefficients of y (N, C) on x (N, K), large residuals clipped."""
+    found = start
+    ridge = np.eye(x.shape[1]) * (0.05 / _PRIOR) ** 2
+    for _ in range(3):
+        fitted = x @ found
+        typical = max(float(np.median(np.abs(y - fitted))), 1e-6)
+        clipped = fitted + (y - fitted).clip(-_CLIPPED * typical, _CLIPPED * typical)
+        found = np.linalg.solve(x.T @ x + ridge, x.T @ clipped)
+    return found
+
+
+def _terms(place: Array) -> Array:
+    x, y = place[..., 0], place[..., 1]
+    return np.stack([x, y, x * x, x * y, y * y], axis=-1)
+
+
+def _is_usable(look: Look) -> bool:
+    known = look.picture, look.depth, look.camera, look.view.cam_from_world
+    return all(one is not None for one in known)
+
+
+def _small(look: Look) -> View:
+    """Return the view at reduced size, with the intensities that its file holds."""
+    assert look.picture is not None
+    shown = look.picture.astype(np.float32) / 255
+    rgb = srgb_decode(shown) if look.view.encoding == "linear" else shown
+    return replace(look.view, pixels=Arrays(rgb, look.depth), camera=look.camera)
+
+
+def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair]:
+    """Return the pairs of a view with others that may see it, the nearest in the order of the scene first."""
+    most = visible_pixels(lift(views[k]), views)
+    others = sorted((j for j in range(len(views)) if j != k and most[j]), key=lambda j: abs(j - k))
+    pairs = []
+    for j in others[: 3 * _PARTNERS]:
+        if (pair := _pair(k, j, views)) is not None:
+            pairs.append(pair)
+        if len(pairs) == _PARTNERS:
+            break
+    return pairs
+
+
+def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | None:
+    view, other = views[first], views[second]
+    assert view.camera is not None
+    assert view.cam_from_world is not None
+    assert other.camera is not None
+    assert other.cam_from_world is not None
+    v, u = np.nonzero(view.depth > 0)
+    step = max(1, len(u) // _POINTS)
+    v, u = v[::step], u[::step]
+    points = unproject(view.camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
+    pose = relative_pose(other.cam_from_world, view.cam_from_world)
+    there = points @ pose[:3, :3].T + pose[:3, 3]
+    at, depth = project(other.camera, there)
+    height, width = other.depth.shape
+    inside = (depth > 0) & (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
+    column, row = (np.where(inside, at[:, k], 0).astype(int) for k in (0, 1))
+    near, far = (np.linalg.norm(one, axis=1) for one in (points, there))
+    further = 2 * (far - near) / (far + near)
+    I, I_other = view.rgb[v, u], other.rgb[row, column]  # noqa: E741
+    levels = np.concatenate([I, I_other], axis=1)
+    is_lit = ((levels > _LIT[0]) & (levels < _LIT[1])).all(axis=1)
+    seen = inside & is_lit & (np.abs(other.depth[row, column] - depth) < _AGREES * depth) & (np.abs(further) < _ALIKE)
+    if seen.sum() < _FEWEST:
+        return None
+    place = np.stack([points[seen, :2] / points[seen, 2:], there[seen, :2] / there[seen, 2:]], axis=1)
+    ratio = np.log(I_other[seen].astype(np.float64) / I[seen])
+    return _Pair(first, second, ratio, place, further[seen])
+
+
+def _largest_group(pairs: Sequence[_Pair], n: int) -> list[int]:
+    """Return the places of the views of the largest group that pairs connect, rising."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    first, second = (np.array([getattr(pair, name) for pair in pairs]) for name in ("first", "second"))
+    _, labels = connected_components(coo_array((np.ones(len(pairs)), (first, second)), shape=(n, n)), directed=False)
+    return [int(k) for k in np.flatnonzero(labels == np.bincount(labels).argmax())]
