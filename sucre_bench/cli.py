@@ -13,6 +13,7 @@ from sucre_bench.errors import SucreBenchError, did_you_mean, one_line
 from sucre_bench.machine.children import isolated_children
 from sucre_bench.machine.memory_limit import limit_mb, too_little
 from sucre_bench.machine.notices import say
+from sucre_bench.machine.process_limit import too_few_processes, want_of_processes
 from sucre_bench.machine.shown import escaped_output, with_fewer_letters
 from sucre_bench.machine.sigterm import was_interrupted
 from sucre_bench.machine.supervisor import supervised
@@ -30,7 +31,7 @@ def main() -> None:
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
     with_fewer_letters()
-    if fault := too_little():
+    if fault := too_little() or too_few_processes():
         sys.exit(_fault(fault, 2))
     sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
 
@@ -100,6 +101,8 @@ def _status() -> int:
         return _fault(str(fault), 2)
     except OSError as fault:  # a path that no file system has, say
         if fault.filename is None:
+            if text := want_of_processes(fault):
+                return _fault(text, 1)
             raise
         reason = fault.strerror or type(fault).__name__
         return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
@@ -116,6 +119,8 @@ def _status() -> int:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
     except RuntimeError as fault:  # an Abort is one, too
+        if text := want_of_processes(fault):
+            return _fault(text, 1)
         if not str(fault).startswith(_LOOP):  # of Path.resolve, before Python 3.13
             raise
         return _fault(f"{str(fault).removeprefix(_LOOP).strip(_QUOTE)}: is a link to itself; give another path", 2)

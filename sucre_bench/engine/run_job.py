@@ -23,6 +23,7 @@ from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import remove
 from sucre_bench.machine.log import keep_traceback, now
+from sucre_bench.machine.process_limit import want_of_processes
 from sucre_bench.machine.steps import earlier_start, step
 from sucre_bench.multiview.cache import sharing
 from sucre_bench.plugins.calling import shown_with, with_truth
@@ -165,5 +166,6 @@ def _failed(job: Job, base: Row, fault: BaseException) -> Row:
     """Say so at once, keep the traceback in the log, and return the row that says why."""
     where = " / ".join(name for name in (base.dataset, base.scene, base.view, base.method) if name)
     keep_traceback(log_path(job.out), where)
-    progress.say(f"failed  {where}: {one_line(fault)}", is_fault=True)
-    return row_without_value(base, "failed", one_line(fault))
+    reason = want_of_processes(fault) or one_line(fault)
+    progress.say(f"failed  {where}: {reason}", is_fault=True)
+    return row_without_value(base, "failed", reason)

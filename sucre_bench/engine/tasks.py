@@ -13,6 +13,7 @@ from sucre_bench.degrade import Degradation, around, degraded_whole
 from sucre_bench.errors import InputError, PluginError, SucreBenchError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.machine.files import is_want_of_room, not_writable
+from sucre_bench.machine.process_limit import want_of_processes
 from sucre_bench.machine.steps import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.results.layout import Place, places
@@ -101,7 +102,8 @@ def _open(dataset: Choice) -> list[Scene]:
         raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
     except BaseException as fault:
         raise_if_stop(fault)
-        raise PluginError(f"dataset '{dataset.label}': {one_line(fault)}; mend the plugin") from fault
+        reason = want_of_processes(fault) or f"{one_line(fault)}; mend the plugin"
+        raise PluginError(f"dataset '{dataset.label}': {reason}") from fault
     for scene in scenes:
         if not isinstance(scene, Scene):
             raise PluginError(

@@ -35,7 +35,10 @@ def supervised(work: Callable[[], int], say: Callable[[str], None]) -> int:
     start = ""
     while True:
         file = NoteFile.in_memory()
-        child = _fork()
+        try:
+            child = _fork()
+        except OSError:  # the limit on processes is reached
+            return _unsupervised(work)
         if not child:
             return _in_child(work, file, deaths, start)
         status = _wait(child)
@@ -52,6 +55,12 @@ def supervised(work: Callable[[], int], say: Callable[[str], None]) -> int:
             say(f"the process died ({how}){at}; {remedy}")
             return 1
         deaths[note.step], start = how, note.start
+
+
+def _unsupervised(work: Callable[[], int]) -> int:
+    """Do the work in this process, which signals stop as they would a child."""
+    stop_at_signals()
+    return work()
 
 
 def how_it_ended(status: int, note: Note) -> str:
