@@ -18,7 +18,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.kernels.blockwise import BlockKernel, open_blockwise
-from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, products
+from sucre_bench.methods.sucre.kernels.formulas import Block, at_once, colours, fill, products, row_by_row
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
@@ -32,13 +32,13 @@ class _Jax:
     device: str
 
     def products(self, block: Block, water: WaterParameters, margin: Array | None) -> Array:
-        compute, _ = _compiled()
+        compute, _ = _compiled(self.device)
         held = None if margin is None else _float32(margin)
         found = compute(*self._on_device(block), _float32(water.by_channel()), held)
         return np.asarray(found, dtype=np.float64)
 
     def colours(self, block: Block, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
-        _, compute = _compiled()
+        _, compute = _compiled(self.device)
         parameters = (_float32(values) for values in (water.by_channel(), noise, covariance))
         J, deviation = compute(*self._on_device(block), *parameters)
         return np.asarray(J)[:, : block.n], np.asarray(deviation)[:, : block.n]
@@ -67,14 +67,17 @@ def _few_sizes(n: int) -> int:
 
 
 @functools.cache
-def _compiled() -> tuple[Callable[..., Any], Callable[..., Any]]:
+def _compiled(device: str) -> tuple[Callable[..., Any], Callable[..., Any]]:
     """Return `products` (3, 4, 4) and `colours` (two arrays (3, n)) of the three channels."""
     import jax
 
+    def squares(columns: Any) -> Any:
+        return at_once(columns) if device == "cpu" else row_by_row(columns, jax.numpy.stack)
+
     def all_products(z: Any, I: Any, w: Any, water: Any, margin: Any) -> Any:  # noqa: E741
         s, held = w**0.5, [None] * 3 if margin is None else margin
-        with jax.default_matmul_precision("highest"):  # the default keeps 10 bits of the products on a GPU
-            return jax.numpy.stack([products(z, I[c], s, water[c], held[c], jax.numpy.stack) for c in range(3)])
+        of = [products(z, I[c], s, water[c], held[c], jax.numpy.stack, squares) for c in range(3)]
+        return jax.numpy.stack(of)
 
     def all_colours(z: Any, I: Any, w: Any, water: Any, noise: Any, covariance: Any) -> Any:  # noqa: E741
         s = w**0.5

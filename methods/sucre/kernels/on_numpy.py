@@ -9,7 +9,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.kernels.blockwise import BlockKernel, open_blockwise
-from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, products
+from sucre_bench.methods.sucre.kernels.formulas import Block, at_once, colours, fill, products
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
@@ -24,7 +24,7 @@ class _NumPy:
     def products(self, block: Block, water: WaterParameters, margin: Array | None) -> Array:
         z, I, s = self._block(block)  # noqa: E741
         held = [None] * 3 if margin is None else margin
-        return np.stack([products(z, I[c], s, water.channel(c), held[c], np.stack) for c in range(3)])
+        return np.stack([products(z, I[c], s, water.channel(c), held[c], np.stack, at_once) for c in range(3)])
 
     def colours(self, block: Block, water: WaterParameters, noise: Array, covariance: Array) -> tuple[Array, Array]:
         z, I, s = self._block(block)  # noqa: E741

@@ -15,7 +15,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.kernels.blockwise import BlockKernel, open_blockwise
-from sucre_bench.methods.sucre.kernels.formulas import Block, colours, fill, products
+from sucre_bench.methods.sucre.kernels.formulas import Block, at_once, colours, fill, products, row_by_row
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
 
@@ -36,7 +36,7 @@ class _Torch:
         def work(part: Block) -> Array:
             z, I, s = self._on_device(part)  # noqa: E741
             held = [None] * 3 if margin is None else margin.tolist()
-            parts = [products(z, I[c], s, water.channel(c), held[c], torch.stack) for c in range(3)]
+            parts = [products(z, I[c], s, water.channel(c), held[c], torch.stack, self._squares) for c in range(3)]
             return torch.stack(parts).double().cpu().numpy()
 
         return np.sum(_in_pieces(work, block), axis=0)
@@ -51,6 +51,11 @@ class _Torch:
 
         J, deviation = np.concatenate(_in_pieces(work, block), axis=2)
         return J, deviation
+
+    def _squares(self, columns: Any) -> Any:
+        import torch
+
+        return at_once(columns) if self.device == "cpu" else row_by_row(columns, torch.stack, dtype=torch.float64)
 
     def _on_device(self, block: Block) -> tuple[Any, Any, Any]:
         import torch
