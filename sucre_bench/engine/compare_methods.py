@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from sucre_bench import compare, plugins, results
-from sucre_bench.arrays import Picture
+from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.decisive_columns import deciding
 from sucre_bench.compare.text import as_text, number
@@ -30,7 +30,6 @@ from sucre_bench.results.wide import wide
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
-    import pandas as pd
     from PIL.Image import Image
 
 Methods = Sequence[Any] | Mapping[str, Any]
@@ -52,12 +51,12 @@ class Compared:
 
     scene: Scene
     labels: tuple[str, ...]
-    rows: pd.DataFrame
+    rows: DataFrame
     pictures: Mapping[tuple[str, str], Picture] = field(default_factory=dict)
-    common: pd.DataFrame | None = None
+    common: DataFrame | None = None
 
     @property
-    def table(self) -> pd.DataFrame:
+    def table(self) -> DataFrame:
         """A table with one row for each view and method, and one column for each metric: see `sucre_bench.wide`."""
         return wide(self.rows)
 
@@ -202,7 +201,7 @@ def _shown(wanted: bool | None) -> AbstractContextManager[None]:
 
 def _one(
     scene: Scene, view: View, label: str, method: Any, metrics: Sequence[str]
-) -> tuple[pd.DataFrame, InMemory | None]:
+) -> tuple[DataFrame, InMemory | None]:
     """Restore and score one view: its rows, and its picture and mask if there are any."""
     dataset = scene.name
     try:
@@ -217,7 +216,7 @@ def _one(
     return rows.assign(method=label), InMemory.of(to_8bit(result.shown), result.valid)
 
 
-def _joined(tables: Sequence[pd.DataFrame]) -> pd.DataFrame:
+def _joined(tables: Sequence[DataFrame]) -> DataFrame:
     import pandas as pd
 
     return pd.concat(tables, ignore_index=True) if tables else results.frame([])

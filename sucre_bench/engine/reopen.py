@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from sucre_bench.arrays import Picture
+from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from sucre_bench.jobs.job import Job
     from sucre_bench.results.layout import Place
     from sucre_bench.scene import View
@@ -102,13 +100,13 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     return Revisited(dataset, scene, tuple(frames), rows["view"].nunique() - len(frames))
 
 
-def _restored(rows: pd.DataFrame, methods: Sequence[str]) -> set[str]:
+def _restored(rows: DataFrame, methods: Sequence[str]) -> set[str]:
     """The views that all methods restored."""
     by_method = (set(rows.loc[rows["method"] == method, "view"]) for method in methods if method != INPUT)
     return set(rows["view"]).intersection(*by_method)
 
 
-def _with_all(rows: pd.DataFrame, methods: Sequence[str], column: str) -> list[str]:
+def _with_all(rows: DataFrame, methods: Sequence[str], column: str) -> list[str]:
     """The datasets or scenes of which every method restored something."""
     known = set(rows["method"]) | {INPUT}
     for method in methods:

@@ -9,10 +9,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow
 
 TEXTS = tuple(name for name in COLUMNS if name not in NUMBERS)
@@ -68,7 +68,7 @@ def of_label(rows: pyarrow.Table, column: str, label: str) -> pyarrow.Table:
     return rows.filter(compute.equal(held.indices, place.cast(held.indices.type)))
 
 
-def as_frame(rows: pyarrow.Table) -> pd.DataFrame:
+def as_frame(rows: pyarrow.Table) -> DataFrame:
     """Return encoded rows as a table of pandas, its texts written out."""
     import pyarrow
 

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.arrays import Indices, Mask
+from sucre_bench.arrays import DataFrame, Indices, Mask, Series
 from sucre_bench.results.rows import KEYS, RESTORATION
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow
 
 
@@ -46,7 +45,7 @@ def newest(rows: pyarrow.Table) -> pyarrow.Table:
     return rows if np.array_equal(chosen, np.arange(len(rows))) else rows.take(chosen)
 
 
-def is_fresh(rows: pd.DataFrame) -> pd.Series:
+def is_fresh(rows: DataFrame) -> Series:
     """Return which rows come from the newest data of their scene."""
     import pandas as pd
 

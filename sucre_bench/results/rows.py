@@ -11,10 +11,10 @@ from dataclasses import dataclass, field, fields
 from operator import attrgetter
 from typing import TYPE_CHECKING, Any, Literal
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.machine.log import now
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow
 
 Status = Literal["ok", "failed", "skipped"]
@@ -102,7 +102,7 @@ def fingerprint(values: Mapping[str, Any]) -> tuple[str, str]:
     return text, hashlib.blake2b(text.encode(), digest_size=6).hexdigest()
 
 
-def frame(rows: Iterable[Row]) -> pd.DataFrame:
+def frame(rows: Iterable[Row]) -> DataFrame:
     """Return rows as a table with all columns; the columns' types do not depend on the rows."""
     import pandas as pd
 
@@ -121,34 +121,34 @@ def as_arrow(rows: Sequence[Row]) -> pyarrow.Table:
     return pyarrow.Table.from_arrays(columns, schema=pyarrow.schema(types.items()))
 
 
-def values_of(rows: pd.DataFrame, *columns: str) -> Iterator[tuple[Any, ...]]:
+def values_of(rows: DataFrame, *columns: str) -> Iterator[tuple[Any, ...]]:
     """Yield each row as a tuple of these columns: 20 times as fast as pandas does with text."""
     return zip(*(rows[name].astype(object).tolist() for name in columns), strict=True)
 
 
-def tuples(rows: pd.DataFrame, *columns: str) -> Iterator[Any]:
+def tuples(rows: DataFrame, *columns: str) -> Iterator[Any]:
     """Yield each row as a named tuple of these columns, default all."""
     chosen = columns or tuple(map(str, rows.columns))
     kind = namedtuple("Tuple", chosen, rename=True)  # type: ignore[misc]
     return map(kind._make, values_of(rows, *chosen))
 
 
-def row_objects(rows: pd.DataFrame) -> Iterator[Row]:
+def row_objects(rows: DataFrame) -> Iterator[Row]:
     """Yield each row of a table as a `Row`, without the columns that a `Row` does not have."""
     return (Row(*values) for values in values_of(rows, *COLUMNS))
 
 
-def restoration_rows(rows: pd.DataFrame) -> pd.DataFrame:
+def restoration_rows(rows: DataFrame) -> DataFrame:
     """Return the rows that stand for restorations, one for each view by each method: see `Row`."""
     return rows[rows["metric"] == RESTORATION]
 
 
-def restorations(rows: pd.DataFrame) -> pd.DataFrame:
+def restorations(rows: DataFrame) -> DataFrame:
     """Return the rows that stand for restorations that ended well: one a view and method, see `Row`."""
     return restoration_rows(rows[(rows["status"] == "ok") & (rows["view"] != "")])
 
 
-def score_rows(rows: pd.DataFrame) -> pd.DataFrame:
+def score_rows(rows: DataFrame) -> DataFrame:
     """Return the rows that do not stand for restorations."""
     return rows[rows["metric"] != RESTORATION]
 

@@ -19,6 +19,7 @@ from contextlib import suppress
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import ANY_FAULT, DamagedTableError, InputError, OutputError, SucreBenchError, one_line
 from sucre_bench.machine.files import NoRegularFileError, regular, write_atomically
 from sucre_bench.machine.log import not_before
@@ -28,7 +29,6 @@ from sucre_bench.results.newest import newest
 from sucre_bench.results.rows import COLUMNS, Row, as_arrow
 
 if TYPE_CHECKING:
-    import pandas as pd
     import pyarrow
 
 TABLE = "scores.parquet"
@@ -39,7 +39,7 @@ _SCARCE_BYTES = 100_000_000  # on a disk with less room, rows are written at onc
 _ATTEMPTS = 5  # at reading or writing parts while another process merges them
 
 
-def read(out: str | Path, **labels: str) -> pd.DataFrame:
+def read(out: str | Path, **labels: str) -> DataFrame:
     """Return every row under `out`, table and parts, the newest of each score.
 
     labels: a column and its text, for example method= or metric=, for these rows alone, which is quicker.
@@ -53,7 +53,7 @@ def read(out: str | Path, **labels: str) -> pd.DataFrame:
     return read_any(out, **labels)
 
 
-def read_any(out: Path, **labels: str) -> pd.DataFrame:
+def read_any(out: Path, **labels: str) -> DataFrame:
     """Return the rows as `read` does; an empty table if there are none."""
     rows = joined(_tables(out, labels))
     if len(rows):

@@ -13,9 +13,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench import results
+from sucre_bench.arrays import DataFrame
 
 if TYPE_CHECKING:
-    import pandas as pd
     from mlflow import MlflowClient
 
 
@@ -27,7 +27,7 @@ class Experiment:
     experiment: str
     out: Path
 
-    def has(self, rows: pd.DataFrame) -> bool:
+    def has(self, rows: DataFrame) -> bool:
         """Whether a run of these very rows has been ended."""
         ended = "attributes.status != 'RUNNING' and attributes.status != 'KILLED'"
         query = f"tags.rows = '{rows_hash(rows)}' and {ended}"
@@ -63,7 +63,7 @@ class Experiment:
             self.client.set_tag(other, "latest", "no")
 
     @contextmanager
-    def run(self, name: str, rows: pd.DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
+    def run(self, name: str, rows: DataFrame, tags: Mapping[str, str]) -> Iterator[str]:
         """A run from the time its rows begin to that of their end; one that is broken off does not go on for ever."""
         about = {"mlflow.source.name": "sucre-bench", "mlflow.source.type": "LOCAL", "mlflow.user": _user()}
         process = f"{socket.gethostname()} {os.getpid()}"
@@ -78,7 +78,7 @@ class Experiment:
         failed = (rows["status"] == "failed").any()
         self.client.set_terminated(run, "FAILED" if failed else "FINISHED", stamp(rows["time"].max()))
 
-    def log_table(self, run: str, rows: pd.DataFrame) -> None:
+    def log_table(self, run: str, rows: DataFrame) -> None:
         with tempfile.TemporaryDirectory() as folder:
             path = Path(folder) / results.TABLE
             rows.to_parquet(path, index=False)
@@ -101,7 +101,7 @@ def stamp(time: str) -> int:
     return int(pd.Timestamp(str(time)).timestamp() * 1000)
 
 
-def rows_hash(rows: pd.DataFrame) -> str:
+def rows_hash(rows: DataFrame) -> str:
     """Return what identifies rows in any order: 16 hex digits."""
     import pandas as pd
 

@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import text as tables
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
@@ -25,7 +26,6 @@ from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import restoration_rows, restorations
 
 if TYPE_CHECKING:
-    import pandas as pd
     from mlflow import MlflowClient
     from mlflow.entities import DatasetInput, LoggedModel, Metric
 
@@ -36,7 +36,7 @@ _MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its
 _PICTURE_SIZE = (640, 640)
 
 
-def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
+def log(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
     """Log a results folder in mlflow: its rows, their comparisons, and its files. Return how many child runs are new.
 
     Child runs whose rows are logged already stay as they are. Raises InputError for a path that mlflow cannot take,
@@ -46,7 +46,7 @@ def log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: s
         return _log(out, rows, comparisons, uri, experiment)
 
 
-def _log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
+def _log(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], uri: str, experiment: str) -> int:
     client, experiment_id = connect(uri, experiment)
     store = Experiment(client, experiment_id, out)
     store.end_abandoned()
@@ -74,9 +74,7 @@ def _log(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], uri: 
     return len(new)
 
 
-def _log_job(
-    store: Experiment, parent: str, dataset: str, method: str, rows: pd.DataFrame, older: Iterable[str]
-) -> None:
+def _log_job(store: Experiment, parent: str, dataset: str, method: str, rows: DataFrame, older: Iterable[str]) -> None:
     """One dataset and method as a child run: parameters, means and per-view steps, table, restored pictures."""
     from mlflow.entities import LoggedModelOutput
 
@@ -132,7 +130,7 @@ def _model(store: Experiment, run: str, method: str, params: Mapping[str, Any], 
     return store.client.create_logged_model(store.experiment, name, run, about, options, "restorer")
 
 
-def _replicates(rows: pd.DataFrame) -> dict[str, str]:
+def _replicates(rows: DataFrame) -> dict[str, str]:
     """Which repetitions a run holds, where there are several."""
     numbers = sorted({results.unreplicated(scene)[1] for scene in rows["scene"].unique()})
     return {"replicates": ",".join(map(str, numbers))} if numbers not in ([0], []) else {}
@@ -151,7 +149,7 @@ def _params(options: Mapping[str, Any]) -> Iterator[tuple[str, Any]]:
 def _log_values(
     client: MlflowClient,
     run: str,
-    rows: pd.DataFrame,
+    rows: DataFrame,
     params: Mapping[str, Any],
     model: LoggedModel,
     data: DatasetInput,
@@ -167,7 +165,7 @@ def _log_values(
         client.log_batch(run, params=listed[start : start + 100])
 
 
-def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Metric]:
+def _metrics(rows: DataFrame, model: str, data: DatasetInput) -> Iterator[Metric]:
     from mlflow.entities import Metric
 
     ok = rows[(rows["status"] == "ok") & ~rows["region"].str.contains("/", regex=False)]
@@ -185,13 +183,13 @@ def _metrics(rows: pd.DataFrame, model: str, data: DatasetInput) -> Iterator[Met
         yield Metric(f"views_{status}", float((views["status"] == status).sum()), stamp(rows["time"].max()), 0)
 
 
-def _steps(rows: pd.DataFrame) -> dict[tuple[str, str], int]:
+def _steps(rows: DataFrame) -> dict[tuple[str, str], int]:
     """Each view's step in mlflow's curves and pictures, in order of name, alike for all methods of a dataset."""
     views = rows[rows["view"] != ""]
     return {view: step for step, view in enumerate(sorted(set(zip(views["scene"], views["view"], strict=True))))}
 
 
-def _log_pictures(store: Experiment, run: str, rows: pd.DataFrame) -> None:
+def _log_pictures(store: Experiment, run: str, rows: DataFrame) -> None:
     """Small pictures by step, which mlflow's chart view shows side by side for the runs that are selected."""
     from PIL import Image
 
@@ -211,12 +209,12 @@ def _log_pictures(store: Experiment, run: str, rows: pd.DataFrame) -> None:
         store.client.log_image(run, small, key="restored", step=step, timestamp=stamp(str(row.time)), synchronous=True)
 
 
-def _status(rows: pd.DataFrame) -> str:
+def _status(rows: DataFrame) -> str:
     statuses = set(restoration_rows(rows)["status"])
     return "failed" if "failed" in statuses else "skipped" if statuses == {"skipped"} else "ok"
 
 
-def _about(options: Mapping[str, Any], dataset: str, method: str, rows: pd.DataFrame) -> str:
+def _about(options: Mapping[str, Any], dataset: str, method: str, rows: DataFrame) -> str:
     """The description of a child run on mlflow's page."""
     views = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates()
     head = f"**{method}** on **{dataset}**, {counted(len(views), 'view')}."
@@ -238,7 +236,7 @@ def _source(out: Path) -> dict[str, str]:
     return {name: str(value)[:5000] for name, value in tags.items() if value}
 
 
-def _note(rows: pd.DataFrame, comparisons: Sequence[Comparison]) -> str:
+def _note(rows: DataFrame, comparisons: Sequence[Comparison]) -> str:
     """The tables, which mlflow's page renders as the run's description."""
     ok = rows[rows["status"] == "ok"]
     text = tables.as_text(comparisons, "md") if len(ok) else ""

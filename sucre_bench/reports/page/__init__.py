@@ -18,6 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.text import NUMBERS
 from sucre_bench.jobs.rerun import shell
@@ -35,8 +36,6 @@ from sucre_bench.results.rows import RESTORATION, restorations
 from sucre_bench.results.unscored import unscored
 
 if TYPE_CHECKING:
-    import pandas as pd
-
     from sucre_bench.compare import Comparison
 
 # Later styles override earlier ones.
@@ -44,7 +43,7 @@ _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
 _HUGE = 1e308  # what JSON has for infinity
 
 
-def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widths: Widths = WIDTHS) -> Path:
+def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths: Widths = WIDTHS) -> Path:
     """Write ``out/report/index.html`` and return its path.
 
     rows, comparisons: the score table of `out`, and a comparison of methods for each of its datasets. The page embeds
@@ -85,7 +84,7 @@ def write(out: Path, rows: pd.DataFrame, comparisons: Sequence[Comparison], widt
     return path
 
 
-def _most_pictures(rows: pd.DataFrame) -> int:
+def _most_pictures(rows: DataFrame) -> int:
     """How many pictures the views and their restorations may have."""
     views = rows.loc[rows["view"] != "", ["dataset", "scene", "view"]].drop_duplicates()
     return 2 * len(views) + len(restorations(rows))
@@ -113,7 +112,7 @@ def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
     }
 
 
-def _reasons(rows: pd.DataFrame, status: str) -> list[dict[str, Any]]:
+def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
     """Where and why, with the views that share a fault in one entry."""
     of_status = rows[rows["status"] == status]
     pairs = zip(of_status["reason"], of_status["view"], strict=True)

@@ -9,12 +9,12 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import TYPE_CHECKING
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import adding, metrics_of, symbol
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from sucre_bench.reports.paper.study_results import StudyResults
@@ -34,7 +34,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
         yield name, _figure(of_dataset)
 
 
-def _figure(rows: pd.DataFrame) -> Figure:
+def _figure(rows: DataFrame) -> Figure:
     panels = list(dict.fromkeys(zip(rows["metric"], rows["variant"], strict=True)))
     looks = style.looks(rows["method"])
     figure, axes = style.figure(2, 0.6 + 2.6 * len(panels), len(panels), 1, sharex=True)

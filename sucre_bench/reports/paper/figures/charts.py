@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import adding, metrics_of, symbol
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from sucre_bench.reports.paper.study_results import StudyResults
@@ -41,7 +41,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
         yield name, _against_distance(with_places(of_dataset))
 
 
-def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
+def seen_charts(rows: DataFrame) -> DataFrame:
     """Return the scores of charts and patches, with the columns chart, and distance in metres.
 
     Raises NotApplicableError where no chart has a distance.
@@ -59,7 +59,7 @@ def seen_charts(rows: pd.DataFrame) -> pd.DataFrame:
     return ok.merge(distances[[*_CHART, "distance"]], on=_CHART)
 
 
-def with_places(charts: pd.DataFrame) -> pd.DataFrame:
+def with_places(charts: DataFrame) -> DataFrame:
     """Add the column place: the mean distance of the charts that are about as far, equally many at each place."""
     sites = charts.drop_duplicates(_CHART)["distance"].to_numpy()
     n = min(PLACES, len(sites))
@@ -68,7 +68,7 @@ def with_places(charts: pd.DataFrame) -> pd.DataFrame:
     return charts.assign(place=middles[np.searchsorted(edges, charts["distance"], "right")])
 
 
-def _against_distance(charts: pd.DataFrame) -> Figure:
+def _against_distance(charts: DataFrame) -> Figure:
     panels = list(dict.fromkeys(zip(charts["metric"], charts["variant"], strict=True)))
     looks = style.looks(charts["method"])
     width = min(len(panels), 2)

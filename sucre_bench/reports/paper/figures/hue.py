@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import PLACES, seen_charts, with_places
@@ -22,7 +22,6 @@ from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -51,7 +50,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
                     yield "-".join(filter(None, words)), _panels(with_places(charts), form, patches)
 
 
-def _with_same_patches(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+def _with_same_patches(hues: DataFrame) -> Iterator[tuple[str, DataFrame]]:
     """The charts that have the same patches, which panels show together, with the name of the first chart."""
     patches = {chart: frozenset(of_chart) for chart, of_chart in hues.groupby("chart")["patch"]}
     of_rows = hues["chart"].map(patches)
@@ -60,13 +59,13 @@ def _with_same_patches(hues: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]
         yield file_name(charts["chart"].iloc[0]), charts
 
 
-def _pages(hues: pd.DataFrame) -> list[list[str]]:
+def _pages(hues: DataFrame) -> list[list[str]]:
     """The patches by their numbers, as many on a page as there is room for."""
     patches = sorted(set(hues["patch"]), key=lambda patch: int(patch.partition("-")[0]))
     return [patches[start : start + _PANELS] for start in range(0, len(patches), _PANELS)]
 
 
-def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
+def _panels(hues: DataFrame, form: str, patches: list[str]) -> Figure:
     looks = style.looks(hues["method"])
     width = 4
     figure, axes = style.grid(len(patches), width, 0.6, 1.25, sharex=True)
@@ -82,7 +81,7 @@ def _panels(hues: pd.DataFrame, form: str, patches: list[str]) -> Figure:
     return figure
 
 
-def _panel(panel: Axes, measured: pd.DataFrame, expected: float, looks: dict[str, Look]) -> None:
+def _panel(panel: Axes, measured: DataFrame, expected: float, looks: dict[str, Look]) -> None:
     panel.axhline(expected, color="#999999", linewidth=2.5, zorder=0)
     for method, look in looks.items():
         places = measured[measured["method"] == method].groupby("place")["value"]

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench.arrays import evenly
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout
@@ -20,7 +20,6 @@ from sucre_bench.results.layout import Place
 from sucre_bench.results.rows import unreplicated
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.figure import Figure
 
     from sucre_bench.reports.paper.study_results import StudyResults
@@ -56,7 +55,7 @@ def pages(methods: Sequence[str], most: int) -> list[list[str]]:
     return [list(part) for part in np.array_split(np.array(methods, dtype=object), n)]
 
 
-def _views(dataset: str, rows: pd.DataFrame, out: Path) -> list[tuple[str, Place]]:
+def _views(dataset: str, rows: DataFrame, out: Path) -> list[tuple[str, Place]]:
     """The names and places of a few views that were kept, evenly spread; the first of repetitions."""
     names = rows.loc[rows["view"] != "", ["scene", "view"]].drop_duplicates().sort_values(["scene", "view"])
     several = names["scene"].nunique() > 1

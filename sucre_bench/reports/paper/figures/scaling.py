@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import adding, metrics_of
@@ -21,7 +22,6 @@ from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restorations
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -63,7 +63,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     yield "", figure
 
 
-def times(rows: pd.DataFrame, out: Path) -> pd.DataFrame:
+def times(rows: DataFrame, out: Path) -> DataFrame:
     """Return a line a restoration: method, n observations, seconds, and of these pair and solve, NaN if unknown."""
     import pandas as pd
 

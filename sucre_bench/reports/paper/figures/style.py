@@ -17,11 +17,11 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -149,7 +149,7 @@ def grid(count: int, width: int, top: float, each: float, **subplots: Any) -> tu
     return made, axes
 
 
-def each_dataset(rows: pd.DataFrame) -> Iterator[tuple[str, pd.DataFrame]]:
+def each_dataset(rows: DataFrame) -> Iterator[tuple[str, DataFrame]]:
     """Yield each dataset's rows with a suffix for its figures, empty where there is but one dataset."""
     datasets = list(dict.fromkeys(rows["dataset"]))
     for dataset in datasets:

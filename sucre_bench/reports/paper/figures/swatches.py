@@ -10,14 +10,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from sucre_bench.arrays import evenly
+from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import seen_charts
 from sucre_bench.reports.roles import adding, roles
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -44,7 +43,7 @@ def draw(results: StudyResults) -> Drawn:
             yield name, reason
 
 
-def _swatches(charts: pd.DataFrame) -> Figure:
+def _swatches(charts: DataFrame) -> Figure:
     methods = list(dict.fromkeys(charts["method"]))
     nearest, farthest = _ends(charts, methods)
     variants = list(dict.fromkeys(charts.loc[charts["role"] == "colour-difference", "variant"]))
@@ -60,7 +59,7 @@ def _swatches(charts: pd.DataFrame) -> Figure:
     return figure
 
 
-def _ends(charts: pd.DataFrame, methods: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def _ends(charts: DataFrame, methods: list[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """The nearest and the farthest chart that all methods show, of one kind: with the same patches."""
     scored = charts[(charts["role"] == "colour-difference") & charts["region"].str.contains("/", regex=False)]
     of = scored.groupby(_CHART).agg(
@@ -75,7 +74,7 @@ def _ends(charts: pd.DataFrame, methods: list[str]) -> tuple[tuple[str, ...], tu
     return shown.index[0], shown.index[-1]
 
 
-def _panel(axes: Axes, chart: pd.DataFrame, methods: list[str], variant: str) -> None:
+def _panel(axes: Axes, chart: DataFrame, methods: list[str], variant: str) -> None:
     """One chart: a line a method, a column a patch."""
     errors = chart[(chart["role"] == "colour-difference") & chart["region"].str.contains("/", regex=False)]
     errors = errors[errors["variant"] == variant].set_index(["method", "region"])["value"]

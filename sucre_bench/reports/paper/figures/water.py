@@ -12,6 +12,7 @@ from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.text import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
@@ -19,7 +20,6 @@ from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.restorations import read_record
 
 if TYPE_CHECKING:
-    import pandas as pd
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -58,7 +58,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
             yield "-".join(word for word in words if word), _page(of_dataset, page, out)
 
 
-def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
+def _page(water: DataFrame, methods: Sequence[str], out: Path) -> Figure:
     from matplotlib.lines import Line2D
 
     figure, axes = style.figure(2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row")
@@ -81,7 +81,7 @@ def _page(water: pd.DataFrame, methods: Sequence[str], out: Path) -> Figure:
     return figure
 
 
-def _panel(panel: Axes, estimates: pd.DataFrame, parameter: str, truth: Any) -> None:
+def _panel(panel: Axes, estimates: DataFrame, parameter: str, truth: Any) -> None:
     for place, (channel, marker) in enumerate(_MARKERS.items()):
         of_channel, colour = estimates[estimates["variant"] == f"{parameter}-{channel}"], style.CHANNELS[channel]
         panel.scatter(
@@ -97,7 +97,7 @@ def _panel(panel: Axes, estimates: pd.DataFrame, parameter: str, truth: Any) -> 
             )  # fmt: skip
 
 
-def _truth(estimates: pd.DataFrame, out: Path) -> dict[str, Any]:
+def _truth(estimates: DataFrame, out: Path) -> dict[str, Any]:
     """The true water of a method's views, by B, beta and gamma, from what the run kept beside its pictures.
 
     Empty where it is not known, where scenes differ in it, and where it explains other intensities than the estimate.
