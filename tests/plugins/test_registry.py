@@ -121,9 +121,11 @@ def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: P
     package(tmp_path, "their_broken_package", "1 / 0\n")
     monkeypatch.syspath_prepend(tmp_path)
     known = discover("method")
-    assert known["their_broken_package"] == Broken("their_broken_package", "ZeroDivisionError: division by zero")
+    broken = known["their_broken_package"]
+    assert isinstance(broken, Broken)
+    assert broken.reason.startswith("ZeroDivisionError: ")
     assert "gray_world" in known
-    with pytest.raises(PluginError, match="division by zero"):
+    with pytest.raises(PluginError, match="zero"):
         find("method", "their_broken_package")
 
 

@@ -35,7 +35,8 @@ def test_views_with_one_reason_count_together(text: str):
 
 
 def test_a_number_that_a_view_is_named_like_stays_in_its_reason():
-    assert without_view("1.5 m is too near", "1") == "1.5 m is too near"
+    near = "1.5 m is too near"
+    assert without_view(near, "1") == near
 
 
 def test_who_lacks_depth_or_poses_is_told_the_command_that_makes_them():

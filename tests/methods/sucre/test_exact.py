@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from dataclasses import replace
 from typing import Any
 
@@ -222,14 +223,14 @@ def test_an_image_without_repeated_pixels_adds_nothing_to_a_common_fit() -> None
 def test_two_observations_too_many_cannot_tell_the_noise_and_it_is_said() -> None:
     observations, _ = made(3, 2, n_single=1)
     limits = fit(observations).uncertainty.limits
-    assert any("too few repeated observations" in limit for limit in limits)
+    assert any("noise" in limit for limit in limits)
 
 
 def test_a_narrow_range_of_distances_is_called_undetermined() -> None:
     narrow, _ = made(2_000, distances_m=(3, 3.3), noise=0.004)
     wide, _ = made(2_000, distances_m=(2, 10), noise=0.004)
     unsure, sure = fit(narrow).uncertainty, fit(wide).uncertainty
-    assert any("undetermined by these distances" in limit for limit in unsure.limits)
+    assert any(re.match("(red|green|blue): .*distances: ", limit) for limit in unsure.limits)
     assert sure.limits == ()
     assert unsure.condition.max() > 100 * sure.condition.max()
 
@@ -251,7 +252,7 @@ def test_a_dead_or_saturated_channel_is_left_as_it_is_and_said(channel: int, lev
 
 def test_one_view_alone_is_an_error_that_says_what_to_do() -> None:
     scene = make_scene()
-    with pytest.raises(SolveError, match=r"^no pixel is seen in two views; give views .*water=FILE"):
+    with pytest.raises(SolveError, match=r"\btwo views; .*water=FILE"):
         fit(observe(scene["a.png"], [scene["a.png"]]))
 
 
@@ -259,7 +260,7 @@ def test_equal_distances_are_an_error_that_says_what_to_do() -> None:
     rng = np.random.default_rng(0)
     pixels, z = np.arange(500), rng.uniform(1, 5, 500).astype(np.float32)
     seen = [Seen(f"{k}", pixels, z, rng.uniform(0.2, 0.8, (500, 3)).astype(np.float32)) for k in range(4)]
-    with pytest.raises(SolveError, match=r"^every pixel is seen from one distance only; give views .*water=FILE"):
+    with pytest.raises(SolveError, match=r"\bone distance\b.*; .*water=FILE"):
         fit(arrange((1, 500), seen))
 
 
@@ -340,6 +341,7 @@ def test_a_parameter_held_at_a_bound_is_said_to_be() -> None:
     system = ReducedSystem(np.tile(np.eye(3), (3, 1, 1)), np.zeros((3, 3)), np.full(3, 1e-6))
     free = np.array([[True, False, True], [True] * 3, [True] * 3])
     known = uncertainty_of(WaterParameters.of_channels(np.ones((3, 3))), system, free, 1000)
-    assert known.limits == ("red: attenuation at the end of the range",)
+    (limit,) = known.limits
+    assert limit.startswith("red: attenuation ")
     assert np.isnan(known.standard_error.beta[0])
     np.testing.assert_allclose(known.condition, 1)

@@ -81,12 +81,12 @@ def test_the_true_water_is_taken_as_it_is() -> None:
     result = Sucre(water="truth").restore(SCENE, TARGET)
     np.testing.assert_array_equal(as_array(result.water), TRUTH)
     nowhere = replace(SCENE, water=None)
-    with pytest.raises(InputError, match="water=truth: the scene 'made' does not know its water"):
+    with pytest.raises(InputError, match=r"water=truth: .*'made'"):
         Sucre(water="truth").restore(nowhere, TARGET)
 
 
 def test_the_true_water_is_not_taken_for_that_of_linear_light() -> None:
-    with pytest.raises(InputError, match="water=truth: is of gamma intensities, and linear ones are to be explained"):
+    with pytest.raises(InputError, match=r"water=truth: .*gamma.* linear"):
         Sucre(water="truth", encoding="linear").restore(SCENE, TARGET)
 
 
@@ -329,13 +329,13 @@ def test_pixels_that_are_not_numbers_are_left_out() -> None:
 def test_a_lone_view_in_a_given_water_is_restored_by_sucre_plus_too() -> None:
     result = SucrePlus(water="truth").restore(replace(SCENE, views=[TARGET]), TARGET)
     assert np.array_equal(result.valid, TARGET.depth > 0)
-    assert "too few repeated observations" in " ".join(result.info["limits"])
+    assert any("noise" in limit for limit in result.info["limits"])
     json.dumps(result.info, allow_nan=False)
 
 
 def test_one_view_alone_fails_with_what_to_do_and_is_restored_in_a_given_water() -> None:
     alone = replace(SCENE, views=[TARGET])
-    with pytest.raises(SolveError, match="no pixel is seen in two views"):
+    with pytest.raises(SolveError, match="two views"):
         Sucre().restore(alone, TARGET)
     result = Sucre(water="truth").restore(alone, TARGET)
     assert np.array_equal(result.valid, TARGET.depth > 0)
@@ -362,7 +362,7 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
     scene, watcher = with_images(without_red), Watcher()
     with watched_by(watcher):
         result = Sucre().restore(scene, scene["a.png"])
-    assert "a.png: red: the same in all observations, black or saturated; left as it is" in watcher.told
+    assert any(text.startswith("a.png: red: ") for text in watcher.told)
     assert watcher.told == [f"a.png: {limit}" for limit in result.info["limits"]]
     assert (result.image[result.valid][:, 0] == 0).all()
 

@@ -292,19 +292,19 @@ def test_a_view_without_any_depth_is_an_error_that_says_so() -> None:
 
 
 def test_divergence_is_an_error_that_names_the_remedy() -> None:
-    with pytest.raises(SolveError, match=r"^a\.png: Adam diverged after 5 steps; lower lr \(1000.0\)"):
+    with pytest.raises(SolveError, match=r"^a\.png: .* 5 steps; .*\blr \(1000\.0\)"):
         SucrePaper(steps=5, lr=1000.0, device="cpu").restore(SCENE, TARGET)
 
 
 @pytest.mark.parametrize("options", [{"steps": 0}, {"lr": 0.0}, {"lr": -1.0}, {"lr": float("nan")}])
 def test_options_that_make_no_sense_are_refused(options: dict[str, float]) -> None:
-    with pytest.raises(InputError, match="both must be positive"):
+    with pytest.raises(InputError, match="positive"):
         SucrePaper(**options)
 
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU here")
 def test_asking_for_a_gpu_that_is_not_there_is_an_error_that_names_the_remedy() -> None:
-    with pytest.raises(InputError, match=r"^device=cuda: PyTorch sees no CUDA GPU; use device=auto"):
+    with pytest.raises(InputError, match=r"^device=cuda: .*; .*device=auto"):
         SucrePaper(device="cuda").restore(SCENE, TARGET)
     assert SucrePaper(steps=1).restore(SCENE, TARGET).info["device"] == "cpu"
 

@@ -49,4 +49,6 @@ def test_changes_of_what_is_global_are_named(monkeypatch: pytest.MonkeyPatch, tm
     assert changed(before, snapshot()) == []
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("SUCRE_BENCH_TRIED", "1")
-    assert changed(before, snapshot()) == ["the working directory", "os.environ[SUCRE_BENCH_TRIED]"]
+    (folder, variable) = changed(before, snapshot())
+    assert "directory" in folder
+    assert variable == "os.environ[SUCRE_BENCH_TRIED]"

@@ -137,10 +137,11 @@ def test_a_figure_that_breaks_costs_no_other(tmp_path: Path, drawn: Any):
     assert {path.name for path in written.paths if path.parent.name == "figures"} == names
     assert "s-breaks: failed, ZeroDivisionError: by nought" in written.notes[0]
     assert "by nought" in (tmp_path / "logs/failures.log").read_text()
-    assert written.notes[1:] == (
-        "s-nothing: not drawn, no charts; add some",
-        "s-half: not drawn, no charts in the sea; add some",
-    )
+    for note, name, reason in zip(
+        written.notes[1:], ("nothing", "half"), ("no charts;", "no charts in the sea;"), strict=True
+    ):
+        assert note.startswith(f"s-{name}: ")
+        assert reason in note
 
 
 def test_a_study_of_scores_that_nothing_has_writes_no_tables_and_leaves_no_old_ones(tmp_path: Path, drawn: Any):
