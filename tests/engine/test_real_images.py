@@ -66,7 +66,7 @@ def test_sucre_photo_is_closer_still_and_few_of_its_colours_are_negative(d5: Out
     assert psi["sucre_photo"].mean() < min(psi["sucre_paper"].mean() - 1, 20)
     for name in ("sucre_plus", "sucre_photo"):
         assert psi[name].std(ddof=1) < psi["sucre"].std(ddof=1) - 0.3
-        assert negative[name] < 0.02 < 0.5 < negative["sucre"]
+        assert negative[name] < 0.02 < negative["sucre"] < 0.5
 
 
 def patches(out: Path, method: str, view: str, chart: sb.Chart) -> dict[str, np.ndarray]:

@@ -152,6 +152,15 @@ def test_a_physical_fit_has_far_fewer_negative_colours() -> None:
     assert (below[1] < 0.2 * below[0]).all()
 
 
+@pytest.mark.parametrize("seed", [0, 1])
+def test_noise_alone_puts_no_pixel_of_lost_red_below_the_limit_of_a_physical_fit(seed: int) -> None:
+    far = {"n_views": 6, "distances_m": (5, 40), "seed": seed}
+    sharp, _ = made(20_000, noise=0.004, eight_bit=True, **far)  # type: ignore[arg-type]
+    blurred, _ = made(20_000, noise=0.001, **far)  # type: ignore[arg-type]
+    held = fit(blurred, physical=True, sharp=[sharp])
+    np.testing.assert_allclose(table(held.water)[:, 0], TRUTH[:, 0], rtol=5e-3)
+
+
 def test_where_the_model_holds_a_physical_fit_finds_the_same_water() -> None:
     observations, _ = made(30_000, noise=0.004, eight_bit=True, n_single=5_000)
     np.testing.assert_allclose(table(fit(observations, physical=True).water), TRUTH, rtol=0.02)
