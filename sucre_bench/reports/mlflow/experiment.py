@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import shutil
 import socket
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -11,6 +12,7 @@ from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
+from urllib.parse import unquote, urlsplit
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
@@ -83,6 +85,31 @@ class Experiment:
             path = Path(folder) / results.TABLE
             rows.to_parquet(path, index=False)
             self.client.log_artifact(run, str(path))
+
+    def log_folder(self, run: str, folder: Path, name: str) -> None:
+        """Make a folder an artifact of a run. A store on the same disk gets hard links: no second copy.
+
+        No file of a results folder is changed in place: the artifact stays as it was if a view is restored again.
+        """
+        place = local_path(self.client.get_run(run).info.artifact_uri)
+        if place is None:
+            self.client.log_artifacts(run, str(folder), name)
+        else:
+            shutil.copytree(folder, place / name, copy_function=_linked, dirs_exist_ok=True)
+
+
+def local_path(uri: str) -> Path | None:
+    """Return the folder of a file URI on this machine; None for any other URI."""
+    parts = urlsplit(uri)
+    return Path(unquote(parts.path)) if parts.scheme == "file" and not parts.netloc else None
+
+
+def _linked(source: str, target: str) -> None:
+    """Make a hard link; a copy on another disk, or where the file system has no links."""
+    try:
+        Path(target).hardlink_to(source)
+    except OSError:
+        shutil.copyfile(source, target)
 
 
 def _user() -> str:

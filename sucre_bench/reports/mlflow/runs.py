@@ -102,7 +102,7 @@ def _log_job(store: Experiment, parent: str, dataset: str, method: str, rows: Da
         store.log_table(run, rows)
         pictures = store.out / "restored" / file_name(dataset) / file_name(method)
         if pictures.is_dir():
-            client.log_artifacts(run, str(pictures), "restored")
+            store.log_folder(run, pictures, "restored")
         _log_pictures(store, run, rows)
         store.succeed(run, older)
         client.set_tag(run, "rows", rows_hash(rows))  # last: a run that was cut off before is not taken for whole

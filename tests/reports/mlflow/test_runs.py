@@ -61,6 +61,12 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     assert {p.name for p in artifacts.iterdir()} == {"scores.parquet", "restored", "images"}
     pictures = {p.name for p in (artifacts / "restored").iterdir()}
     assert pictures == {f"v{n}.{suffix}" for n in range(3) for suffix in ("png", "json")}
+    kept, restored = (folder / "v0.png" for folder in (artifacts / "restored", out / "restored" / "toy" / "gain"))
+    assert kept.samefile(restored), "the same disk has one copy"
+    before = kept.read_bytes()
+    again = ["dataset=toy", "method=gain", "method.gain=2", "overwrite=always", "metrics=[redness]", f"out={out}"]
+    sweep.run(again, False)
+    assert kept.read_bytes() == before != restored.read_bytes()
     whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
     assert len(pd.read_parquet(whole)) == len(outcome.rows)
     (model,) = [
