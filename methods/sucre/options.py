@@ -118,8 +118,8 @@ class ColourOptions:
     with the same water."""
 
     prior: bool = False
-    """Draw noisy colours towards the image's mean colour at their own brightness, in proportion to their noise. The
-    three channels are treated together."""
+    """Take noise out of colours: in each window by the channel that is known best, then towards the image's mean colour
+    at their own brightness, in proportion to their noise. The three channels are treated together."""
 
     edges: bool = False
     """Where other views contradict the image, at edges of depth and of texture and on animals, show what the image

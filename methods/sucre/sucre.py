@@ -127,6 +127,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         from sucre_bench.methods.sucre.calibrated_noise import calibrated
         from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
         from sucre_bench.methods.sucre.even_gaps import even_deviation, evened
+        from sucre_bench.methods.sucre.follow_best_channel import followed
 
         if self.prior or self.robust:
             solution = calibrated(observations, solution, decoded=self._decodes(view))
@@ -142,6 +143,9 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         if self.even:
             deviation = even_deviation(observations, deviation, way)
+        if self.prior:
+            images = followed(observations.image(J), observations.image(deviation))
+            J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         return replace(solution, J=J, deviation=deviation)
 
     def observe(self, scene: Scene, view: View, known: Observations | None = None) -> Observations:
