@@ -174,8 +174,8 @@ def check_display(how: str) -> None:
         return
     known = (
         "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
-        "black-1-white-99, linear-white-veil, linear-white-light, veil-or-white-99, light-or-white-99; @scene behind it "
-        "takes all views of a scene"
+        "black-1-white-99, linear-white-veil, linear-white-light, veil-or-white-99, light-or-white-99; @scene behind "
+        "it takes all views of a scene"
     )
     raise InputError(f"display '{how}': unknown; use {known}")
 
