@@ -43,7 +43,7 @@ def followed(J: Array, deviation: Array) -> tuple[Array, Array]:
 
     J, deviation: (H, W, 3), NaN = no colour. A deviation that is not known, NaN or infinite, stays so.
     """
-    known = np.isfinite(J).all(axis=-1)
+    known = np.asarray(np.isfinite(J).all(axis=-1))
     result, left = np.array(J, dtype=np.float32), np.array(deviation, dtype=np.float32)
     if not known.any():
         return result, left
