@@ -31,9 +31,9 @@ _SAMPLE, _FEWEST = 1_500, 200
 # A falloff counts if it removes at least this share of the residuals. It is fitted if one linear step promises half.
 _BETTER = 0.3
 
-# lamp=auto removes it if it leaves less than this share of the residuals. It left .05 to .24 on made surveys, and .42
-# to .89 in a pool whose floor is farther at the top of each picture.
-_SURE = 0.35
+# lamp=auto removes it if it leaves less than this share of the residuals, and so many views tell it. It left .05 to .24
+# on made surveys. In a pool, whose floor is farther at the top of each picture, it left .33 with two views, .42 with ten.
+_SURE, _FEWEST_VIEWS = 0.3, 3
 
 # Less light than this is taken as this: an 8-bit level would be a twentieth of the whole scale.
 _DARK = 0.05
@@ -57,7 +57,7 @@ class Falloff:
 
     coefficients: (5,) of the polynomial; scale: the largest x / z or y / z of the sample; brightest, darkest: log l at
     the percentiles 99 and 1 of the sample's places; noise, noise_without: rms of the residuals with and without it;
-    is_separable: whether distances tell it from attenuation.
+    is_separable: whether distances tell it from attenuation; n_views: number of views in the sample.
     """
 
     coefficients: Array
@@ -67,6 +67,7 @@ class Falloff:
     noise: float
     noise_without: float
     is_separable: bool
+    n_views: int
 
     @property
     def least(self) -> float:
@@ -76,7 +77,7 @@ class Falloff:
     @property
     def is_sure(self) -> bool:
         """Whether so much of the residuals is gone that hardly anything else can be the cause."""
-        return self.noise < _SURE * self.noise_without
+        return self.n_views >= _FEWEST_VIEWS and self.noise < _SURE * self.noise_without
 
     def light(self, ray: Array) -> Array:
         """Return l (...,) in [0.05, 1] along rays (2, ...), x / z and y / z in the camera's frame."""
@@ -110,7 +111,7 @@ def find_falloff(observations: Observations, target: str, water: WaterParameters
     if found.noise >= estimate(whole, target, water, seed=seed, most=_SAMPLE).noise:
         return None
     is_separable = bool((found.error * float(np.median(sample.z)) < _LOOSE).all())
-    return Falloff(found.coefficients, scale, brightest, darkest, found.noise, without, is_separable)
+    return Falloff(found.coefficients, scale, brightest, darkest, found.noise, without, is_separable, len(few.views))
 
 
 def uncut(observations: Observations) -> Observations:
