@@ -32,7 +32,8 @@ _SAMPLE, _FEWEST = 1_500, 200
 _BETTER = 0.3
 
 # lamp=auto removes it if it leaves less than this share of the residuals, and so many views tell it. It left .05 to .24
-# on made surveys. In a pool, whose floor is farther at the top of each picture, it left .33 with two views, .42 with ten.
+# on made surveys. In a pool, whose floor is farther at the top of each picture, it left .33 with two views and .42 with
+# ten.
 _SURE, _FEWEST_VIEWS = 0.3, 3
 
 # Less light than this is taken as this: an 8-bit level would be a twentieth of the whole scale.
