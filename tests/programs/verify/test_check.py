@@ -317,9 +317,8 @@ ODD: dict[str, Callable[[pd.DataFrame], Any]] = {
 @pytest.mark.parametrize("odd", ODD)
 def test_odd_words_in_a_table_are_faults_and_no_crash(bench, bundles: Path, folder: Path, odd: str):
     rewritten(bundles / "restored.zip", with_table(ODD[odd]))
-    done = bench("verify", "restored.zip", "--data", str(folder / "dive"))
-    assert done.returncode in (0, 1, 2)
-    assert not re.search(r"\b12 .*agree", done.stdout)
+    done = bench("verify", "restored.zip", "--data", str(folder / "dive"), "--json")
+    assert done.returncode in (1, 2) or json.loads(done.stdout)["unchecked"], "not every score is taken for right"
     assert not (folder / "etc").exists()
 
 
