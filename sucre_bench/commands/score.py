@@ -8,6 +8,7 @@ import click
 
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.common import plugin_option
+from sucre_bench.errors import Lack
 from sucre_bench.machine.notices import say
 
 
@@ -89,6 +90,16 @@ def score(
         terminal.out.print(score_tables.summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
-    for (view, metric, reason), _ in asked.groupby(["view", "metric", "reason"], sort=False):
+    lacks = {reason: lack for reason in asked["reason"].unique() if (lack := Lack.read(reason))}
+    for (metric, reason), _ in asked[asked["reason"].isin(lacks)].groupby(["metric", "reason"], sort=False):
+        say(f"failed  {metric}: {lacks[reason].brief}; {_remedy(lacks[reason])}", "red")
+    for (view, metric, reason), _ in asked[~asked["reason"].isin(lacks)].groupby(
+        ["view", "metric", "reason"], sort=False
+    ):
         say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
+
+
+def _remedy(lack: Lack) -> str:
+    is_reference = lack.needs == ("reference",)
+    return "give --reference DIR" if is_reference else "`sucre-bench run` scores it, on a dataset that has this"

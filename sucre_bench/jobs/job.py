@@ -264,7 +264,7 @@ def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
     for text in names:
         name, resizing = split_variant(text)
         if name != "all" and name not in plugin.variants:
-            raise unknown_name(plugin.name, name, plugin.variants, "variant")
+            raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
         if resizing and not plugin.needs <= {"reference"}:
             needs = " and ".join(sorted(plugin.needs))
             raise InputError(
