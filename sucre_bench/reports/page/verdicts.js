@@ -9,7 +9,8 @@ watch(["dataset"], () => {
   $("title").textContent = summary.datasets.length > 1 ? data.name : `Results on ${data.name}${scene}`;
   const few = data.few ? [data.few] : [];
   $("verdicts").replaceChildren(...[...data.answer, ...few].map((line) => h("li", {}, line)));
-  const [sure, rest] = [false, true].map((chance) => data.verdicts.filter((v) => v.may_be_chance === chance));
+  const isSure = (verdict) => !verdict.may_be_chance && isKnown(verdict.interval[0]); // one view has no interval
+  const [sure, rest] = [true, false].map((is) => data.verdicts.filter((verdict) => isSure(verdict) === is));
   listed("leads", sure, sure.length === 1 ? "lead by more than chance" : "leads by more than chance");
   listed("chances", rest, rest.length === 1 ? "lead that may be chance" : "leads that may be chance");
   $("export-menu").replaceChildren(
