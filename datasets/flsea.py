@@ -26,7 +26,7 @@ from sucre_bench.loading.image_folder import image_names
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.kalibr import read_kalibr
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.photograph import Photograph, view_of
+from sucre_bench.loading.view_of_photograph import Photograph, view_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset

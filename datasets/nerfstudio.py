@@ -28,7 +28,7 @@ from sucre_bench.loading.find_folders import existing, inside
 from sucre_bench.loading.fingerprints import data_id_of, fingerprint
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.photograph import Photograph, is_rigid, view_of
+from sucre_bench.loading.view_of_photograph import Photograph, is_rigid, view_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset

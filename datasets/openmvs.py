@@ -19,8 +19,8 @@ from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder, inner_path
 from sucre_bench.loading.openmvs_dmap import Header, read_dmap_depth, read_header
-from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
 from sucre_bench.loading.view_files import scaled_pose
+from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges

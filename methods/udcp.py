@@ -13,7 +13,7 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.dark_channel import dark_channel
 from sucre_bench.imaging.filters.guided_filter import guided_filter
-from sucre_bench.imaging.filters.veiling_light import brightest, restoration
+from sucre_bench.imaging.filters.haze_model import brightest, restoration
 from sucre_bench.plugins.ranges import check_ranges
 
 

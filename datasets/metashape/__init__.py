@@ -23,7 +23,7 @@ from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.named_images import ImageFolder, inner_path
-from sucre_bench.loading.photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Plane, Scene

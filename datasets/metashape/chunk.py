@@ -24,8 +24,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.named_images import without_suffix
-from sucre_bench.loading.photograph import is_rigid
 from sucre_bench.loading.view_files import scaled_pose
+from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.progress import say
 
 _REMEDY = "export it again: File > Export > Export Cameras, Agisoft XML"

@@ -20,6 +20,7 @@ from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.exposure import Exposure, differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
 from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, uncut, without_falloff
+from sucre_bench.methods.sucre.footprint_sample import matched_sample
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.lamp import lit
 from sucre_bench.methods.sucre.robust import robust_noise
@@ -37,26 +38,8 @@ from sucre_bench.scene import Scene, View
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.sucre import Sucre
 
-# Pixels that the water is fitted to with matched footprints, and the fewest that are worth a fit of their own.
-_MATCHED, _FEWEST_MATCHED = 20_000, 200
-
 # Distances are alike if their percentile 95 is less than this many times their percentile 5.
 _ALIKE = 1.5
-
-
-def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
-    """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
-    from sucre_bench.multiview.footprints import matched_footprints
-
-    n = observations.n_repeated
-    if not options.footprint or n < _FEWEST_MATCHED:
-        return None
-    places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
-    shown = set(observations.views)
-    views = [other for other in scene.views if other.name in shown]
-    how = options.pairing_with(view=True, ray=True)
-    found = matched_footprints(view, views, observations.pixels[places], **how)
-    return found if found.n_repeated >= _FEWEST_MATCHED else None
 
 
 @dataclass(frozen=True)

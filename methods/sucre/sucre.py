@@ -265,7 +265,7 @@ def _with_unknown_veil(restoration: Restoration) -> Restoration:
 def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.own_water import matched_sample
+    from sucre_bench.methods.sucre.footprint_sample import matched_sample
     from sucre_bench.methods.sucre.shared_water import samples
 
     try:

@@ -7,9 +7,10 @@ tie if the interval of their paired difference includes 0. At most 5 % of column
 """
 
 from sucre_bench.compare.gate import Gate, Gated, gated
+from sucre_bench.compare.load_folders import load
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 from sucre_bench.compare.pixels import Pixels, on_pixels
-from sucre_bench.compare.refusals import load, refusals, refuse
+from sucre_bench.compare.refusals import refusals, refuse
 from sucre_bench.compare.tables import against, compare, only, without_replicates
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.results.newest import is_fresh

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
@@ -12,6 +11,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.compare.bootstrap import Units, differences, mean_intervals
 from sucre_bench.compare.leads import changes, leads
+from sucre_bench.compare.means import means
 from sucre_bench.compare.model import EQUAL, NO_DIFFERENCE, Cell, Column, ColumnScores, Difference, may_be_chance
 from sucre_bench.compare.numbers import standard_deviation
 
@@ -21,7 +21,7 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
 
     apart: methods that are not compared, unless all are: their cells have no place.
     """
-    mean = _means(measured.views)
+    mean = means(measured.views)
     low, high = _interval(column, measured)
     made = [
         Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))
@@ -39,7 +39,7 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
 def _ranked(column: Column, measured: ColumnScores, made: Sequence[Cell]) -> list[Cell]:
     views, sign = measured.views, _sign(column)
     size = _size(views)
-    pairs = _Pairs.of(_means(views) * sign, size, measured.independent)
+    pairs = _Pairs.of(means(views) * sign, size, measured.independent)
     places, ranks, wins = pairs.places(), pairs.ranks(), _best_in(views * sign, size)
     best = int(np.argmin(places))
     behind = [pairs.difference(best, m) for m in range(len(made))]
@@ -65,7 +65,7 @@ def against(column: Column, measured: ColumnScores, cells: Sequence[Cell], basel
     if column.better == "none":
         return list(cells)
     views, sign = measured.views, _sign(column)
-    mean, size = _means(views), _size(views)
+    mean, size = means(views), _size(views)
     size = np.maximum(size, size[baseline])
     half = np.full_like(mean, np.nan)
     if measured.independent is not None:
@@ -86,16 +86,6 @@ def against(column: Column, measured: ColumnScores, cells: Sequence[Cell], basel
 def _sign(column: Column) -> int:
     """What turns scores into numbers of which the best is the smallest."""
     return -1 if column.better == "higher" else 1
-
-
-def _means(views: Array) -> Array:
-    """(M,) of (V, M), each summed without rounding: no order of views changes it."""
-    return np.array(
-        [
-            math.fsum(of_method) / len(of_method) if np.isfinite(of_method).all() else np.mean(of_method)
-            for of_method in views.T
-        ]
-    )
 
 
 def _interval(column: Column, measured: ColumnScores) -> tuple[Array, Array]:

@@ -5,22 +5,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from enum import Enum
 from itertools import combinations
-from pathlib import Path
 from typing import TypeVar
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare.load_folders import names_of
 from sucre_bench.compare.tables import asked_for
 from sucre_bench.errors import InputError
-from sucre_bench.machine import progress
-from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, values_of
 
 T = TypeVar("T")
 
-_SCORE = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
-_SAME = 1e-6  # relative difference of one score on two machines
 
 _Image = tuple[str, str]  # scene (with or without its replicate), view
 
@@ -54,68 +50,6 @@ class NotComparableError(InputError):
 
 
 _Fault = tuple[Difference, str]
-
-
-def load(folders: Iterable[str | Path]) -> DataFrame:
-    """Read the tables of several output folders as one; of a score that several hold, the newest that is ok.
-
-    Says with `progress.say` where folders have different values. A folder may be a bundle (.zip), too.
-    Raises InputError when a folder has none, when folders mean different options or code by one method, or hold results
-    on different data.
-    """
-    import pandas as pd
-
-    folders = [Path(f) for f in folders]
-    rows = pd.concat([_rows(Path(f)).assign(_folder=str(f)) for f in folders], ignore_index=True)
-    if len(folders) > 1:
-        _refuse_several(
-            rows[rows["scene"] != ""], ["dataset", "scene"], "data_id", "the data differ between these runs"
-        )
-        coded = rows.assign(_code=rows["code"].str.split(".").str[0])
-        _refuse_several(coded, ["dataset", "method"], "options_id", "these folders mean different options by it")
-        _refuse_several(
-            coded, ["dataset", "method"], "_code", "these folders hold it from different versions of its code"
-        )
-        _say_differing(rows)
-    rows = rows.assign(_ok=rows["status"] == "ok").sort_values(["_ok", "time"], kind="stable")
-    return rows.drop_duplicates(_SCORE, keep="last").drop(columns=["_ok", "_folder"]).sort_index(ignore_index=True)
-
-
-def _say_differing(rows: DataFrame) -> None:
-    """Say that folders have other values of the same scores, of which the newest are taken."""
-    scores = rows[(rows["status"] == "ok") & ~rows["metric"].isin(COSTS)]
-    twice = scores[scores.duplicated(_SCORE, keep=False)]
-    of_score = twice.groupby(_SCORE)["value"]
-    low, high = of_score.min(), of_score.max()
-    differing = low.index[high - low > _SAME * high.abs().combine(low.abs(), max)]
-    if not len(differing):
-        return
-    disagreeing = twice[twice.set_index(_SCORE).index.isin(differing)]
-    shown = disagreeing.sort_values("time", kind="stable").drop_duplicates(_SCORE, keep="last")["_folder"]
-    methods = [
-        " / ".join(pair) for pair in dict.fromkeys(zip(disagreeing["dataset"], disagreeing["method"], strict=True))
-    ]
-    more = f" and {len(methods) - 3} more" if len(methods) > 3 else ""
-    progress.say(
-        f"{_names(list(dict.fromkeys(disagreeing['_folder'])))} share {len(of_score)} scores, and have different "
-        f"values of {len(differing)} of them ({', '.join(methods[:3])}{more}); "
-        f"the table shows the newest, from {_names(list(dict.fromkeys(shown)))}. Run one with another label to see both"
-    )
-
-
-def _rows(place: Path) -> DataFrame:
-    """The score table of an output folder, or of a bundle; `verify` checks what a bundle says."""
-    if not is_bundle(place):
-        return results.read(place)
-    with open_bundle(place) as bundle:
-        return bundle.rows
-
-
-def _refuse_several(rows: DataFrame, group: list[str], column: str, fault: str) -> None:
-    several = rows.groupby(group)[column].nunique()
-    if (several > 1).any():
-        names = " / ".join(several[several > 1].index[0])
-        raise InputError(f"{names}: {fault}; run it again, or give it another label")
 
 
 def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
@@ -160,7 +94,7 @@ def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
         text = f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
         yield Difference.REPLICATES, text
         return
-    counts = ", ".join(f"{_names(names)} on {len(views)}" for views, names in plain.items())
+    counts = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in plain.items())
     anywhere = frozenset[_Image]().union(*plain)
     lacking, views = next((names[0], views) for views, names in plain.items() if views != anywhere)
     scene, example = min(anywhere - views)
@@ -194,8 +128,8 @@ def _replicates(alike: Mapping[frozenset[_Image], Sequence[str]]) -> str:
         by_numbers.setdefault(numbers, []).append(name)
     (first, names), *others = by_numbers.items()
     has = "has" if len(names) == 1 else "have"
-    parts = [f"{_names(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
-    return ", ".join([*parts, *(f"{_names(names)} {_listed(numbers)}" for numbers, names in others)])
+    parts = [f"{names_of(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
+    return ", ".join([*parts, *(f"{names_of(names)} {_listed(numbers)}" for numbers, names in others)])
 
 
 def _listed(numbers: Iterable[int]) -> str:
@@ -212,8 +146,8 @@ def _variants(rows: DataFrame) -> Iterator[_Fault]:
             if not first & second:
                 yield (
                     Difference.VARIANTS,
-                    f"{metric}: {_names(names)} scored in variant {_names(sorted(first))}, {_names(others)} in "
-                    f"{_names(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]",
+                    f"{metric}: {names_of(names)} scored in variant {names_of(sorted(first))}, {names_of(others)} in "
+                    f"{names_of(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]",
                 )
                 break
 
@@ -231,8 +165,9 @@ def _versions(rows: DataFrame) -> Iterator[_Fault]:
         differing = "options" if is_of_options else "versions"
         yield (
             Difference.OPTIONS if is_of_options else Difference.VERSIONS,
-            f"{metric} ({variant}): {_names(names[0])} scored by other {differing} of the metric than "
-            f"{_names(names[1])}; give the run command of {_names(names[0])} again, what is out of date is done anew",
+            f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
+            f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
+            "what is out of date is done anew",
         )
 
 
@@ -257,7 +192,3 @@ def _inverted(sets: Mapping[str, frozenset[T]]) -> dict[frozenset[T], list[str]]
     for name, members in sets.items():
         alike.setdefault(members, []).append(name)
     return alike
-
-
-def _names(names: Sequence[str]) -> str:
-    return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))

@@ -1,26 +1,19 @@
 """Makes comparisons from rows: the units that all methods have, and a table for each dataset, view or region."""
 
 import json
-import math
 from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import Any
 
 from sucre_bench import plugins, results
-from sucre_bench.arrays import Array, DataFrame, Series
+from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import ranks
-from sucre_bench.compare.bootstrap import Units, pseudo_values
+from sucre_bench.compare.means import column_of, measured_column, repetitions_of
 from sucre_bench.compare.missing import notes
-from sucre_bench.compare.model import Cell, Column, ColumnScores, Comparison, Note
-from sucre_bench.compare.numbers import standard_deviation
-from sucre_bench.compare.pixels import FILLED, filled_rows, pixel_notes, says_filled
+from sucre_bench.compare.model import Cell, Column, Comparison, Note
+from sucre_bench.compare.pixels import filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.newest import is_fresh
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
-
-_VIEW = ["scene", "view"]
-_UNIT = [*_VIEW, "region"]
-_REPETITION = [*_UNIT, "_replicate"]
 
 # Columns that nothing here looks at; they are most of a table's memory.
 _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})
@@ -147,8 +140,8 @@ def _table(
     ok = rows[rows["_fresh"] & rows["_asked"] & (rows["status"] == "ok") & rows["value"].notna()]
     if len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
-    made_of = [(of_column, _repetitions(of_column)) for _, of_column in ok.groupby(["metric", "variant"], sort=False)]
-    of_columns = [(*_column(of_column, repeats), repeats) for of_column, repeats in made_of]
+    made_of = [(of_column, repetitions_of(of_column)) for _, of_column in ok.groupby(["metric", "variant"], sort=False)]
+    of_columns = [(*column_of(of_column, repeats), repeats) for of_column, repeats in made_of]
     scores = {column: values for column, values, _ in of_columns}
     repetitions = {column: repeats for column, _, repeats in of_columns}
     columns = sorted(scores, key=_order)
@@ -159,7 +152,7 @@ def _table(
     if baseline and baseline not in methods:
         found.append(Note("no baseline", (baseline,)))
         baseline = ""
-    measured = {column: _measured(column, values) for column, values in scores.items() if column.n_units}
+    measured = {column: measured_column(column, values) for column, values in scores.items() if column.n_units}
     photographs = tuple(name for name in methods if name in all_photographs)
     made = {
         (name, column): cell
@@ -181,69 +174,3 @@ def _photographs(rows: DataFrame) -> set[tuple[str, str]]:
 def _order(column: Column) -> tuple[bool, bool, bool]:
     """The share that methods fill comes first; what only describes and costs come last; else as they were run."""
     return not says_filled(column.metric, column.variant), column.better == "none", column.metric in COSTS
-
-
-def _repetitions(scores: DataFrame) -> DataFrame:
-    """The values of a metric before they are averaged: repetitions of units x methods, both sorted, NaN = a hole."""
-    in_order = scores.sort_values("value", kind="stable")  # sums must not depend on the order of rows
-    return in_order.groupby([*_REPETITION, "method"])["value"].mean().unstack("method")
-
-
-def _averaged(repetitions: DataFrame) -> DataFrame:
-    """Means over the repetitions that all methods have: units x methods.
-
-    Of a unit without any such repetition, methods that lack one have a hole.
-    """
-    lacking = repetitions.isna()
-    shared = repetitions[~lacking.any(axis=1)].groupby(level=_UNIT).mean()
-    means = repetitions.groupby(level=_UNIT).mean().mask(lacking.groupby(level=_UNIT).any())
-    return shared.reindex(means.index).fillna(means)
-
-
-def _column(scores: DataFrame, repetitions: DataFrame) -> tuple[Column, DataFrame]:
-    """A metric, and its values: units x methods, both sorted, NaN = a hole."""
-    values = _averaged(repetitions)
-    left = values.dropna().index
-    first: Any = scores.iloc[0]
-    column = Column(
-        metric=str(first["metric"]),
-        variant=str(first["variant"]),
-        unit=str(first["unit"]),
-        better=str(first["better"]),
-        range=_range(str(first["metric"])),
-        of="image" if (scores["region"] == "image").all() else "chart",
-        n_units=len(left),
-        n_views=len(left.droplevel("region").unique()),
-        n_scenes=left.get_level_values("scene").nunique(),
-        missing=len(values) - len(left),
-        pixels="common" if "pixels" in scores and (scores["pixels"] == "common").any() else "own",
-    )
-    return column, values
-
-
-def _range(metric: str) -> tuple[float, float]:
-    """The range of a metric's values; unlimited if the metric is not installed."""
-    if plugin := plugins.usable("metric").get(metric):
-        return plugin.range
-    if metric == FILLED:
-        return 0, 1
-    return (0, math.inf) if metric in COSTS else (-math.inf, math.inf)
-
-
-def _measured(column: Column, values: DataFrame) -> ColumnScores:
-    """The numbers of a column. values: units x methods, both sorted, NaN = a hole."""
-    complete = values.dropna()
-    std = standard_deviation(complete.to_numpy())
-    per_view = complete.groupby(level=_VIEW).mean()
-    views, scenes = per_view.to_numpy(), per_view.groupby(level="scene").size().tolist()
-    independent = _independent(column, views, scenes)
-    return ColumnScores(tuple(map(str, values.columns)), views, std, values.isna().sum().to_numpy(), independent)
-
-
-def _independent(column: Column, views: Array, scenes: list[int]) -> Units | None:
-    """The independent units, None where there are too few. views: (V, M); scenes: how many views each has."""
-    if column.metric == FILLED:
-        return None
-    if len(scenes) > 1 or not (column.plugin and column.plugin.is_of_pairs):  # a score is no mean over pairs of views
-        return Units.of(views, scenes) if len(views) > 1 else None
-    return Units.of(pseudo_values(views), scenes) if len(views) > 2 else None

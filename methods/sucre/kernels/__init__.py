@@ -5,18 +5,17 @@ A backend is a `Kernel`: these two functions and nothing else. Solving, sampling
 
 from __future__ import annotations
 
-import os
 from contextlib import AbstractContextManager
-from typing import Literal, Protocol
+from typing import Protocol
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import Device
+from sucre_bench.methods.sucre.kernels.choose_backend import Backend, backend_for
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
-Backend = Literal["auto", "numba", "torch", "jax", "numpy"]
+__all__ = ["Backend", "Kernel", "backend_for", "opened"]
 
 
 class Kernel(Protocol):
@@ -64,49 +63,3 @@ def opened(observations: Observations, backend: Backend, device: Device) -> Abst
     from sucre_bench.methods.sucre.kernels.on_numpy import on_numpy
 
     return on_numpy(observations)
-
-
-def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "torch", "jax", "numpy"], str]:
-    """Return which backend computes where. auto: the compiled loops, unless a GPU is asked for.
-
-    On an H100, PyTorch and JAX took twice as long as the loops did on the 16 processors beside it
-    (benchmarks/devices.py): moving the observations takes longer than the sums.
-    """
-    if device == "cuda" and backend in ("numba", "numpy"):
-        raise InputError(f"backend={backend} computes on the CPU only; use device=auto, or backend=torch or jax")
-    if backend == "jax":
-        return "jax", _jax_device(device)
-    if backend == "torch" or device == "cuda":
-        return "torch", _torch_device(device)
-    return "numpy" if backend == "numpy" else "numba", "cpu"
-
-
-def _torch_device(device: Device) -> str:
-    import torch
-
-    if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("device=cuda: PyTorch sees no CUDA GPU; use device=auto or device=cpu")
-    return "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
-
-
-def _jax_device(device: Device) -> str:
-    has_gpu = _jax_sees_gpu()
-    if device == "cuda" and not has_gpu:
-        raise InputError("device=cuda: JAX sees no GPU; use device=auto or device=cpu, or backend=torch")
-    return "cuda" if device != "cpu" and has_gpu else "cpu"
-
-
-def _jax_sees_gpu() -> bool:
-    """Whether JAX sees a GPU. When it first looks, JAX would take 3/4 of the GPU's memory from all other processes."""
-    import jax
-
-    given = os.environ.get(_PREALLOCATE)
-    os.environ[_PREALLOCATE] = "false" if given is None else given
-    try:
-        return bool(jax.default_backend() == "gpu")
-    finally:
-        if given is None:
-            del os.environ[_PREALLOCATE]
-
-
-_PREALLOCATE = "XLA_PYTHON_CLIENT_PREALLOCATE"

@@ -16,7 +16,7 @@ from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.patches import check_corners
 from sucre_bench.jobs.job import Choice
-from sucre_bench.loading.photograph import is_rigid
+from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.shown import counted
 from sucre_bench.plugins.options import options_of
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule

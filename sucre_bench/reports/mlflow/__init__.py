@@ -4,8 +4,8 @@ A command is a parent run; each dataset and method in it is a child run with its
 pictures, the dataset as its input and the method as its model. Rows that are logged already are not logged again.
 """
 
+from sucre_bench.reports.mlflow.already_logged import is_logged
 from sucre_bench.reports.mlflow.connection import default_uri
-from sucre_bench.reports.mlflow.logged import is_logged
 from sucre_bench.reports.mlflow.page import check_port, open_ui, runs_page
 from sucre_bench.reports.mlflow.runs import log
 

@@ -16,9 +16,9 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.shown import counted
+from sucre_bench.reports.mlflow.already_logged import remember
 from sucre_bench.reports.mlflow.connection import connect, said_of
 from sucre_bench.reports.mlflow.experiment import Experiment, rows_hash, stamp
-from sucre_bench.reports.mlflow.logged import remember
 from sucre_bench.reports.mlflow.page import VIEW_TAG, view_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout

@@ -2,7 +2,7 @@
 
 import { $, columnOf, data, fill, h, roleOf, shownMethods, state, summary, watch } from "./page.js";
 import { css, dot, isKnown, number, withUnit } from "./words.js";
-import { sheet } from "./sheet.js";
+import { sheet } from "./sortable_table.js";
 
 export const chartsOf = () =>
   data.views.flatMap((view) =>

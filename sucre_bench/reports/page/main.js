@@ -2,7 +2,7 @@
 
 import { $, REFERENCE, VIEW, choose, data, h, photograph, state, summary, viewOf, watch } from "./page.js";
 import { briefly, commandBox, commandFor, dot, number } from "./words.js";
-import "./sheet.js";
+import "./sortable_table.js";
 import "./verdicts.js";
 import "./scores.js";
 import { setZoom, zoom, zoomAt } from "./zoom.js";

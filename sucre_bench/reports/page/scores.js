@@ -2,7 +2,7 @@
 
 import { $, choose, columnOf, data, h, shownMethods, state, summary, watch } from "./page.js";
 import { ARROWS, HUGE, dot, isKnown, number, percent, titled, withUnit } from "./words.js";
-import { orderOf, setOrder, sheet } from "./sheet.js";
+import { orderOf, setOrder, sheet } from "./sortable_table.js";
 
 watch(["dataset", "hidden", "unshown"], () => {
   menu(

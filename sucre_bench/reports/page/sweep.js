@@ -2,7 +2,7 @@
 
 import { $, choose, fill, h, state, summary, watch } from "./page.js";
 import { ARROWS, isKnown } from "./words.js";
-import { sheet } from "./sheet.js";
+import { sheet } from "./sortable_table.js";
 import { extent, meanCell } from "./scores.js";
 import { label, ownColour, plot, signOf } from "./plots.js";
 

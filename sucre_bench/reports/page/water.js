@@ -2,7 +2,7 @@
 
 import { $, data, fill, h, state, watch } from "./page.js";
 import { css, isKnown, number } from "./words.js";
-import { sheet } from "./sheet.js";
+import { sheet } from "./sortable_table.js";
 import { axis, isNarrow, plot } from "./plots.js";
 
 const PARAMETERS = [
