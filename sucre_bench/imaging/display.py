@@ -13,11 +13,8 @@ A display normalisation has a name, and each score records it:
   channel would change hues;
 - "linear-white-veil" scales linear light by 1 / (B gamma) of the water. Backscatter near the camera has the colour of
   the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1;
-- "linear-white-light" moves that white a quarter of the way, in logarithms, to the percentile 99 of each channel. The
-  two err in opposite directions: the veil has lost red on its way, and the brightest things are warmer than white. Then
-  one black and one gain for all channels map percentiles 0.5 and 99 of all values to 0 and 1;
 - "veil-or-NAME", as in "veil-or-white-99", is "linear-white-veil" where the method fitted linear light and found a veil
-  in every channel, and NAME elsewhere. "light-or-NAME" is the same with "linear-white-light".
+  in every channel, and NAME elsewhere.
 
 With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means are those of all views of a scene, so
 that mosaics and videos have one tone.
@@ -36,11 +33,8 @@ from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.machine.compiling import compiled
 from sucre_bench.scene import Encoding, Restoration, Water
 
-# Whites that need a veil in linear light; before the name of a normalisation that takes their place.
-_OF_VEIL = {"veil-or-": "linear-white-veil", "light-or-": "linear-white-light"}
-
-# The weight of the brightest colours in "linear-white-light"; docs/sucre.md has the figures.
-_BRIGHTEST = 0.25
+# Before the name of a normalisation that takes the veil's place.
+_VEIL_OR = "veil-or-"
 
 
 def display(
@@ -51,10 +45,10 @@ def display(
     - image: (H, W, 3), any range, NaN = no colour;
     - how: the name of a normalisation;
     - encoding: encoding of the image, "gamma" or "linear";
-    - water: the estimated water, for "linear-white-veil" and "linear-white-light";
+    - water: the estimated water, for "linear-white-veil";
     - over: (H, W, 3) or (N, 1, 3), the colours whose percentiles and means are used; default the image's own.
 
-    Raises InputError for an unknown name, for a white of the veil without a water, and for "@scene" without `over`.
+    Raises InputError for an unknown name, for "linear-white-veil" without a water, and for "@scene" without `over`.
     """
     check_display(how)
     name, _, scope = how.partition("@")
@@ -65,7 +59,7 @@ def display(
     if name.startswith("linear-") and encoding == "gamma":
         image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
     shown = np.empty(image.shape, dtype=np.float32)
-    limits = _veil_limits(over, water, name) if name in _OF_VEIL.values() else _limits(over, name)
+    limits = _veil_limits(over, water) if name == "linear-white-veil" else _limits(over, name)
     compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
 
@@ -87,12 +81,11 @@ def is_of_scene(how: str) -> bool:
 
 
 def _veil_or_other(name: str, water: Water | None, encoding: Encoding) -> str:
-    """Return the normalisation that "veil-or-NAME" or "light-or-NAME" stands for, other names as they are."""
+    """Return the normalisation that "veil-or-NAME" stands for, other names as they are."""
+    if not name.startswith(_VEIL_OR):
+        return name
     is_linear = water is not None and (water.encoding or encoding) == "linear"
-    for prefix, of_veil in _OF_VEIL.items():
-        if name.startswith(prefix):
-            return of_veil if is_linear and _gains(water) is not None else name.removeprefix(prefix)
-    return name
+    return "linear-white-veil" if is_linear and _gains(water) is not None else name.removeprefix(_VEIL_OR)
 
 
 def _gains(water: Water | None) -> Array | None:
@@ -102,19 +95,14 @@ def _gains(water: Water | None) -> Array | None:
     return np.asarray(veil.mean() / veil)
 
 
-def _veil_limits(image: Array, water: Water | None, how: str) -> tuple[Array, Array]:
-    """Return what to subtract from each channel (3,), and what to divide it by then, for the names in _OF_VEIL."""
+def _veil_limits(image: Array, water: Water | None) -> tuple[Array, Array]:
+    """Return no offset, and the divisors (3,) of "linear-white-veil"."""
     gain = _gains(water)
     if gain is None:
-        raise InputError(f"display '{how}': the method estimates no veil; use white-99 or stretch-1-99")
+        raise InputError("display 'linear-white-veil': the method estimates no veil; use white-99 or stretch-1-99")
     valid = coloured(image)
-    low, top = 0.0, 1.0
-    if how == "linear-white-light":
-        gain = gain ** (1 - _BRIGHTEST) * _limits(image, "white-99")[1] ** -_BRIGHTEST
-        low = float(np.percentile(image[valid] * gain, 0.5)) if valid.any() else 0.0
-    if valid.any():
-        top = float(np.percentile(image[valid] * gain, 99))
-    return np.asarray(low / gain), np.asarray((top - low if top - low > 1e-6 else 1.0) / gain)
+    top = float(np.percentile(image[valid] * gain, 99)) if valid.any() else 1.0
+    return np.zeros(3), np.asarray((top if top > 1e-6 else 1.0) / gain)
 
 
 def _limits(image: Array, how: str) -> tuple[Array, Array]:
@@ -161,21 +149,18 @@ def _by_rows(curve: Callable[[Array], Array], image: Array, rows: int = 64) -> A
 
 def check_display(how: str) -> None:
     """Raise InputError unless `how` names a display normalisation."""
-    name = how.removesuffix("@scene")
-    for prefix in _OF_VEIL:
-        name = name.removeprefix(prefix)
+    name = how.removesuffix("@scene").removeprefix(_VEIL_OR)
     white = re.fullmatch(r"white-(\d+(?:\.\d+)?)", name)
     if white and 0 < float(white[1]) <= 100:
         return
     number = r"(\d+(?:\.\d+)?)"
     parts = re.fullmatch(rf"(?:linear-)?stretch-{number}-{number}|black-{number}-white-{number}", name)
     low, high = (float(part) for part in parts.groups() if part) if parts else (0.0, 0.0)
-    if name in ("none", "gray-world", *_OF_VEIL.values()) or 0 <= low < high <= 100:
+    if name in ("none", "gray-world", "linear-white-veil") or 0 <= low < high <= 100:
         return
     known = (
         "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
-        "black-1-white-99, linear-white-veil, linear-white-light, veil-or-white-99, light-or-white-99; @scene behind "
-        "it takes all views of a scene"
+        "black-1-white-99, linear-white-veil, veil-or-white-99; @scene behind it takes all views of a scene"
     )
     raise InputError(f"display '{how}': unknown; use {known}")
 
