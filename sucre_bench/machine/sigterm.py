@@ -19,8 +19,13 @@ def _is_repeated() -> bool:
     and our parent passes on what it gets.
     """
     global _last
-    before, _last = _last, time.monotonic()
-    return _last - before < _REPEATED_S
+    is_repeated = _was_just_served()
+    _last = time.monotonic()
+    return is_repeated
+
+
+def _was_just_served() -> bool:
+    return time.monotonic() - _last < _REPEATED_S
 
 
 def was_interrupted() -> bool:
@@ -64,9 +69,14 @@ def terminated_as_interrupt() -> Iterator[None]:
 
 @dataclass
 class HeldBack:
-    """The signals that came in a block of `interrupts_held_back`, in their order."""
+    """The signals that came in a block of `interrupts_held_back`, in their order, without repetitions of one before."""
 
     numbers: list[int] = field(default_factory=list)
+
+    def hold(self, number: int, _: object) -> None:
+        """Handle a signal."""
+        if not _was_just_served():
+            self.numbers.append(number)
 
 
 @contextmanager
@@ -81,7 +91,7 @@ def interrupts_held_back() -> Iterator[HeldBack]:
         return
     before = {stop: handler for stop in _STOPS if (handler := signal.getsignal(stop)) is not None}
     for stop in before:
-        signal.signal(stop, lambda number, _: held.numbers.append(number))
+        signal.signal(stop, held.hold)
     try:
         yield held
     finally:
