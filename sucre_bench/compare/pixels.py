@@ -136,6 +136,8 @@ def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Map
     found = common[common["metric"] != COMMON_PIXELS].rename(columns={"pixels": "_mask"})
     found = found[[*_KEY, *_RESULT]].drop_duplicates(_KEY, keep="last")
     new = scored[_KEY].merge(found, on=_KEY, how="left").set_axis(scored.index)
+    # No score is on common pixels that are not known, whatever a bundle says: `verify` does not compute it again.
+    new.loc[~scored["_kind"].isin(["common", "none"]), ["status", "reason"]] = None
     none = scored["_kind"] == "none"
     new.loc[none, _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.NO_SHARED_PIXELS.value]
     # Of one score of a view, either all methods are on common pixels or none.

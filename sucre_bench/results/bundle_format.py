@@ -297,8 +297,8 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
         numbers = {name: [float(text or "nan") for text in read[name]] for name in columns if name in NUMBERS}
         rows = read.assign(**numbers).astype(frame([]).dtypes.to_dict())
         for text in rows["methods"].unique() if "methods" in columns else ():
-            if not isinstance(json.loads(text), list):
-                raise ValueError("column 'methods' is no list")
+            if not (isinstance(names := json.loads(text), list) and all(isinstance(name, str) for name in names)):
+                raise ValueError("column 'methods' is no list of labels")
     except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
         raise InputError(f"is no score table ({one_line(fault)}); bundle again", path) from fault
     check_values(path, encoded(Table.from_pandas(rows, preserve_index=False)))

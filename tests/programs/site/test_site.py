@@ -13,9 +13,11 @@ import pandas as pd
 import pytest
 
 from sucre_bench import results
+from sucre_bench.errors import InputError
 from sucre_bench.programs.site.board import Entry, State, board
 from sucre_bench.programs.site.page import write_page
-from sucre_bench.results.bundle_format import write_bundle
+from sucre_bench.results.bundle_format import COMMON, open_bundle, write_bundle
+from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.rows import Row
 
 HOSTILE = "<script>alert(1)</script>"
@@ -87,18 +89,42 @@ def test_methods_that_fill_different_pixels_are_named_below_their_table(tmp_path
         assert ("own pixels" in html.unescape(page)) is expected
 
 
+def on_common_pixels(table: pd.DataFrame, variant: str = "common") -> pd.DataFrame:
+    """Scores on the pixels that the two methods of a table share: 1 dB less than on their own."""
+    shares = {f"v{n}.png": f"mask{n}" for n in range(3)}
+    of_views = table[(table["metric"] == "seconds") & (table["method"] == "plain")]
+    about = {"metric": "common_pixels", "variant": variant, "method": "", "value": 0.5, "code": ""}
+    scores = table[table["metric"] == "psnr"]
+    common = pd.concat([of_views.assign(**about), scores.assign(value=scores["value"] - 1)], ignore_index=True)
+    return common.assign(pixels=common["view"].map(shares), methods='["clever", "plain"]', time=table["time"].max())
+
+
+def means_of(table: pd.DataFrame, common: pd.DataFrame) -> dict[str, float]:
+    (found,) = board([replace(entry("a", table), common=common)]).tables
+    return {line.method: found.comparison.cells[line.label, found.comparison.columns[0]].mean for line in found.lines}
+
+
+def test_scores_on_common_pixels_that_nobody_verified_are_in_no_table():
+    """A bundle says scores without the pixels that they are on, or pixels that it says are not known."""
+    table = pd.concat([rows("plain"), rows("clever").assign(coverage=0.5)], ignore_index=True)
+    common = on_common_pixels(table)
+    alone = common[common["metric"] == "psnr"].assign(pixels="")
+    for forged in (alone, on_common_pixels(table, "unknown")):
+        assert means_of(table, forged) == pytest.approx({"plain": 21.0, "clever": 26.0})
+
+
+def test_a_bundle_whose_methods_are_no_labels_is_refused(tmp_path: Path):
+    table = on_common_pixels(rows("plain")).assign(methods='[["plain"]]')
+    write_bundle(tmp_path / "a.zip", rows("plain"), {COMMON: csv_text(table).encode()}, {}, "me", "0.1")
+    with open_bundle(tmp_path / "a.zip") as bundle, pytest.raises(InputError, match="methods"):
+        _ = bundle.common
+
+
 def test_a_bundles_scores_on_common_pixels_are_what_its_table_shows(tmp_path: Path):
     """One of two methods leaves half of each view empty; on the pixels of both, both have 1 dB less."""
     table = pd.concat([rows("plain"), rows("clever").assign(coverage=0.5)], ignore_index=True)
-    shares = {f"v{n}.png": f"mask{n}" for n in range(3)}
-    of_views = table[(table["metric"] == "seconds") & (table["method"] == "plain")]
-    about = {"metric": "common_pixels", "variant": "common", "method": "", "value": 0.5, "code": ""}
-    scores = table[table["metric"] == "psnr"]
-    common = pd.concat([of_views.assign(**about), scores.assign(value=scores["value"] - 1)], ignore_index=True)
-    common = common.assign(pixels=common["view"].map(shares), methods='["clever", "plain"]', time=table["time"].max())
-    (found,) = board([replace(entry("a", table), common=common)]).tables
-    means = {line.method: found.comparison.cells[line.label, found.comparison.columns[0]].mean for line in found.lines}
-    assert means == pytest.approx({"plain": 20.0, "clever": 25.0})
+    common = on_common_pixels(table)
+    assert means_of(table, common) == pytest.approx({"plain": 20.0, "clever": 25.0})
     page = write_page(tmp_path, board([replace(entry("a", table), common=common)]), "Lab").read_text()
     assert "all methods" in html.unescape(page)
 
