@@ -17,6 +17,7 @@ from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
 from sucre_bench.jobs.job import Choice, method_choice, metric_choices
+from sucre_bench.plugins.calling import shown_with
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.creation import create
 from sucre_bench.results.restorations import Measured, write_arrays
@@ -135,7 +136,8 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     if repr(method) not in _ready:
         make_ready(method)
         _ready.add(repr(method))
-    measured = measured_restore(method, scene, view)
+    with shown_with(how):
+        measured = measured_restore(method, scene, view)
     about = {
         "method": label or plugin.name,
         "options": {"name": plugin.name, "display": how, **asdict(method)},

@@ -41,6 +41,28 @@ def test_a_preset_and_a_display_are_given_as_on_the_command_line():
         sb.restore("gray_world", scene, 0, display="strech-1-99")
 
 
+ASKING = """
+import dataclasses
+import sucre_bench as sb
+from sucre_bench.plugins.calling import display_of
+
+@sb.method()
+@dataclasses.dataclass(frozen=True)
+class Asking:
+    def restore(self, scene, view):
+        return sb.Restoration(view.rgb, info={"seen": display_of(self)})
+"""
+
+
+@pytest.mark.usefixtures("own_registry")
+def test_a_method_knows_the_display_that_was_asked_for(scene: sb.Scene, tmp_path: Path):
+    (tmp_path / "asking.py").write_text(ASKING)
+    sb.load_file(tmp_path / "asking.py")
+    shown = [sb.restore("asking", scene, 0, **options).info for options in ({}, {"display": "none"})]
+    assert [info["seen"] for info in shown] == [info["display"] for info in shown]
+    assert shown[1]["seen"] == "none"
+
+
 def test_the_saved_picture_is_the_restored_image_in_8_bits(scene: sb.Scene, tmp_path: Path):
     result = sb.restore("histogram_stretch", scene, 0)
     result.save(tmp_path / "a.png")
