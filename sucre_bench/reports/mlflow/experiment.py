@@ -105,11 +105,12 @@ def local_path(uri: str) -> Path | None:
 
 
 def _linked(source: str, target: str) -> None:
-    """Make a hard link; a copy on another disk, or where the file system has no links."""
-    try:
-        Path(target).hardlink_to(source)
-    except OSError:
-        shutil.copyfile(source, target)
+    """Make a hard link; a copy on another disk, of another user's file, or of what a symbolic link leads to."""
+    if not Path(source).is_symlink():
+        with suppress(OSError):
+            Path(target).hardlink_to(source)
+            return
+    shutil.copyfile(source, target)
 
 
 def _user() -> str:

@@ -116,3 +116,15 @@ def test_a_password_in_the_address_is_neither_printed_nor_stored(bench, toys: st
     files = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
     assert len(files) > 5
     assert not [path for path in files if PASSWORD.encode() in path.read_bytes()]
+
+
+def test_a_picture_behind_a_symbolic_link_is_kept_as_a_picture(used_cache: None, out: Path):
+    """As where a user moved pictures to a larger disk."""
+    picture = out / "restored" / "toy" / "gain" / "v0.png"
+    content = picture.read_bytes()
+    picture.rename(out / "moved.png")
+    picture.symlink_to("../../../moved.png")
+    log(out)
+    (kept,) = (out / "mlartifacts").rglob("restored/v0.png")
+    assert not kept.is_symlink()
+    assert kept.read_bytes() == content
