@@ -39,7 +39,7 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
         try:
             write(made, Path(work) / "scene")
         except OutputError as fault:
-            raise OutputError(str(fault).replace(f"{work}/scene", str(folder))) from fault
+            raise type(fault)(str(fault).replace(f"{work}/scene", str(folder))) from fault
         if folder.exists() and not (folder / _LAST).is_file():
             shutil.rmtree(folder)
         try:

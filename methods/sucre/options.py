@@ -171,7 +171,7 @@ def check(options: Any, method: str) -> None:
     ]
     if len(given) > 1:
         raise InputError(f"{method}.water_from: the water is given twice, {' and '.join(given)}; leave one out")
-    if options.lamp not in (True, False, "auto"):
+    if options.lamp != "auto" and not isinstance(options.lamp, bool):
         raise InputError(f"{method}.lamp: '{options.lamp}' is not a choice; use true, false or auto")
     extras = [name for name in ("physical", "robust", "lamp") if getattr(options, name) is True]
     extras += ["exposure"] if options.exposure == "per_view" else []
