@@ -36,7 +36,10 @@ def test_a_hint_names_method_and_dataset_once_and_an_option_as_the_command_takes
     hints = [line for line in done.stderr.splitlines() if "are dark" in line]
     views = len(list((tmp_path / "results/restored/toy/wary").glob("*.png")))
     assert len(hints) == 1
-    assert re.match(r"wary .*toy: v\d", hints[0])
+    place, _, hint = hints[0].partition(": ")
+    assert [place.count(name) for name in ("wary", "toy")] == [1, 1]
+    assert re.match(r"v\d+\.png: ", hint)
+    assert "toy" not in hint
     assert f" {word}.strong=true" in hints[0]
     assert re.search(rf"wary .*toy: {views - 1} ", done.stderr)
     assert done.stderr.splitlines().count("no view has this") == views

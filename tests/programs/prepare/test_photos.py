@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import numpy as np
@@ -54,10 +55,19 @@ def test_photos_that_share_nothing_are_named_with_what_they_share(tmp_path: Path
 
 def test_a_folder_that_is_not_ours_is_left_alone(photos: Path, tmp_path: Path):
     (tmp_path / "thesis.txt").write_text("mine")
-    with pytest.raises(InputError, match="other"):
+    with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path))}: "):
         prepare(photos / "photos", tmp_path)
-    with pytest.raises(InputError, match="photos"):
-        prepare(photos / "photos", photos)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [("thesis.txt", "mine")]
+
+
+@pytest.mark.parametrize("out", [".", "images"])
+def test_photos_in_the_way_of_the_result_are_left_alone(tmp_path: Path, out: str):
+    (tmp_path / out / ".prepare").mkdir(parents=True)  # as of an earlier command
+    for name in ("a.png", "b.png"):
+        write(tmp_path / "images" / name, photograph(POSES[0]))
+    with pytest.raises(InputError, match=f"^{re.escape(str(tmp_path / out))}: "):
+        prepare(tmp_path / "images", tmp_path / out)
+    assert sorted(path.name for path in (tmp_path / "images").glob("*.png")) == ["a.png", "b.png"]
 
 
 def test_a_mask_that_is_missing_or_of_another_shape_is_named(photos: Path, tmp_path: Path):
