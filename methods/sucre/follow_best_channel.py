@@ -47,8 +47,8 @@ def followed(J: Array, deviation: Array) -> tuple[Array, Array]:
     result, left = np.array(J, dtype=np.float32), np.array(deviation, dtype=np.float32)
     if not known.any():
         return result, left
-    variance = np.where(np.isfinite(deviation), deviation, np.sqrt(_ENDLESS)).astype(np.float64) ** 2
-    colours = np.where(known[..., None], J, 0).astype(np.float64)
+    variance = np.where(np.isfinite(deviation), deviation, np.sqrt(_ENDLESS)).astype(np.float32) ** 2
+    colours = np.where(known[..., None], J, 0).astype(np.float32)
     relative = np.sqrt(variance[known]) / np.maximum(np.abs(J[known]), _DARK)
     best = int(np.argmin(np.percentile(relative, _WORST, axis=0)))
     half = max(_FEWEST, round(_HALF * J.shape[1]))
@@ -62,7 +62,7 @@ def followed(J: Array, deviation: Array) -> tuple[Array, Array]:
 
 def _filtered(y: Array, v: Array, x: Array, v_x: Array, known: Mask, half: int) -> tuple[Array, Array]:
     """Return the channel y (H, W) of variance v, filtered with the guide x of variance v_x, and the share of v left."""
-    weight = np.where(known, 1 / (v + _FLOOR), 0)
+    weight = np.where(known, 1 / (v + np.float32(_FLOOR)), np.float32(0))
     total = _sum(weight, half) + _TINY
 
     def mean(values: Array) -> Array:
