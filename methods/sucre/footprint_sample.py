@@ -17,11 +17,11 @@ _MATCHED, _FEWEST_MATCHED = 20_000, 200
 
 
 def matched_sample(options: Sucre, scene: Scene, view: View, observations: Observations) -> Observations | None:
-    """Return the sample with matched footprints; None without the option, or where too few pixels have one."""
+    """Return the sample with matched footprints; None where too few pixels have one."""
     from sucre_bench.multiview.footprints import matched_footprints
 
     n = observations.n_repeated
-    if not options.footprint or n < _FEWEST_MATCHED:
+    if n < _FEWEST_MATCHED:
         return None
     places = np.random.default_rng(options.seed).choice(n, min(n, _MATCHED), replace=False)
     shown = set(observations.views)

@@ -19,10 +19,11 @@ from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.exposure import Exposure, differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
-from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, uncut, without_falloff
+from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, uncut
 from sucre_bench.methods.sucre.footprint_sample import matched_sample
+from sucre_bench.methods.sucre.lamp import LampFit
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
-from sucre_bench.methods.sucre.lamp import lit
+from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, solve_exact
 from sucre_bench.methods.sucre.undetermined_water import (
@@ -31,15 +32,20 @@ from sucre_bench.methods.sucre.undetermined_water import (
     is_guess,
     photograph_as_colours,
 )
-from sucre_bench.methods.sucre.uneven_light import Removal, UnevenLight, explains_better, record_of, sentence_of
+from sucre_bench.methods.sucre.uneven_light import (
+    Removal,
+    UnevenLight,
+    explains_better,
+    is_flat,
+    limits_of_lamp,
+    record_of,
+    sentence_of,
+)
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
     from sucre_bench.methods.sucre.sucre import Sucre
-
-# Distances are alike if their percentile 95 is less than this many times their percentile 5.
-_ALIKE = 1.5
 
 
 @dataclass(frozen=True)
@@ -52,25 +58,53 @@ class OwnWater:
 
     def solve(self, observations: Observations) -> tuple[Observations, Solution]:
         """Return the solution, and the observations that it explains: a lamp leaves some out."""
-        matched = matched_sample(self.options, self.scene, self.view, observations)
+        tested = self._footprints(observations)
+        matched = tested if self.options.footprint else None
         if self.options.lamp is True:
             return self._under_a_lamp(observations, matched)
-        if self.options.exposure == "per_view":
-            sample = observations if matched is None else matched
-            start = fit(sample, **self.options.compute).water
-            found = estimate_gains(sample, self.view.name, start, seed=self.options.seed)
-            return self._with_gains(observations, matched, found)
-        solution = self._solved(observations, matched, {})
+        per_view = self.options.exposure == "per_view"
+        sample = observations if matched is None else matched
+        solution = None if per_view else self._solved(observations, matched, {})
+        water = fit(sample, **self.options.compute).water if solution is None else solution.water
+        falloff = None if tested is None else find_falloff(tested, self.view.name, water, seed=self.options.seed)
+        if falloff is not None and matched is not None and self.options.lamp == "auto" and falloff.is_sure:
+            return self._in_even_light(matched, water, falloff)
+        if solution is None:
+            observations, solution = self._at_gains_of_views(observations, matched, water)
+            return observations, solution if falloff is None else self._doubted(solution, falloff)
+        if falloff is not None:
+            limit = sentence_of(falloff, self._why_it_stays)
+            return self._determined(observations, self._doubted(solution, falloff), (), (limit,))
         if matched is None:
             return self._determined(observations, solution, ())
-        falloff = find_falloff(matched, self.view.name, solution.water, seed=self.options.seed)
-        if falloff is None:
-            return self._at_one_exposure(observations, matched, solution)
-        if self.options.lamp == "auto" and falloff.is_sure:
-            return self._in_even_light(matched, solution, falloff)
-        removal = Removal.UNSURE if self.options.lamp == "auto" else Removal.NONE
-        limit = sentence_of(falloff, removal)
-        return self._determined(observations, _doubted(solution, falloff, removal), (limit,), (limit,))
+        return self._at_one_exposure(observations, matched, solution)
+
+    def _footprints(self, observations: Observations) -> Observations | None:
+        """Return the sample with matched footprints, to fit the water to or only to look for a falloff."""
+        is_needed = self.options.footprint or self.options.lamp == "auto"
+        return matched_sample(self.options, self.scene, self.view, observations) if is_needed else None
+
+    @property
+    def _why_it_stays(self) -> Removal:
+        """Why a falloff that was found is not removed."""
+        if self.options.lamp is False:
+            return Removal.NONE
+        return Removal.UNSURE if self.options.footprint else Removal.SINGLE_PIXELS
+
+    def _doubted(self, solution: Solution, falloff: Falloff) -> Solution:
+        """Return the solution with no trust in its water, and what to say of a falloff that stays."""
+        why = self._why_it_stays
+        about = solution.about | {"falloff": record_of(falloff, why)}
+        uncertainty = replace(solution.uncertainty, is_weak=(True, True, True))
+        return replace(solution, uncertainty=uncertainty, about=about).with_limits((sentence_of(falloff, why),))
+
+    def _at_gains_of_views(
+        self, observations: Observations, matched: Observations | None, water: WaterParameters
+    ) -> tuple[Observations, Solution]:
+        """Return the solution with gains of views (exposure=per_view); water: fitted without."""
+        sample = observations if matched is None else matched
+        found = estimate_gains(sample, self.view.name, water, seed=self.options.seed)
+        return self._with_gains(observations, matched, found)
 
     def _at_one_exposure(
         self, observations: Observations, matched: Observations, solution: Solution
@@ -93,28 +127,47 @@ class OwnWater:
         return observations, solution.with_limits(limits)
 
     def _in_even_light(
-        self, matched: Observations, without: Solution, falloff: Falloff
+        self, matched: Observations, water: WaterParameters, falloff: Falloff
     ) -> tuple[Observations, Solution]:
         """Return the solution in even light, by the model of light that explains the observations best.
 
-        without: the solution in falling light. A lamp tells nothing of pixels without depth, and colours=single_view
-        knows no other way of the light than the distance.
+        water: fitted in falling light. The lobe of a lamp leaves its falloff with distance to beta. So a lamp serves
+        only if the water in its light is determined: the photograph, which replaces an unknown water, would keep that
+        falloff. The place in the image takes all.
         """
         with_rays = self.options.observe_with_rays(self.scene, self.view)
         matched = uncut(matched)
-        light = UnevenLight(falloff, None)
-        even = without_falloff(with_rays, falloff)
-        if not self.options.fill and self.options.colours == "multi_view":
-            lamp = estimate_lamp(matched, without.water, seed=self.options.seed)
-            in_its_light = lit(with_rays, lamp.lamp)
-            if explains_better(lamp, falloff) and in_its_light.n_repeated:
-                light, even = UnevenLight(falloff, lamp), in_its_light
-        even_matched = light.removed(matched)
-        on_target = light.on(self.view)
-        fit_in_even_light = replace(self, view=self.options.in_even_light(self.view, on_target))
-        solution = fit_in_even_light._solved(even, even_matched, {})
-        even, solution = fit_in_even_light._at_one_exposure(even, even_matched, solution)
-        limits = (sentence_of(falloff, light.removal), *(_limits_of_lamp(matched) if light.lamp else ()))
+        lamp = self._better_lamp(matched, water, falloff)
+        if lamp is not None:
+            even, solution = self._in_the_light_of(UnevenLight(falloff, lamp), with_rays, matched)
+            if even.n_repeated and not solution.is_photograph:
+                return even, solution
+        return self._in_the_light_of(UnevenLight(falloff, None), with_rays, matched)
+
+    def _better_lamp(self, matched: Observations, water: WaterParameters, falloff: Falloff) -> LampFit | None:
+        """Return the lamp that explains the observations better than the place in the image; None without one.
+
+        A lamp tells nothing of pixels without depth, and colours=single_view knows no other way of the light than the
+        distance.
+        """
+        if self.options.fill or self.options.colours == "single_view":
+            return None
+        lamp = estimate_lamp(matched, water, seed=self.options.seed)
+        return lamp if explains_better(lamp, falloff) else None
+
+    def _in_the_light_of(
+        self, light: UnevenLight, with_rays: Observations, matched: Observations
+    ) -> tuple[Observations, Solution]:
+        """Return the solution for observations that are brought to even light, and these; with_rays: all of them."""
+        assert light.falloff is not None
+        even, even_matched, on_target = light.removed(with_rays), light.removed(matched), light.on(self.view)
+        in_even_light = replace(self, view=self.options.in_even_light(self.view, on_target))
+        solution = in_even_light._solved(even, even_matched, {})
+        if self.options.exposure == "per_view":
+            even, solution = in_even_light._at_gains_of_views(even, even_matched, solution.water)
+        else:
+            even, solution = in_even_light._at_one_exposure(even, even_matched, solution)
+        limits = (sentence_of(light.falloff, light.removal), *(limits_of_lamp(matched) if light.lamp else ()))
         solution = replace(solution, about={**solution.about, **light.about()}, light=on_target)
         return even, self._with_doubted_veil(even, matched, solution).with_limits(limits)
 
@@ -125,7 +178,7 @@ class OwnWater:
         then have the errors of noise: those of the veil are an offset of all.
         """
         uncertainty = solution.uncertainty
-        if solution.is_photograph or (is_determined(uncertainty) and not _is_flat(sample)):
+        if solution.is_photograph or (is_determined(uncertainty) and not is_flat(sample)):
             return solution
         uncertainty = replace(uncertainty, is_weak=(True, True, True), covariance=np.zeros((3, 3, 3)))
         where = self.options.backend, self.options.device
@@ -198,32 +251,4 @@ class OwnWater:
         even = None if matched is None else light.removed(matched)
         solution = replace(self._solved(observations, even, light.about()), light=light.on(self.view))
         solution = self._with_doubted_veil(observations, sample, solution)
-        return observations, solution.with_limits(_limits_of_lamp(sample))
-
-
-def _limits_of_lamp(sample: Observations) -> tuple[str, ...]:
-    """Say how wrong attenuation may be if distances are alike.
-
-    Light may fall with the square of its way d from the lamp, which the lobe does not model. Over the whole way of
-    about 2 d, that is d log(d^-2) / d(2 d) = -1 / d, as much as attenuation of 1 / d.
-    """
-    if not _is_flat(sample):
-        return ()
-    near, middle, far = np.quantile(sample.distance, (0.05, 0.5, 0.95))
-    return (
-        f"distances are alike ({near:.3g} to {far:.3g} m), and a lamp's falloff with distance looks like attenuation "
-        f"there: beta may be {1 / middle:.2g} 1/m too high",
-    )
-
-
-def _is_flat(sample: Observations) -> bool:
-    """Return whether distances are alike."""
-    near, far = np.quantile(sample.distance, (0.05, 0.95))
-    return bool(far <= _ALIKE * near)
-
-
-def _doubted(solution: Solution, falloff: Falloff, removal: Removal) -> Solution:
-    """Return the solution with no trust in its water, and a record of the falloff."""
-    uncertainty = replace(solution.uncertainty, is_weak=(True, True, True))
-    about = solution.about | {"falloff": record_of(falloff, removal)}
-    return replace(solution, uncertainty=uncertainty, about=about)
+        return observations, solution.with_limits(limits_of_lamp(sample))

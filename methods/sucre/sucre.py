@@ -80,6 +80,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         from sucre_bench.methods.sucre.undetermined_water import (
             UNKNOWN_VEIL,
             has_unknown_veil,
+            is_in_air,
             removes_offsets,
             without_darkest,
         )
@@ -91,7 +92,11 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             observations, solution = self._solve(scene, view, observations)
             if solution.light is not None:
                 view = self.in_even_light(view, solution.light)
-            elif has_unknown_veil(solution) and not removes_offsets(display_of(self)):
+            elif (
+                has_unknown_veil(solution)
+                and not is_in_air(observations, solution)
+                and not removes_offsets(display_of(self))
+            ):
                 solution = solution.with_limits([UNKNOWN_VEIL])
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
@@ -272,7 +277,7 @@ def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
         targets = samples(
             scene,
             lambda view: sucre.observe(scene, view),
-            lambda view, observations: matched_sample(sucre, scene, view, observations),
+            lambda view, observations: matched_sample(sucre, scene, view, observations) if sucre.footprint else None,
             most=sucre.shared_views,
             singles=sucre.physical,
             seed=sucre.seed,

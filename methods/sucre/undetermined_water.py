@@ -20,6 +20,9 @@ from sucre_bench.multiview.observations import Observations
 # Gains count if they remove at least this share of the residuals of a fit without gains.
 _BETTER = 0.3
 
+# Less optical depth than this over the farthest distances is none. Pure water has as much in red over .2 m.
+_CLEAR = 0.05
+
 # Pixels that one step towards gains is taken on.
 _SAMPLE = 1_500
 
@@ -59,6 +62,18 @@ def without_darkest(solution: Solution) -> tuple[Solution, Array]:
 def has_unknown_veil(solution: Solution) -> bool:
     """Return whether the colours of most channels hold an offset that the observations do not determine."""
     return not solution.is_photograph and not is_determined(solution.uncertainty)
+
+
+def is_in_air(observations: Observations, solution: Solution) -> bool:
+    """Return whether the observations show that no channel is attenuated, so that there is no veil either.
+
+    At least one channel must tell it, by the standard error of its beta: distances that are all alike tell nothing. One
+    whose beta is 0, the end of the range, has no standard error.
+    """
+    far = float(np.quantile(observations.distance, 0.95))
+    error = solution.uncertainty.standard_error.beta * far
+    known = np.isfinite(error)
+    return bool((solution.water.beta * far < _CLEAR).all() and known.any() and (error[known] < _CLEAR).all())
 
 
 def removes_offsets(display: str) -> bool:

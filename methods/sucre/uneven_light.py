@@ -25,12 +25,19 @@ from sucre_bench.scene import View
 # of `demo` it leaves .45, on surveys of flat ground .9 to 1.3.
 _BETTER = 0.8
 
+# Distances are alike if their percentile 95 is less than this many times their percentile 5.
+_ALIKE = 1.5
+
 
 class Removal(enum.Enum):
-    """How uneven light was removed. UNSURE: not, because something else may be the cause."""
+    """How uneven light was removed.
+
+    UNSURE: not, because something else may be the cause; SINGLE_PIXELS: not, because of footprint=false.
+    """
 
     NONE = "none"
     UNSURE = "unsure"
+    SINGLE_PIXELS = "single_pixels"
     LAMP = "lamp"
     PLACE = "place"
 
@@ -38,6 +45,7 @@ class Removal(enum.Enum):
 _SENTENCES = {
     Removal.NONE: "the fitted water is wrong; use lamp=auto, which removes the falloff",
     Removal.UNSURE: "it explains too little to be removed; the fitted water may be wrong; lamp=true fits a lamp",
+    Removal.SINGLE_PIXELS: "the fitted water is wrong; use footprint=true, with which lamp=auto removes the falloff",
     Removal.LAMP: "a lamp on the camera was fitted, and its light removed",
     Removal.PLACE: "the falloff was removed; beta also holds how light falls with the distance from a lamp",
 }
@@ -118,3 +126,24 @@ def record_of(falloff: Falloff, removal: Removal) -> dict[str, Any]:
         "noise_without": falloff.noise_without,
         "removed_by": removal.value,
     }
+
+
+def limits_of_lamp(sample: Observations) -> tuple[str, ...]:
+    """Say how wrong attenuation may be if distances are alike.
+
+    Light may fall with the square of its way d from the lamp, which the lobe does not model. Over the whole way of
+    about 2 d, that is d log(d^-2) / d(2 d) = -1 / d, as much as attenuation of 1 / d.
+    """
+    if not is_flat(sample):
+        return ()
+    near, middle, far = np.quantile(sample.distance, (0.05, 0.5, 0.95))
+    return (
+        f"distances are alike ({near:.3g} to {far:.3g} m), and a lamp's falloff with distance looks like attenuation "
+        f"there: beta may be {1 / middle:.2g} 1/m too high",
+    )
+
+
+def is_flat(sample: Observations) -> bool:
+    """Return whether distances are alike."""
+    near, far = np.quantile(sample.distance, (0.05, 0.95))
+    return bool(far <= _ALIKE * near)

@@ -9,7 +9,7 @@ import pytest
 from support.made_ground import WATERS, make_ground
 from support.made_survey import make_survey
 
-from sucre_bench import Arrays, Restoration, Scene
+from sucre_bench import Arrays, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
 from sucre_bench.plugins.calling import shown_with
@@ -47,6 +47,22 @@ def test_the_light_of_a_strobe_is_removed_from_the_picture(daylight: float, wate
     assert result.info["falloff"]["removed_by"] in ("lamp", "place")
     assert result.valid.mean() > 0.99
     assert shown_error(result.image, scene, "black-0.5-white-99") < 0.7 * shown_error(view.rgb, scene)
+
+
+@pytest.mark.parametrize("method", [Sucre(robust=True), Sucre(exposure="per_view")])
+def test_the_light_is_removed_with_other_options_of_the_fit(strobe_lit: Scene, method: Sucre) -> None:
+    view = strobe_lit["4.png"]
+    result = method.restore(strobe_lit, view)
+    assert result.info["falloff"]["removed_by"] in ("lamp", "place")
+    assert shown_error(result.image, strobe_lit) < 0.7 * shown_error(view.rgb, strobe_lit)
+
+
+@pytest.mark.parametrize("strobe", [True, False])
+def test_a_fit_to_single_pixels_says_that_the_light_falls_off(strobe_lit: Scene, strobe: bool) -> None:
+    scene = strobe_lit if strobe else make_survey(WATERS["coast"], strobe=False)
+    result = Sucre(footprint=False).restore(scene, scene["4.png"])
+    assert ("footprint=true" in limits(result)) is strobe
+    assert ("falloff" in result.info) is strobe
 
 
 def test_pixels_without_depth_are_filled_in_the_same_light(strobe_lit: Scene) -> None:
@@ -106,3 +122,8 @@ def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it(
     assert named in limits(SucrePlus().restore(scene, scene["4.png"]))
     with shown_with(named):
         assert "display" not in limits(SucrePlus().restore(scene, scene["4.png"]))
+
+
+def test_in_air_no_veil_stays_in_the_colours() -> None:
+    scene = make_ground(Water(np.zeros(3), np.zeros(3), np.zeros(3)))
+    assert "stretch-1-99" not in limits(SucrePlus().restore(scene, scene["3.png"]))
