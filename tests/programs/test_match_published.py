@@ -95,10 +95,11 @@ def test_one_number_without_a_name_is_the_mean_of_all(bench: Bench, folder: Path
 
 def test_numbers_that_no_variant_gives_are_said_to_be_none(bench: Bench, folder: Path, tmp_path: Path) -> None:
     rows = [(name, value * 1.02) for name, value in scores(folder, "uciqe:matlab").items()]
-    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows))
+    done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", "image,uciqe", rows), "--json")
     assert done.returncode == 0
-    assert "none" in done.stdout
-    assert "matlab" in done.stdout
+    nearest, *others = matches(done)["uciqe"]
+    assert nearest["variant"] == "matlab"
+    assert not any(record["fits"] for record in (nearest, *others))
 
 
 def test_references_make_columns_of_psnr_and_ssim(bench: Bench, folder: Path, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from types import SimpleNamespace
 
 import cv2
 import numpy as np
+import pandas as pd
 import psutil
 import pytest
 from click.testing import CliRunner
@@ -238,7 +239,8 @@ def test_data_that_changed_since_the_run_are_refused(results: Path, tmp_path: Pa
     copy = shutil.copytree(results, tmp_path / "copy")
     config = (copy / "config.yaml").read_text()
     (copy / "config.yaml").write_text(config.replace("tag: ''", "tag: other"))
-    with pytest.raises(InputError, match="'toy'"):
+    (data_id,) = set(pd.read_parquet(copy / "scores.parquet")["data_id"])
+    with pytest.raises(InputError, match=rf"'toy' .*{data_id}"):
         revisit(copy, ["input"])
     (copy / "config.yaml").write_text(
         config.replace("name: toy", "name: toy\n  label: else").replace("label: null", "")
