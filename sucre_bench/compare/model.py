@@ -146,7 +146,8 @@ class Note:
 
     methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: number of
     lost units, and of all units; left: number of units that remain for all methods; lost: the lost replicates; unit:
-    unit of n; reasons: how often each reason occurs, as text; option: the followed option; share: of the image, 0 to 1.
+    unit of n; reasons: how often each reason occurs, as text; option: the followed option; share: of the image, 0 to 1,
+    where pixels are left out.
     """
 
     kind: NoteKind
@@ -159,7 +160,7 @@ class Note:
     unit: Literal["image", "chart"] = "image"
     reasons: str = ""
     option: str = ""
-    share: float = math.nan
+    share: float = 1.0
 
 
 @dataclass(frozen=True)
