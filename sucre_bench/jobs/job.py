@@ -241,11 +241,10 @@ def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
 
 def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
     """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
+    plugin = plugin_of("method", name) or plugins.find("method", name)  # which says why there is none
     preset = preset_of("method", name)
-    plugin = plugin_of("method", name) if preset else plugins.find("method", name)
-    values: Mapping[str, Any] = preset.sets if preset else {}
-    named = {"name": plugin.name if plugin else name}
-    return _choice("method", {"display": getattr(plugin, "display", ""), **values, **options, **named})
+    values = preset.sets if preset else {}
+    return _choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
 
 
 def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:

@@ -1,5 +1,6 @@
 """The files of conf/: experiments, and methods or metrics with options set."""
 
+import functools
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -67,20 +68,18 @@ def given_paths(kind: Kind, name: str, values: Mapping[str, Any]) -> dict[str, s
 
 def default_choice(group: str) -> str:
     """Return the method or dataset that a command without `method=` or `dataset=` takes."""
-    defaults = _defaults((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8"))
+    defaults = _loaded((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8")).get("defaults") or ()
     return next((str(entry[group]) for entry in defaults if isinstance(entry, dict) and group in entry), "")
 
 
+@functools.cache  # the files do not change while a command runs
 def _read(path: Path) -> Preset:
     text = path.read_text(encoding="utf-8")
     comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
     description = next((comment for comment in comments if not comment.startswith("@")), "")
-    names = tuple(entry for entry in _defaults(text) if isinstance(entry, str) and entry != "_self_")
-    return Preset(path.stem, description, names, {k: v for k, v in _loaded(text).items() if k != "defaults"})
-
-
-def _defaults(text: str) -> list[Any]:
-    return list(_loaded(text).get("defaults") or [])
+    sets = _loaded(text)
+    names = tuple(entry for entry in sets.pop("defaults", None) or () if isinstance(entry, str) and entry != "_self_")
+    return Preset(path.stem, description, names, sets)
 
 
 def _loaded(text: str) -> dict[str, Any]:
