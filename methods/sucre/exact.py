@@ -23,7 +23,8 @@ from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError, SolveError
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
-from sucre_bench.methods.sucre.kernels import Backend, Kernel, opened
+from sucre_bench.methods.sucre.kernels import Kernel, opened
+from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 from sucre_bench.methods.sucre.levenberg import Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem

@@ -20,6 +20,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.exposure import estimate, random_repeated
+from sucre_bench.methods.sucre.lamp import DARK
 from sucre_bench.methods.sucre.light_and_water import Sample, fit_light, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations
@@ -35,9 +36,6 @@ _BETTER = 0.3
 # on made surveys. In a pool, whose floor is farther at the top of each picture, it left .33 with two views and .42 with
 # ten.
 _SURE, _FEWEST_VIEWS = 0.3, 3
-
-# Less light than this is taken as this: an 8-bit level would be a twentieth of the whole scale.
-_DARK = 0.05
 
 # The brightest and darkest places count by percentiles.
 _ENDS = (0.01, 0.99)
@@ -83,7 +81,7 @@ class Falloff:
     def light(self, ray: Array) -> Array:
         """Return l (...,) in [0.05, 1] along rays (2, ...), x / z and y / z in the camera's frame."""
         log = np.tensordot(self.coefficients, _terms(ray / self.scale), axes=1)
-        return np.asarray(np.exp(log.clip(self.darkest, self.brightest) - self.brightest).clip(_DARK, 1))
+        return np.asarray(np.exp(log.clip(self.darkest, self.brightest) - self.brightest).clip(DARK, 1))
 
 
 def find_falloff(observations: Observations, target: str, water: WaterParameters, *, seed: int = 0) -> Falloff | None:

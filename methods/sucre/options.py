@@ -21,7 +21,7 @@ from typing import Any, Literal
 
 from sucre_bench import InputError
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.sucre.kernels import Backend
+from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 
 
 class Way(enum.Enum):

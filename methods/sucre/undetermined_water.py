@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.exposure import random_repeated
-from sucre_bench.methods.sucre.kernels import Backend
+from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 from sucre_bench.methods.sucre.light_and_water import Sample, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import robust_noise

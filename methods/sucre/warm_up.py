@@ -10,7 +10,8 @@ from sucre_bench.camera import Camera
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.depth_edges import Target, corrected_edges
 from sucre_bench.methods.sucre.even_gaps import even_deviation
-from sucre_bench.methods.sucre.kernels import Backend, opened
+from sucre_bench.methods.sucre.kernels import opened
+from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.footprints import matched_footprints
 from sucre_bench.multiview.observe import Options, observe

@@ -15,8 +15,6 @@ from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
 
-__all__ = ["Backend", "Kernel", "backend_for", "opened"]
-
 
 class Kernel(Protocol):
     """Sums over the observations it was opened with."""
