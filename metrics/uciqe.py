@@ -24,10 +24,10 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.cielab import lab_d50_of_linear
-from sucre_bench.imaging.counted import Counted
 from sucre_bench.imaging.eight_bit import Palette, eight_bit, palette
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.imaging.once import locked, once
+from sucre_bench.imaging.value_counts import Counted
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

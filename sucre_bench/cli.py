@@ -11,10 +11,10 @@ import click
 
 from sucre_bench.errors import SucreBenchError, did_you_mean, one_line
 from sucre_bench.machine.children import isolated_children
+from sucre_bench.machine.control_characters import escaped_output, with_fewer_letters
 from sucre_bench.machine.memory_limit import limit_mb, too_little
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.process_limit import too_few_processes, want_of_processes
-from sucre_bench.machine.shown import escaped_output, with_fewer_letters
 from sucre_bench.machine.sigterm import was_interrupted
 from sucre_bench.machine.supervisor import supervised
 

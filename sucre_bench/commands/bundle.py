@@ -32,10 +32,10 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
     give the same bytes and the same id.
     """
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.programs.bundle.write import bundle_results
 
-    with terminal.live():
+    with progress_display.live():
         made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
     size = file.stat().st_size
     click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.machine.shown import counted
+from sucre_bench.machine.plural import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.mark_charts.session import Session
@@ -43,14 +43,14 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     """
     import webbrowser
 
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.programs.mark_charts import open_session
 
-    with terminal.live():
+    with progress_display.live():
         session = open_session.open_session(words, kind, _DATASET)
         session.prepare()
     if accept:
-        with terminal.live():
+        with progress_display.live():
             accepted, doubtful = session.accept()
         for proposal, fault in doubtful:
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")

@@ -93,19 +93,19 @@ def compare(
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
     from sucre_bench import compare
-    from sucre_bench.compare import text as tables
-    from sucre_bench.machine import terminal
+    from sucre_bench.compare.words import left_out
+    from sucre_bench.machine import progress_display
 
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
         raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
-    with terminal.live():
+    with progress_display.live():
         rows = compare.load(folders)
     compare.refuse(rows, metrics, common)
     rows = compare.on_pixels(rows, _common(folders, rows)) if pixels == "common" else rows
     compared = compare.compare(rows, metrics, by, baseline=baseline)
     if not any(table.columns for table in compared):
-        raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in tables.left_out(t)))
+        raise InputError("\n".join(f"{t.title}: {note}" for t in compared for note in left_out(t)))
     verdicts = compare.gated(rows, gates, baseline)
     _print(compared, folders, "json" if as_json else how, (spread, intervals, all_metrics, bool(metrics)))
     for verdict in verdicts:
@@ -123,9 +123,9 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     from sucre_bench.engine.common_folders import score_folders
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
 
-    with terminal.live():
+    with progress_display.live():
         made = score_folders(folders, rows)
     tables = [table for table in (known, made) if len(table)]
     return pd.concat(tables, ignore_index=True) if tables else known
@@ -133,29 +133,31 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
 
 def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:
     """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
-    from sucre_bench.compare import text as tables
+    from sucre_bench.compare.decisive_columns import decisive
+    from sucre_bench.compare.documents import as_text
+    from sucre_bench.compare.terminal_table import as_blocks, as_table
     from sucre_bench.machine import terminal
 
     spread, intervals, all_metrics, metrics = wanted
     if how != "terminal":
-        click.echo(tables.as_text(compared, how, spread), nl=False)
+        click.echo(as_text(compared, how, spread), nl=False)
         return
     width = terminal.out.width
     if not (intervals or all_metrics or spread):
-        for block in tables.as_blocks(compared, width, metrics):
+        for block in as_blocks(compared, width, metrics):
             terminal.out.print(block)
             click.echo()
         given = [*map(str, folders), *_given(click.get_current_context())]
         click.echo(f"more: {shlex.join(['sucre-bench', 'compare', *given, '--intervals', '--all-metrics'])}")
         return
     for table in compared:
-        shown_table = table if all_metrics or metrics else tables.decisive(table)
-        terminal.out.print(tables.as_table(shown_table, width, spread, intervals))
+        shown_table = table if all_metrics or metrics else decisive(table)
+        terminal.out.print(as_table(shown_table, width, spread, intervals))
 
 
 def _say_gated(verdict: Gated, baseline: str) -> None:
     """Print what a gate says, on stderr: stdout has the tables."""
-    from sucre_bench.compare.text import number, signed
+    from sucre_bench.compare.numbers import number, signed
 
     column, (gain, low, high) = verdict.column, verdict.gain
     unit = f" {column.unit}" if column.unit else ""

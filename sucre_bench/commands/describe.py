@@ -63,7 +63,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
     """
     from sucre_bench.engine.tasks import select
     from sucre_bench.errors import InputError
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.describe import description
     from sucre_bench.programs.describe.scale_note import noted_scale
@@ -76,7 +76,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
         raise InputError(f"{sheet}: has no suffix of a picture; end it in {', '.join(_SUFFIXES)}")
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
-    with terminal.live():
+    with progress_display.live():
         selections = select(overrides)
         described = [description.described(s.dataset.label, s.scene, s.views, most, noted_scale(s)) for s in selections]
     if as_json:

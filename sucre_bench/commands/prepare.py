@@ -104,7 +104,7 @@ def prepare(
     give another. If you stop prepare, the same command continues.
     """
     from sucre_bench.jobs.quoting import quoted
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.machine.sigterm import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
     from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
@@ -117,7 +117,7 @@ def prepare(
         depth_track,
     )
     load_pycolmap()  # before the next line, for it makes a kill dump its stack
-    with terminal.live(), terminated_as_interrupt():
+    with progress_display.live(), terminated_as_interrupt():
         try:
             done = pipeline.prepare(photos, out, pipeline.Options(**options), known, again)
         except KeyboardInterrupt:

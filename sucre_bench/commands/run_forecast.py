@@ -11,7 +11,7 @@ from sucre_bench.engine.forecast import Expected, Forecast
 from sucre_bench.machine import terminal
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.measured_rates import rates_path
-from sucre_bench.machine.pace import duration
+from sucre_bench.machine.time_left import duration
 
 
 def show(found: Forecast) -> None:

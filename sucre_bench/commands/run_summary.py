@@ -14,10 +14,10 @@ import click
 from rich.text import Text
 
 from sucre_bench import compare, results
-from sucre_bench.compare import text as tables
+from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.outcome import Outcome
 from sucre_bench.errors import SucreBenchError
-from sucre_bench.machine import progress, terminal
+from sucre_bench.machine import progress, progress_display, terminal
 from sucre_bench.machine.secrets import masked
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
@@ -72,7 +72,7 @@ def as_object(outcome: Outcome, comparisons: Sequence[Comparison]) -> dict[str, 
 def show(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     """Print the tables, write the study's files and the page, print what failed and why, and where everything is."""
     if (outcome.rows["status"] == "ok").any():
-        for block in tables.as_blocks(comparisons, terminal.out.width):
+        for block in as_blocks(comparisons, terminal.out.width):
             terminal.out.print(block)
             click.echo()
         against = ("--baseline", comparisons[0].baseline) if comparisons and comparisons[0].baseline else ()
@@ -148,7 +148,7 @@ def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
     uri, experiment = outcome.tracking.uri, outcome.tracking.experiment
     if uri == "off" or mlflow.is_logged(outcome.out, uri, experiment):
         return
-    with terminal.live():
+    with progress_display.live():
         progress.say(f"mlflow   logging in {masked(uri)}; all results are written already")
         try:
             mlflow.log(outcome.out, outcome.stored, comparisons, uri, experiment)

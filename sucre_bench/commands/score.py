@@ -61,7 +61,7 @@ def score(
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
     from sucre_bench.commands import score_tables
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display, terminal
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.csv_text import csv_text
@@ -75,7 +75,10 @@ def score(
         names = names or match_published.variants_to_try(published, files)
         for warning in published.warnings:
             say(warning, "yellow")
-    with contextlib.redirect_stdout(sys.stderr), terminal.live():  # what a metric prints is no part of the table
+    with (
+        contextlib.redirect_stdout(sys.stderr),
+        progress_display.live(),
+    ):  # what a metric prints is no part of the table
         rows = score_folder.score_folder(images, reference, names)
     if file:
         write_atomically(file, csv_text(rows).encode())

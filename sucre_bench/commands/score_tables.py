@@ -7,8 +7,8 @@ import click
 import pandas as pd
 from rich.table import Table
 
-from sucre_bench.compare.numbers import standard_deviation
-from sucre_bench.compare.text import ARROW, number
+from sucre_bench.compare.numbers import number, standard_deviation
+from sucre_bench.compare.words import ARROW
 from sucre_bench.machine import terminal
 from sucre_bench.programs.match_published import Candidate, Column, PublishedTable, compare
 from sucre_bench.results.csv_text import csv_text

@@ -13,7 +13,7 @@ import click
 from sucre_bench.commands.common import plugin_option
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.machine.notices import say
-from sucre_bench.machine.shown import counted
+from sucre_bench.machine.plural import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.site.board import Entry
@@ -40,7 +40,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
 
     Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
     """
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.programs.site.board import State, board
     from sucre_bench.programs.site.page import write_page
 
@@ -48,7 +48,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
     paths = sorted(bundles.glob("*.zip"))
     if not paths:
         raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
-    with terminal.live():
+    with progress_display.live():
         entries = [_entry(path, data) for path in paths]
         made = board(entries)
     _note_unknown(data, entries)

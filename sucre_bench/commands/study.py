@@ -89,13 +89,13 @@ def _write(
     sizes: tuple[int, int, int],
     pixels: str,
 ) -> None:
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.programs.people import common_pixels, design, page
 
     pairs, views, width = sizes
     key = design.design(folder, methods, dataset, views)
     masks = common_pixels.common_masks(folder, key) if pixels == "common" else {}
-    with terminal.live():
+    with progress_display.live():
         page.write_page(out, folder, key, question or page.QUESTION, pairs, width, masks)
     path = design.write_key(folder, key)
     n_views = len(key.pictures) // len(key.methods)
@@ -153,7 +153,7 @@ def _order(found: Evaluated) -> list[int]:
 
 def _preferences(found: Evaluated) -> Any:
     """A line a method, the preferred one first."""
-    from sucre_bench.compare.text import signed
+    from sucre_bench.compare.numbers import signed
     from sucre_bench.machine import terminal
 
     people, wins = found.people, found.numbered.votes.wins
@@ -167,7 +167,7 @@ def _preferences(found: Evaluated) -> Any:
 
 def _sentences(found: Evaluated) -> list[str]:
     """What the numbers mean: the lead, over what intervals are, and how far observers agree."""
-    from sucre_bench.compare.text import number
+    from sucre_bench.compare.numbers import number
     from sucre_bench.programs.people.bradley_terry import FEWEST_OBSERVERS
 
     methods, people = found.numbered.methods, found.people
@@ -188,7 +188,7 @@ def _sentences(found: Evaluated) -> list[str]:
 
 def _metrics(found: Evaluated) -> Any:
     """A line a metric's variant, the one that agrees best first."""
-    from sucre_bench.compare.text import number
+    from sucre_bench.compare.numbers import number
     from sucre_bench.machine import terminal
 
     table = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])

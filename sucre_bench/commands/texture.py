@@ -51,7 +51,7 @@ def texture(
     """
     from sucre_bench.engine.reopen import INPUT, revisit
     from sucre_bench.errors import InputError
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.programs.surface.surface import choose_cells, fuse
     from sucre_bench.programs.surface.write_ply_glb import SUFFIXES, mean_up, write_model
 
@@ -61,7 +61,7 @@ def texture(
         raise InputError(f"{picture}: has no suffix of a picture; end it in .png")
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"
-    with terminal.live():
+    with progress_display.live():
         found = revisit(results, [method], dataset, scene)
         cells = choose_cells(found.frames, voxel)
         model = fuse(found.frames, method, cells, triangles)

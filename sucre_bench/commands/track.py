@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.machine.shown import counted
+from sucre_bench.machine.plural import counted
 
 
 @click.command()
@@ -24,7 +24,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     The command logs only rows that mlflow does not have yet.
     """
     from sucre_bench import compare, results
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.machine.secrets import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common
@@ -35,7 +35,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
         mlflow.check_port(port)
     rows = results.read(folder)
     comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
-    with terminal.live():
+    with progress_display.live():
         new = mlflow.log(folder, rows, comparisons, uri, experiment)
     page = mlflow.runs_page(uri, experiment, port) if ui else ""
     click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {counted(new, 'new run')}")

@@ -48,11 +48,11 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
 
     Exit codes: 0, nothing differs; 1, something differs; 2, the file is no bundle.
     """
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.programs.verify import check
     from sucre_bench.results.bundle_format import open_bundle
 
-    with contextlib.redirect_stdout(sys.stderr), terminal.live(), open_bundle(file) as bundle:
+    with contextlib.redirect_stdout(sys.stderr), progress_display.live(), open_bundle(file) as bundle:
         datasets = set(bundle.rows["dataset"])
         found = check.verify(bundle, data_folders(datasets, data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id

@@ -50,7 +50,7 @@ def video(
     """
     from sucre_bench.engine.reopen import revisit
     from sucre_bench.errors import InputError
-    from sucre_bench.machine import terminal
+    from sucre_bench.machine import progress_display, terminal
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.video.flicker import FORMULAE, flicker
     from sucre_bench.programs.video.frames import composed, panel_size
@@ -61,7 +61,7 @@ def video(
     labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
-    with terminal.live():
+    with progress_display.live():
         found = revisit(results, labels, dataset, scene)
         size = panel_size(found.frames[0], height)
         count = write_video(out, composed(found.frames, labels, size, fps, split), fps)

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 from typing import Literal
 
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare.compare_rows import asked_for, compare
 from sucre_bench.compare.model import Column, Comparison, Difference
-from sucre_bench.compare.tables import asked_for, compare
 from sucre_bench.errors import InputError, did_you_mean
 
 _WORST = 5

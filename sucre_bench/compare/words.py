@@ -8,7 +8,7 @@ from typing import Literal
 
 from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Note, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number, signed
-from sucre_bench.machine.shown import counted
+from sucre_bench.machine.plural import counted
 
 _MOST_NAMES = 4
 

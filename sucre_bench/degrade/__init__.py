@@ -16,8 +16,8 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import distance_map, scaled_camera
 from sucre_bench.degrade import depth_and_pose, sensor
-from sucre_bench.degrade.draws import generator
 from sucre_bench.degrade.options import VIEWS, Degradation, hashed
+from sucre_bench.degrade.random_numbers import generator
 from sucre_bench.degrade.views import around
 from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError

@@ -3,7 +3,7 @@
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.degrade.draws import random_field
+from sucre_bench.degrade.random_numbers import random_field
 
 
 def noisy_depth(depth: Array, relative_sd: float, grain_px: float, rng: np.random.Generator) -> Array:

@@ -5,8 +5,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from sucre_bench.degrade.draws import generator
 from sucre_bench.degrade.options import Degradation, hashed
+from sucre_bench.degrade.random_numbers import generator
 from sucre_bench.scene import Scene, View
 
 

@@ -25,7 +25,7 @@ from sucre_bench.engine.tasks import Task, open_scenes, tasks
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.log import now
+from sucre_bench.machine.clock import now
 from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.rows import Row, restorations, row_objects

@@ -15,7 +15,8 @@ from sucre_bench import compare, plugins, results
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.decisive_columns import deciding
-from sucre_bench.compare.text import as_text, number
+from sucre_bench.compare.documents import as_text
+from sucre_bench.compare.numbers import number
 from sucre_bench.engine.common_in_memory import InMemory, score_in_memory
 from sucre_bench.engine.python_api import restore, score
 from sucre_bench.engine.score import row_without_value
@@ -25,8 +26,8 @@ from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.job import Choice, method_choice, metric_choices
 from sucre_bench.jobs.presets import presets
-from sucre_bench.machine import progress, terminal
-from sucre_bench.results.wide import wide
+from sucre_bench.machine import progress, progress_display
+from sucre_bench.results.wide_table import wide
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:
@@ -196,7 +197,7 @@ def _default_metrics() -> list[str]:
 
 def _shown(wanted: bool | None) -> AbstractContextManager[None]:
     is_wanted = sys.stderr.isatty() if wanted is None else wanted
-    return terminal.live() if is_wanted and not progress.is_watched() else contextlib.nullcontext()
+    return progress_display.live() if is_wanted and not progress.is_watched() else contextlib.nullcontext()
 
 
 def _one(

@@ -25,7 +25,7 @@ from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import terminal
+from sucre_bench.machine import progress_display
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.measured_rates import MeasuredRates, Rates, rates_path
 from sucre_bench.multiview.pairing import lift, visible_pixels
@@ -80,7 +80,7 @@ def forecast(overrides: Sequence[str], multirun: bool) -> Forecast:
 
     Raises what the command raises before any work.
     """
-    with terminal.live():
+    with progress_display.live():
         command = config.jobs(list(overrides), multirun)
         planned = check(command)
     started = time.perf_counter()

@@ -25,10 +25,10 @@ from sucre_bench.engine.run_job import failed_row, run_job
 from sucre_bench.errors import DiskFullError, PluginError, SucreBenchError, one_line
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import progress, terminal
-from sucre_bench.machine.log import keep_traceback
-from sucre_bench.machine.steps import Note, NoteFile, at_work
+from sucre_bench.machine import progress, progress_display
+from sucre_bench.machine.current_step import Note, NoteFile, at_work
 from sucre_bench.machine.supervisor import how_it_ended
+from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.results.layout import at_work_path, file_name, log_path
 from sucre_bench.results.table import FLUSH_S
 
@@ -190,9 +190,9 @@ def run_text(
     """Run a job in a process of its own, which shows no progress. config, shared_pairs: of a `Job`.
 
     The process notes its steps in a file of the output folder, which stays if it dies. deaths, start: see
-    `machine.steps.at_work`.
+    `machine.current_step.at_work`.
     """
-    with terminal.plain():
+    with progress_display.plain():
         job = replace(Job.read(config), shared_pairs=shared_pairs)
         path = at_work_path(job.out, config)
         file = NoteFile.at(path)

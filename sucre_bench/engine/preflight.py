@@ -12,7 +12,7 @@ from sucre_bench.engine.tasks import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedTableError, InputError, SucreBenchError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.job import Choice, Job
-from sucre_bench.machine.steps import step
+from sucre_bench.machine.current_step import step
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import Status, restoration_rows, tuples

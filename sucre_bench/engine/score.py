@@ -16,8 +16,8 @@ from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
 from sucre_bench.jobs.job import MetricChoice
-from sucre_bench.machine.log import keep_traceback
-from sucre_bench.machine.steps import step
+from sucre_bench.machine.current_step import step
+from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason

@@ -17,12 +17,12 @@ from sucre_bench.engine.tasks import opening_once
 from sucre_bench.jobs import command as config
 from sucre_bench.jobs.command import Command
 from sucre_bench.jobs.config_file import config_path, config_text
-from sucre_bench.machine import provenance, terminal
+from sucre_bench.machine import progress_display, provenance
+from sucre_bench.machine.clock import now
+from sucre_bench.machine.current_step import note_start
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.log import now
 from sucre_bench.machine.secrets import masked
 from sucre_bench.machine.sigterm import terminated_as_interrupt
-from sucre_bench.machine.steps import note_start
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import pairs_path
 from sucre_bench.results.rows import Status
@@ -34,7 +34,7 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
     Raises ProblemsError before any work when something selected does not exist, cannot be opened or is not installed;
     OutputError when results cannot be written.
     """
-    with terminal.live(), opening_once():
+    with progress_display.live(), opening_once():
         command = config.jobs(overrides, multirun)
         out = command.jobs[0].out
         planned = check(command)

@@ -11,9 +11,9 @@ import threading
 from collections.abc import Callable
 from contextlib import suppress
 
+from sucre_bench.machine.current_step import Note, NoteFile, at_work
 from sucre_bench.machine.memory_limit import limit_mb
 from sucre_bench.machine.sigterm import stop_at_signals
-from sucre_bench.machine.steps import Note, NoteFile, at_work
 
 _GRACE_S = 5  # for threads that a plugin has left behind
 _STOPS = (signal.SIGINT, signal.SIGTERM)
@@ -26,8 +26,8 @@ _WANT_OF_MEMORY = (signal.SIGABRT, signal.SIGBUS, signal.SIGKILL, signal.SIGSEGV
 def supervised(work: Callable[[], int], say: Callable[[str], None]) -> int:
     """Run a command in a child and return its exit code.
 
-    If the child dies at a step (`machine.steps`), another goes on that leaves the step out. say: called with a line if
-    nothing can go on. Where a child cannot be forked safely, the work is done here.
+    If the child dies at a step (`machine.current_step`), another goes on that leaves the step out. say: called with a
+    line if nothing can go on. Where a child cannot be forked safely, the work is done here.
     """
     if not _may_fork():
         return work()

@@ -23,7 +23,7 @@ from typing import Any, BinaryIO, Unpack
 import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError
-from sucre_bench.machine.code import engine_hash
+from sucre_bench.machine.code_digests import engine_hash
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.locks import waited_lock
 from sucre_bench.machine.progress import say

@@ -18,7 +18,7 @@ from types import MappingProxyType, ModuleType
 from typing import Any
 
 from sucre_bench.errors import PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
-from sucre_bench.machine.steps import step
+from sucre_bench.machine.current_step import step
 from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 

@@ -1,6 +1,6 @@
 """The results folder: its score table, the parts that jobs write, and the restorations beside the pictures."""
 
-from sucre_bench.results.merging import merge
+from sucre_bench.results.merge_parts import merge
 from sucre_bench.results.reasons import Reason, brief, with_remedy
 from sucre_bench.results.rows import (
     COLUMNS,

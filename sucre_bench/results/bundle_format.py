@@ -29,8 +29,8 @@ from typing import Any
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.machine.files import open_atomically
-from sucre_bench.results.check_table import check_values
 from sucre_bench.results.csv_text import csv_text
+from sucre_bench.results.damaged_table import check_values
 from sucre_bench.results.encoded_rows import encoded
 from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
 

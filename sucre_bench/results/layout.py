@@ -47,7 +47,7 @@ def pairs_path(out: Path) -> Path:
 
 
 def at_work_path(out: Path, config: str) -> Path:
-    """The note of the process that is at work on a job (`machine.steps`). config: of the job."""
+    """The note of the process that is at work on a job (`machine.current_step`). config: of the job."""
     return out / ".at-work" / hashlib.blake2b(config.encode(), digest_size=8).hexdigest()
 
 

@@ -5,7 +5,7 @@ A job writes its rows to part files of its own, ``parts/<job>-<n>.parquet``, ato
 nothing that was written.
 
 Of two rows for one score the one with the later `time` counts. Reading moves this process's clock beyond the newest row
-(`machine.log.now`), so a computer whose clock was set back still writes rows that count.
+(`machine.clock.now`), so a computer whose clock was set back still writes rows that count.
 """
 
 from __future__ import annotations
@@ -21,11 +21,11 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import ANY_FAULT, DamagedTableError, InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.machine.clock import not_before
 from sucre_bench.machine.files import NoRegularFileError, regular, write_atomically
-from sucre_bench.machine.log import not_before
-from sucre_bench.results.check_table import check_columns, check_values, damaged
+from sucre_bench.results.damaged_table import check_columns, check_values, damaged
 from sucre_bench.results.encoded_rows import TEXTS, as_frame, encoded, joined, of_label, texts_of
-from sucre_bench.results.newest import newest
+from sucre_bench.results.newest_rows import newest
 from sucre_bench.results.rows import COLUMNS, Row, as_arrow
 
 if TYPE_CHECKING:

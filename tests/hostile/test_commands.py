@@ -23,8 +23,8 @@ from support.command_line import PROGRAM, forks, run_bounded, run_here
 from support.watching import Lines
 
 from sucre_bench.machine import progress
+from sucre_bench.machine.control_characters import shown
 from sucre_bench.machine.locks import waited_lock
-from sucre_bench.machine.shown import shown
 from sucre_bench.programs.mark_charts import open_session
 from sucre_bench.programs.mark_charts.server import PageServer
 

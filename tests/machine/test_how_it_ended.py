@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from sucre_bench.machine.steps import Note
+from sucre_bench.machine.current_step import Note
 from sucre_bench.machine.supervisor import how_it_ended
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from sucre_bench.machine.code import KeptDigests
+from sucre_bench.machine.code_digests import KeptDigests
 
 pytestmark = pytest.mark.short
 

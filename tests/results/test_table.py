@@ -14,7 +14,7 @@ from sucre_bench import InputError, results
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import table
-from sucre_bench.results.merging import merge
+from sucre_bench.results.merge_parts import merge
 from sucre_bench.results.rows import Row, frame
 from sucre_bench.results.table import Part, read
 

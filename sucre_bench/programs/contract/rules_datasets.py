@@ -17,7 +17,7 @@ from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.patches import check_corners
 from sucre_bench.jobs.job import Choice
 from sucre_bench.loading.view_of_photograph import is_rigid
-from sucre_bench.machine.shown import counted
+from sucre_bench.machine.plural import counted
 from sucre_bench.plugins.options import options_of
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
 from sucre_bench.programs.contract.process_state import watched

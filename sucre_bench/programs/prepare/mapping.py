@@ -16,9 +16,9 @@ from typing import Any, Literal
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.current_step import needed_step
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
-from sucre_bench.machine.steps import needed_step
 from sucre_bench.programs.prepare.photos import Photo, write_gray
 from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 

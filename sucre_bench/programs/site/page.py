@@ -8,7 +8,7 @@ from importlib.resources import files
 from pathlib import Path
 
 from sucre_bench.compare import Column
-from sucre_bench.compare.text import left_out, legend, shown, title
+from sucre_bench.compare.words import left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.site.board import Board, Line, Table
 

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import text as tables
+from sucre_bench.compare.documents import as_text
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular
+from sucre_bench.machine.plural import counted
 from sucre_bench.machine.secrets import masked
-from sucre_bench.machine.shown import counted
 from sucre_bench.reports.mlflow.already_logged import remember
 from sucre_bench.reports.mlflow.connection import connect, said_of
 from sucre_bench.reports.mlflow.experiment import Experiment, rows_hash, stamp
@@ -239,7 +239,7 @@ def _source(out: Path) -> dict[str, str]:
 def _note(rows: DataFrame, comparisons: Sequence[Comparison]) -> str:
     """The tables, which mlflow's page renders as the run's description."""
     ok = rows[rows["status"] == "ok"]
-    text = tables.as_text(comparisons, "md") if len(ok) else ""
+    text = as_text(comparisons, "md") if len(ok) else ""
     return text if len(text) < 7500 else "Too many tables to show here; they are in scores.parquet."
 
 

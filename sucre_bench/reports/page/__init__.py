@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.model import FEWEST_VIEWS
-from sucre_bench.compare.text import NUMBERS
+from sucre_bench.compare.numbers import NUMBERS
 from sucre_bench.jobs.rerun import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically

@@ -9,11 +9,12 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import COSTS, Column, Comparison, Verdict, text, verdicts
+from sucre_bench.compare import COSTS, Column, Comparison, Verdict, verdicts
 from sucre_bench.compare.answer import answer, blind, rough
 from sucre_bench.compare.decisive_columns import Deciding, deciding
+from sucre_bench.compare.documents import Format, as_text
 from sucre_bench.compare.pixels import FILLED
-from sucre_bench.compare.text import shown
+from sucre_bench.compare.words import left_out, legend, shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.rerun import Rerun, metric_words, shell
@@ -28,7 +29,7 @@ _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
-_EXPORTS: tuple[tuple[str, text.Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
+_EXPORTS: tuple[tuple[str, Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
 
 
 def key_of(metric: str, variant: str) -> str:
@@ -90,19 +91,19 @@ class Section:
         return {
             "name": self.table.title,
             "scene": "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), ""),
-            "legend": text.legend(self.table, intervals=enough, ties=enough),
+            "legend": legend(self.table, intervals=enough, ties=enough),
             "answer": [*answer(self.table, self._deciding), *filter(None, [blind(self._deciding)])],
             "few": few,
             "main": key_of(main.metric, main.variant) if (main := self._deciding.main) else "",
             "photographs": list(self.table.photographs),
-            "notes": list(text.left_out(self.table)),
+            "notes": list(left_out(self.table)),
             "verdicts": [_verdict(verdict) for verdict in verdicts(self.table)],
             "columns": [column_of(c) for c in self._columns],
             "methods": [self._method(name) for name in self.table.methods],
             "cells": [[cell_of(self.table, name, c) for c in self._columns] for name in self.table.methods],
             "metric_words": self._metric_words(),
             "views": views,
-            "exports": [{"name": name, "text": text.as_text([self.table], how)} for name, how in _EXPORTS],
+            "exports": [{"name": name, "text": as_text([self.table], how)} for name, how in _EXPORTS],
         }
 
     @cached_property

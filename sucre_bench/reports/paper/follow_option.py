@@ -15,12 +15,12 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
-from sucre_bench.compare.tables import without_replicates
+from sucre_bench.compare.compare_rows import without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.study import Study
-from sucre_bench.results.newest import is_fresh
+from sucre_bench.results.newest_rows import is_fresh
 
 
 @dataclass(frozen=True)

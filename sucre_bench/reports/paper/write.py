@@ -6,11 +6,13 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import Comparison, text, verdicts
+from sucre_bench.compare import Comparison, verdicts
+from sucre_bench.compare.documents import as_text
+from sucre_bench.compare.words import verdict_text
 from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, OutputError, one_line
 from sucre_bench.jobs.study import Study
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.log import keep_traceback
+from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.reports.paper import figures
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.follow_option import records
@@ -122,14 +124,14 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
         csv = csv_text(pd.DataFrame([record for one in results.followed for record in records(one)]))
     else:
         tables = results.comparisons
-        sentences = "".join(f"- {text.verdict_text(table, each)}\n" for table in tables for each in verdicts(table))
-        csv = text.as_text([*results.with_baseline, *results.parts], "csv", study.spread)
+        sentences = "".join(f"- {verdict_text(table, each)}\n" for table in tables for each in verdicts(table))
+        csv = as_text([*results.with_baseline, *results.parts], "csv", study.spread)
         if study.baseline:
             titled = [replace(t, title=f"{t.title}, against {study.baseline}") for t in results.with_baseline]
             tables = [*itertools.chain(*zip(tables, titled, strict=True))]
         tables = [*tables, *results.parts]
-    yield "md", text.as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
-    yield "tex", text.as_text(tables, "latex", study.spread)
+    yield "md", as_text(tables, "md", study.spread) + (f"\n{sentences}" if sentences else "")
+    yield "tex", as_text(tables, "latex", study.spread)
     yield "csv", csv
 
 

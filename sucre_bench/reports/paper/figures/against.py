@@ -11,7 +11,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column
-from sucre_bench.compare.text import title
+from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.scores import panels

@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare.text import number
+from sucre_bench.compare.numbers import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.roles import adding, metrics_of

@@ -1,25 +1,11 @@
-"""The log of tracebacks, and the clock for the times in rows."""
+"""The clock for the times in rows: UTC, and never a time twice."""
 
 import threading
-import traceback
 from contextlib import suppress
 from datetime import UTC, datetime, timedelta
-from pathlib import Path
-
-from sucre_bench.machine.secrets import masked
 
 _lock = threading.Lock()
 _latest = datetime.min.replace(tzinfo=UTC)
-
-
-def keep_traceback(log: Path | None, where: str) -> None:
-    """Append the exception being handled to a log, if there is one."""
-    if log is None:
-        return
-    with suppress(OSError):  # the row has the reason, too
-        log.parent.mkdir(parents=True, exist_ok=True)
-        with log.open("a", encoding="utf-8") as file:
-            file.write(f"--- {now()} {where}\n{masked(traceback.format_exc())}\n")
 
 
 def now() -> str:

@@ -12,7 +12,7 @@ import pytest
 from rich.console import Console
 
 from sucre_bench import compare
-from sucre_bench.compare import text as tables
+from sucre_bench.compare.terminal_table import as_blocks, as_table
 from sucre_bench.results.rows import Row, frame
 
 PSNR = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
@@ -74,7 +74,7 @@ def printed(
     console = Console(
         file=io.StringIO(), width=width, force_terminal=colours, color_system="standard" if colours else None
     )
-    for block in tables.as_blocks(comparisons, width, every):
+    for block in as_blocks(comparisons, width, every):
         console.print(block)
     return Block(console.file.getvalue().splitlines())
 
@@ -145,7 +145,7 @@ def test_the_whole_table_marks_ties_of_few_views_only_beside_their_intervals():
     shown = []
     for intervals in (False, True):
         console = Console(file=io.StringIO(), width=80)
-        console.print(tables.as_table(comparison, 80, intervals=intervals))
+        console.print(as_table(comparison, 80, intervals=intervals))
         shown.append(console.file.getvalue())
     assert ["≈" in text for text in shown] == ["[" in text for text in shown] == [False, True]
     assert all("rough" in text for text in shown)
@@ -189,7 +189,7 @@ def test_the_whole_table_has_the_order_and_the_width_of_the_block():
     photo, low, high = [40.0] * 6, [1.0, 2, 3, 4, 5, 6], [5.0, 6, 8, 9, 7, 8]
     (comparison,) = compared({"psnr": {"photo": photo, LONG[:30]: low, "high": high}}, photograph="photo")
     console = Console(file=io.StringIO(), width=80, soft_wrap=True)  # as in a pipe
-    console.print(tables.as_table(comparison, 80))
+    console.print(as_table(comparison, 80))
     lines = console.file.getvalue().splitlines()
     assert max(map(len, lines)) <= 80
     rows = [line.split()[0] for line in lines if "[" in line and line.split()[0] in comparison.methods]

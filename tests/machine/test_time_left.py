@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from sucre_bench.machine.pace import Pace
+from sucre_bench.machine.time_left import Pace
 
 pytestmark = pytest.mark.short
 

@@ -17,7 +17,10 @@ import pytest
 from rich.console import Console
 
 from sucre_bench import compare
-from sucre_bench.compare import text as tables
+from sucre_bench.compare.documents import as_text
+from sucre_bench.compare.numbers import number, signed
+from sucre_bench.compare.terminal_table import as_table
+from sucre_bench.compare.words import legend, title, verdict_text
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")
@@ -41,30 +44,30 @@ def terminal(comparison: compare.Comparison, width: int = 120, colours: bool = F
     console = Console(
         file=io.StringIO(), width=width, force_terminal=colours, color_system="standard" if colours else None
     )
-    console.print(tables.as_table(comparison, width, spread))
+    console.print(as_table(comparison, width, spread))
     return console.file.getvalue()
 
 
 def test_every_format_holds_every_method():
     comparison = table({"plain": [1, 2, 3], "with_under_score": [2, 3, 4]})
     for how in FORMATS:
-        text = tables.as_text([comparison], how)
+        text = as_text([comparison], how)
         assert "plain" in text
         assert "with_under_score" in text.replace("\\_", "_")
-    assert [line["mean"] for line in json.loads(tables.as_text([comparison], "json"))] == [2, 3]
+    assert [line["mean"] for line in json.loads(as_text([comparison], "json"))] == [2, 3]
 
 
 def test_several_tables_are_one_text_a_program_can_read():
     both = compare.compare(frame([replace(ROW, method="m", view="a", value=1.0, dataset=d) for d in ("sea", "lake")]))
-    assert [line["table"] for line in json.loads(tables.as_text(both, "json"))] == ["sea", "lake"]
-    assert tables.as_text(both, "csv").count("metric,variant") == 1
-    assert "**lake**" in tables.as_text(both, "md")
-    assert "<caption>lake</caption>" in tables.as_text(both, "html")
+    assert [line["table"] for line in json.loads(as_text(both, "json"))] == ["sea", "lake"]
+    assert as_text(both, "csv").count("metric,variant") == 1
+    assert "**lake**" in as_text(both, "md")
+    assert "<caption>lake</caption>" in as_text(both, "html")
 
 
 def test_records_hold_all_that_is_known_of_a_cell():
     comparison = table({"a": [1.0, 2, 4], "b": [3.0, 2, None]}, baseline="a")
-    read = pd.read_csv(io.StringIO(tables.as_text([comparison], "csv"))).set_index("method")
+    read = pd.read_csv(io.StringIO(as_text([comparison], "csv"))).set_index("method")
     column = comparison.columns[0]
     for name in comparison.methods:
         cell = comparison.cells[name, column]
@@ -77,7 +80,7 @@ def test_records_hold_all_that_is_known_of_a_cell():
 
 
 def test_json_has_no_number_that_json_does_not_know():
-    text = tables.as_text([table({"perfect": [np.inf, 1.0], "good": [2.0, 1.0]})], "json")
+    text = as_text([table({"perfect": [np.inf, 1.0], "good": [2.0, 1.0]})], "json")
     json.loads(text, parse_constant=lambda name: pytest.fail(name))
 
 
@@ -86,13 +89,13 @@ def test_labels_are_shown_as_they_are():
     comparison = table({"w=[abc]": [1, 2], "a{b}_[/red]": [3, 4]})
     assert "w=[abc]" in terminal(comparison)
     assert "a{b}_[/red]" in terminal(comparison)
-    assert r"a\{b\}\_" in tables.as_text([comparison], "latex")
-    html = tables.as_text([table({"<script>&": [1, 2]})], "html")
+    assert r"a\{b\}\_" in as_text([comparison], "latex")
+    html = as_text([table({"<script>&": [1, 2]})], "html")
     assert "&lt;script&gt;&amp;" in html
 
 
 def test_html_is_well_formed():
-    text = tables.as_text([table({"a<b": [1, 5, 9], "c": [2, None, 8], "d&": [1, 2, 3]})], "html")
+    text = as_text([table({"a<b": [1, 5, 9], "c": [2, None, 8], "d&": [1, 2, 3]})], "html")
     root = ElementTree.fromstring(f"<div>{text}</div>")
     assert [row[0].text for row in root.findall(".//tbody/tr")] == ["a<b", "c", "d&"]
 
@@ -101,7 +104,7 @@ def test_html_is_well_formed():
 def test_latex_sets_every_sign_and_closes_every_brace(baseline: str):
     labels = ["a", "b\\{}_%&#$~^", "[c] *d*", "naïve β 水"]
     scores = {label: [n + 1.0, n * n + 0.5, 7.0 - n] for n, label in enumerate(labels)}
-    text = tables.as_text([table(scores, baseline=baseline)], "latex", spread=True)
+    text = as_text([table(scores, baseline=baseline)], "latex", spread=True)
     body = text.partition(r"\end{tabular}")[0]
     bare = re.sub(r"\\.", "", body)
     assert bare.count("{") == bare.count("}")
@@ -130,7 +133,7 @@ def test_latex_compiles_as_is(baseline: str, tmp_path: Path):
         pytest.fail(said) if os.environ.get("SUCRE_BENCH_TEST_LATEX") == "1" else pytest.skip(said)
     signs = "".join(map(chr, range(1, 0x180)))
     scores = {label: [n + 1.0, n * n + 0.5, 7.0 - n] for n, label in enumerate(["a", signs, "[c] *d*", "β 水"])}
-    (tmp_path / "scores.tex").write_text(tables.as_text([table(scores, baseline=baseline)], "latex", spread=True))
+    (tmp_path / "scores.tex").write_text(as_text([table(scores, baseline=baseline)], "latex", spread=True))
     (tmp_path / "paper.tex").write_text(
         "\\documentclass{article}\n\\usepackage{booktabs}\n\\begin{document}\n\\input{scores}\n\\end{document}\n"
     )
@@ -147,7 +150,7 @@ def test_latex_sets_no_more_columns_beside_each_other_than_a_page_holds():
         for m, n, v in itertools.product(("one", "two"), range(9), range(3))
     ]
     (comparison,) = compare.compare(frame(rows))
-    text = tables.as_text([comparison], "latex")
+    text = as_text([comparison], "latex")
     tabulars = re.findall(r"\\begin\{tabular\}\{(l?r+)\}(.*?)\\end\{tabular\}", text, re.S)
     assert 1 < len(tabulars) < 9
     assert sum(len(columns) - 1 for columns, _ in tabulars) == 9
@@ -166,8 +169,8 @@ def test_cells_show_mean_interval_tie_and_holes():
     assert "±" not in terminal(comparison)
     assert re.search(r"≈ 25\.0 ± 5\.00 \[", terminal(comparison, spread=True))
     for how in ("md", "latex", "html"):
-        assert "5.00" in tables.as_text([comparison], how, spread=True)
-        assert "5.00" not in tables.as_text([comparison], how)
+        assert "5.00" in as_text([comparison], how, spread=True)
+        assert "5.00" not in as_text([comparison], how)
 
 
 def test_parts_of_cells_stand_below_each_other():
@@ -197,7 +200,7 @@ def test_the_best_is_bold_and_green_the_second_underlined():
 
 def test_nothing_is_best_among_equals_or_alone():
     for scores in ({"a": [1.0, 2], "b": [1.0, 2]}, {"a": [1.0, 2]}):
-        assert "**" not in tables.as_text([table(scores)], "md")
+        assert "**" not in as_text([table(scores)], "md")
 
 
 def test_against_a_baseline_better_is_green_worse_red_and_chance_marked():
@@ -223,12 +226,12 @@ def test_the_legend_says_over_what_and_explains_only_marks_that_are_there():
         for n, (m, s, v) in enumerate(itertools.product("ab", ("x", "y"), range(3)))
     ]
     (comparison,) = compare.compare(frame(rows))
-    said = tables.legend(comparison)
+    said = legend(comparison)
     assert "over 6 views of 2 scenes" in said
     assert "scenes" in said
     assert "○" not in said
-    assert "○n" in tables.legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
-    assert "no intervals" in tables.legend(table({"a": [1], "b": [2]}))
+    assert "○n" in legend(table({"a": [1, 2, 3], "b": [1, 2, None]}))
+    assert "no intervals" in legend(table({"a": [1], "b": [2]}))
 
 
 def test_charts_are_counted_in_the_legend():
@@ -237,7 +240,7 @@ def test_charts_are_counted_in_the_legend():
         for (m, r), v in itertools.product((("psi", "c0"), ("psi", "c1"), ("psnr", "image")), ("v0", "v1"))
     ]
     (comparison,) = compare.compare(frame(rows))
-    assert "2 views (4 charts)" in tables.legend(comparison)
+    assert "2 views (4 charts)" in legend(comparison)
 
 
 def test_a_verdict_says_gap_interval_wins_effect_and_chance():
@@ -245,7 +248,7 @@ def test_a_verdict_says_gap_interval_wins_effect_and_chance():
     (verdict,) = compare.verdicts(comparison)
     assert (verdict.leader, verdict.second, verdict.wins, verdict.may_be_chance) == ("a", "b", 2, True)
     assert verdict.difference == pytest.approx(0.1 / 3)
-    said = tables.verdict_text(comparison, verdict)
+    said = verdict_text(comparison, verdict)
     assert re.fullmatch(r"psnr: a .*b .*0\.033 dB \[-\S+, \S+\], .*2 of 3 views, effect 0\.0, .*chance", said)
 
 
@@ -253,7 +256,7 @@ def test_a_verdict_against_a_baseline_is_a_sentence_a_method():
     comparison = table({"base": [1.0, 2, 3], "m": [2.0, 3.1, 3.9], "n": [1.0, 2, 3]}, baseline="base", better="lower")
     verdicts = compare.verdicts(comparison)
     assert [(v.leader, v.second, v.wins) for v in verdicts] == [("base", "m", 3), ("n", "base", 1.5)]
-    first, second = (tables.verdict_text(comparison, verdict) for verdict in verdicts)
+    first, second = (verdict_text(comparison, verdict) for verdict in verdicts)
     assert re.fullmatch(r"psnr: m .*worse.* base .*1\.00 dB \[.*\], .*3 of 3 views, effect 10\.0", first)
     assert re.fullmatch(r"psnr: n .*equal.* base", second)
 
@@ -265,7 +268,7 @@ def test_nobody_is_said_to_lead_by_what_only_describes_or_by_infinity():
 
 def test_a_number_that_only_describes_has_no_arrow():
     comparison = table({"a": [1.0, 2]}, better="none", metric="hue", unit="deg")
-    assert tables.title(comparison.columns[0]) == "hue deg"
+    assert title(comparison.columns[0]) == "hue deg"
 
 
 @pytest.mark.parametrize(
@@ -276,8 +279,8 @@ def test_a_number_that_only_describes_has_no_arrow():
     ],
 )  # fmt: skip
 def test_numbers_keep_the_figures_that_matter(value: float, text: str):
-    assert tables.number(value) == text
+    assert number(value) == text
 
 
 def test_differences_carry_their_sign():
-    assert [tables.signed(x) for x in (0.312, -0.312, 0.0)] == ["+0.312", "-0.312", "0"]
+    assert [signed(x) for x in (0.312, -0.312, 0.0)] == ["+0.312", "-0.312", "0"]

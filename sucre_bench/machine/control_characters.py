@@ -46,11 +46,6 @@ def shown(text: str) -> str:
     return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
 
 
-def counted(number: int, name: str) -> str:
-    """Return a number with its name: "1 table", "2 tables"."""
-    return f"{number} {name}{'' if number == 1 else 's'}"
-
-
 class _Escaped:
     """A stream that writes out control characters. rich, whose colours are our own, writes past it."""
 
