@@ -27,7 +27,7 @@ from sucre_bench.methods.sucre.options import (
 )
 from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, prior_of
 from sucre_bench.methods.sucre.sucre_paper import CITES
-from sucre_bench.plugins.calling import display_of
+from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
 
 if TYPE_CHECKING:

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import KINDS, json_option, refuse_options
 from sucre_bench.commands.completion_words import complete_words
+from sucre_bench.commands.shared_options import KINDS, json_option, refuse_options
 
 if TYPE_CHECKING:
     from sucre_bench.programs.contract.contract import Outcome, Subject
@@ -38,22 +38,22 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
     Exit codes: 0, the plugin keeps every rule; 1, it breaks a rule; 2, the command has a mistake.
     """
     from sucre_bench.machine import terminal
-    from sucre_bench.programs.contract import contract, text
+    from sucre_bench.programs.contract import contract, outcome_text
     from sucre_bench.programs.contract.subjects import subjects
 
     refuse_options(overrides, "check")
     checked: list[tuple[Subject, list[Outcome]]] = []
     for subject in subjects(plugin, overrides, kind, on):
         if not as_json:
-            terminal.out.print(text.title(subject), soft_wrap=True)
+            terminal.out.print(outcome_text.title(subject), soft_wrap=True)
         outcomes: list[Outcome] = []
         for outcome in contract.check(subject, contract.rules(subject.plugin, lasting=not quick)):
             outcomes.append(outcome)
-            for line in () if as_json else text.lines(outcome, terminal.out.encoding):
+            for line in () if as_json else outcome_text.lines(outcome, terminal.out.encoding):
                 terminal.out.print(line, soft_wrap=True)
         if not as_json:
-            terminal.out.print(text.summary(outcomes), soft_wrap=True)
+            terminal.out.print(outcome_text.summary(outcomes), soft_wrap=True)
         checked.append((subject, outcomes))
     if as_json:
-        click.echo(text.as_json(checked))
+        click.echo(outcome_text.as_json(checked))
     sys.exit(1 if any(outcome.status == "broken" for _, outcomes in checked for outcome in outcomes) else 0)

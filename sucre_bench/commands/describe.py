@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.common import json_option, plugin_option, refuse_options
+from sucre_bench.commands.shared_options import json_option, plugin_option, refuse_options
 
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.depth_and_poses import Overlap
     from sucre_bench.programs.describe.description import Described
     from sucre_bench.programs.describe.exposure import Exposure
-    from sucre_bench.programs.describe.facts import ViewFacts
+    from sucre_bench.programs.describe.view_facts import ViewFacts
     from sucre_bench.scene import Water
 
 _SUFFIXES = (".png", ".jpg", ".jpeg")
@@ -61,7 +61,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
 
     Exit codes: 0, at least one view was read; 2, no view could be read, or the command has a mistake.
     """
-    from sucre_bench.engine.tasks import select
+    from sucre_bench.engine.select_views import select
     from sucre_bench.errors import InputError
     from sucre_bench.machine import progress_display
     from sucre_bench.machine.files import write_atomically

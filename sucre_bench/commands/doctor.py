@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import json_option
+from sucre_bench.commands.shared_options import json_option
 
 if TYPE_CHECKING:
     from sucre_bench.programs.doctor import Examined

@@ -10,7 +10,7 @@ from typing import Any
 import click
 
 from sucre_bench import plugins
-from sucre_bench.commands.common import json_option, plugin_option
+from sucre_bench.commands.shared_options import json_option, plugin_option
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of

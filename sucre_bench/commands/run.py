@@ -11,7 +11,7 @@ from typing import Any
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.common import json_option, plugin_files_option, refuse_options
+from sucre_bench.commands.shared_options import json_option, plugin_files_option, refuse_options
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -75,7 +75,7 @@ def run(
     if plugin_files:
         overrides = (*overrides, f"plugins={value_of([str(Path(file).resolve()) for file in plugin_files])}")
     if cfg:
-        from sucre_bench.jobs.command import jobs
+        from sucre_bench.jobs.compose_jobs import jobs
         from sucre_bench.jobs.config_file import config_text
 
         command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.common import plugin_option
+from sucre_bench.commands.shared_options import plugin_option
 from sucre_bench.errors import Lack
 from sucre_bench.machine.notices import say
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import plugin_option
+from sucre_bench.commands.shared_options import plugin_option
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.plural import counted
@@ -84,7 +84,7 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
     """Verify a bundle. A file that is none is an entry, too, with the reason."""
     from sucre_bench.commands.verify import data_folders
     from sucre_bench.programs.site.board import Entry, State
-    from sucre_bench.programs.verify.check import verify
+    from sucre_bench.programs.verify.verify_bundle import verify
     from sucre_bench.results.bundle_format import open_bundle
 
     try:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import dataset_option, echo_wrapped, json_option, labels_of
+from sucre_bench.commands.shared_options import dataset_option, echo_wrapped, json_option, labels_of
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.notices import say
 

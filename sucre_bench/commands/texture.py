@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands.common import plugin_option, scene_options
+from sucre_bench.commands.shared_options import plugin_option, scene_options
 
 
 @click.command()
@@ -49,7 +49,7 @@ def texture(
     RESULTS is a results folder of `sucre-bench run`. The command opens its dataset again, which must have depth and
     poses.
     """
-    from sucre_bench.engine.reopen import INPUT, revisit
+    from sucre_bench.engine.reopen_results import INPUT, revisit
     from sucre_bench.errors import InputError
     from sucre_bench.machine import progress_display
     from sucre_bench.programs.surface.surface import choose_cells, fuse

@@ -12,13 +12,13 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.common import echo_wrapped, json_option, plugin_option
+from sucre_bench.commands.shared_options import echo_wrapped, json_option, plugin_option
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.verify.verified import Verified
+    from sucre_bench.programs.verify.outcome import Verified
 
 _MOST = 20  # scores that are listed
 
@@ -49,12 +49,12 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
     Exit codes: 0, nothing differs; 1, something differs; 2, the file is no bundle.
     """
     from sucre_bench.machine import progress_display
-    from sucre_bench.programs.verify import check
+    from sucre_bench.programs.verify import verify_bundle
     from sucre_bench.results.bundle_format import open_bundle
 
     with contextlib.redirect_stdout(sys.stderr), progress_display.live(), open_bundle(file) as bundle:
         datasets = set(bundle.rows["dataset"])
-        found = check.verify(bundle, data_folders(datasets, data), tolerance)
+        found = verify_bundle.verify(bundle, data_folders(datasets, data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id
     if as_json:
         click.echo(json.dumps(_as_object(found, is_other), indent=1))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.common import labels_of, plugin_option, scene_options
+from sucre_bench.commands.shared_options import labels_of, plugin_option, scene_options
 from sucre_bench.machine.json_text import json_text
 
 if TYPE_CHECKING:
@@ -48,7 +48,7 @@ def video(
     RESULTS is a results folder of `sucre-bench run`. The video shows its views in capture order. The
     command writes the numbers beside the video, for example into dive.mp4.json.
     """
-    from sucre_bench.engine.reopen import revisit
+    from sucre_bench.engine.reopen_results import revisit
     from sucre_bench.errors import InputError
     from sucre_bench.machine import progress_display, terminal
     from sucre_bench.machine.files import write_atomically

@@ -21,7 +21,7 @@ from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import Scorer, scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
-from sucre_bench.engine.tasks import Task, open_scenes, tasks
+from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress

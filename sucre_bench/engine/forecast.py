@@ -13,17 +13,17 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.degrade import degraded
-from sucre_bench.engine.done import Done
+from sucre_bench.engine.done_views import Done
+from sucre_bench.engine.measured_restore import make_ready, measured_restore
 from sucre_bench.engine.preflight import Planned, check
-from sucre_bench.engine.restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
-from sucre_bench.engine.tasks import Task
+from sucre_bench.engine.select_views import Task
 from sucre_bench.errors import InputError, one_line, raise_if_stop
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png
-from sucre_bench.jobs import command as config
-from sucre_bench.jobs.command import Command
+from sucre_bench.jobs import compose_jobs as config
+from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress_display
 from sucre_bench.machine.cores import usable_cores

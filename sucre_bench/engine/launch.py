@@ -20,10 +20,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
 from sucre_bench import results
+from sucre_bench.engine.failed_rows import failed_row
 from sucre_bench.engine.preflight import Planned, states
-from sucre_bench.engine.run_job import failed_row, run_job
+from sucre_bench.engine.run_job import run_job
 from sucre_bench.errors import DiskFullError, PluginError, SucreBenchError, one_line
-from sucre_bench.jobs.command import Command
+from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress, progress_display
 from sucre_bench.machine.current_step import Note, NoteFile, at_work

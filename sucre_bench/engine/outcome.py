@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.jobs.schema import Tracking
-from sucre_bench.jobs.study import Study
+from sucre_bench.jobs.study_block import Study
 from sucre_bench.results.rows import values_of
 
 

@@ -7,10 +7,10 @@ from typing import Literal
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.engine.done import Done
-from sucre_bench.engine.tasks import Task, open_scenes, opening_once, tasks
+from sucre_bench.engine.done_views import Done
+from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
 from sucre_bench.errors import DamagedTableError, InputError, SucreBenchError, did_you_mean, one_line, raise_if_stop
-from sucre_bench.jobs.command import Command
+from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.machine.current_step import step
 from sucre_bench.plugins.plugin import Plugin

@@ -9,7 +9,7 @@ import numpy as np
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame
-from sucre_bench.engine.restore import make_ready, measured_restore
+from sucre_bench.engine.measured_restore import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import display, displayed, is_of_scene
@@ -17,7 +17,7 @@ from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
 from sucre_bench.jobs.job import Choice, method_choice, metric_choices
-from sucre_bench.plugins.calling import shown_with
+from sucre_bench.plugins.call_method import shown_with
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.creation import create
 from sucre_bench.results.restorations import Measured, write_arrays

@@ -9,14 +9,15 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.done import Done
+from sucre_bench.engine.done_views import Done
+from sucre_bench.engine.failed_rows import failed_row, row_of_fault
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.hints import hints_of
-from sucre_bench.engine.restore import make_ready, measured_restore
-from sucre_bench.engine.score import Scorer, row_without_value, score_rows, scorers
+from sucre_bench.engine.measured_restore import make_ready, measured_restore
+from sucre_bench.engine.score import Scorer, score_rows, scorers
+from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.engine.share_decoded import sharing_decoded
-from sucre_bench.engine.tasks import Task, base_row, open_scenes, tasks
-from sucre_bench.errors import NotApplicableError, OutputError, one_line, raise_if_stop
+from sucre_bench.errors import NotApplicableError, OutputError, raise_if_stop
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.shared_pixels import with_shared_pixels
@@ -24,10 +25,8 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.clock import now
 from sucre_bench.machine.current_step import earlier_start, step
 from sucre_bench.machine.files import remove
-from sucre_bench.machine.process_limit import want_of_processes
-from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.multiview.cache import sharing
-from sucre_bench.plugins.calling import shown_with, with_truth
+from sucre_bench.plugins.call_method import shown_with, with_truth
 from sucre_bench.results.layout import file_name, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
@@ -44,7 +43,6 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
     try:
         every = list(tasks(job, [with_shared_pixels(scene) for scene in open_scenes(job.dataset)]))
     except BaseException as fault:
-        raise_if_stop(fault)
         part.add([failed_row(job, fault)])
         part.flush()
         return
@@ -61,7 +59,6 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
             method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
             make_ready(method)
     except BaseException as fault:
-        raise_if_stop(fault)
         whole = failed_row(job, fault)
         part.add([replace(whole, scene=t.base.scene, view=t.view.name, data_id=t.base.data_id) for t in todo])
         part.flush()
@@ -94,11 +91,8 @@ def _rows(
         return _scored(job, metrics, task, measured, None if over is None else over.get(task.base.scene))
     except OutputError:
         raise
-    except NotApplicableError as reason:
-        return [row_without_value(task.base, "skipped", one_line(reason))]
     except BaseException as fault:
-        raise_if_stop(fault)
-        return [_failed(job, task.base, fault)]
+        return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
 
 
 def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
@@ -156,17 +150,3 @@ def _scored(
     shown, filled = displayed(restoration, job.method.display, view.encoding, over)
     write_pictures(job.out, task.place, job.method.label, view, restoration, shown, filled)
     return score_rows(measured, shown, view, metrics, task.base, log_path(job.out), job.view_timeout_s)
-
-
-def failed_row(job: Job, fault: BaseException) -> Row:
-    """Say that a whole job failed, and return the row that says why."""
-    return _failed(job, base_row(job), fault)
-
-
-def _failed(job: Job, base: Row, fault: BaseException) -> Row:
-    """Say so at once, keep the traceback in the log, and return the row that says why."""
-    where = " / ".join(name for name in (base.dataset, base.scene, base.view, base.method) if name)
-    keep_traceback(log_path(job.out), where)
-    reason = want_of_processes(fault) or one_line(fault)
-    progress.say(f"failed  {where}: {reason}", is_fault=True)
-    return row_without_value(base, "failed", reason)

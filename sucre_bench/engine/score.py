@@ -11,18 +11,17 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
+from sucre_bench.engine.failed_rows import row_of_fault, row_without_value
 from sucre_bench.engine.guard import limited, unharmed
-from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
 from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.machine.current_step import step
-from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.restorations import Measured
-from sucre_bench.results.rows import Row, Status, fingerprint
+from sucre_bench.results.rows import Row, fingerprint
 from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
 
@@ -123,11 +122,6 @@ def score_code(base: Row, metric: str) -> str:
     return f"{base.code.split('.')[0]}.{metric}"
 
 
-def row_without_value(base: Row, status: Status, reason: str) -> Row:
-    """Return a row that says why there is no value."""
-    return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
-
-
 def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, limit_s: float | None) -> list[Row]:
     """Return the rows of one metric in one variant; a row with the reason if there is no score.
 
@@ -146,12 +140,8 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
                 )
                 for s in metric.score(of.restoration, of.shown, of.view, variant)
             ]
-    except NotApplicableError as reason:
-        return [row_without_value(base, "skipped", one_line(reason))]
     except BaseException as fault:
-        raise_if_stop(fault)
-        keep_traceback(log, f"{base.dataset} / {base.method} / {base.view} / {base.metric}:{base.variant}")
-        return [row_without_value(base, "failed", one_line(fault))]
+        return [row_of_fault(base, fault, log)]
     rows = [row_without_value(row, "skipped", Reason.NO_VALUE.value) if math.isnan(row.value) else row for row in rows]
     return rows or [row_without_value(base, "skipped", Reason.NOTHING_TO_SCORE.value)]
 

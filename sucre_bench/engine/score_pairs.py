@@ -11,8 +11,9 @@ from pathlib import Path
 from cachetools import LRUCache
 
 from sucre_bench import plugins
+from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.guard import limited, unharmed
-from sucre_bench.engine.score import Scorer, row_without_value, score_code
+from sucre_bench.engine.score import Scorer, score_code
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.multiview.common_points import SharedPoints

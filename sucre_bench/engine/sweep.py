@@ -8,14 +8,14 @@ from typing import Any
 from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.across_views import score_across_views
-from sucre_bench.engine.common_pixels import score_on_common_pixels
+from sucre_bench.engine.common_pixels.of_run import score_on_common_pixels
 from sucre_bench.engine.launch import Ended, launch, rescue
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
+from sucre_bench.engine.select_views import opening_once
 from sucre_bench.engine.share_decoded import remove_decoded, share_decoded
-from sucre_bench.engine.tasks import opening_once
-from sucre_bench.jobs import command as config
-from sucre_bench.jobs.command import Command
+from sucre_bench.jobs import compose_jobs as config
+from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.config_file import config_path, config_text
 from sucre_bench.machine import progress_display, provenance
 from sucre_bench.machine.clock import now

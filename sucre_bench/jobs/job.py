@@ -17,7 +17,7 @@ from sucre_bench.jobs.presets import plugin_of, preset_of
 from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.shard import Shard
-from sucre_bench.jobs.study import Study
+from sucre_bench.jobs.study_block import Study
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.plugins.creation import create, given_to_read, read_files
 from sucre_bench.plugins.options import check_options, options_of, typed

@@ -18,7 +18,7 @@ from sucre_bench.jobs.labels import undegraded_label
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp
 from sucre_bench.jobs.presets import given_paths
 from sucre_bench.jobs.rerun import given
-from sucre_bench.jobs.study import Study
+from sucre_bench.jobs.study_block import Study
 
 # Settings of the last command that a line-up has where they are not as by default.
 _SETTINGS: dict[str, Any] = {"views": None, "every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}

@@ -13,7 +13,7 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.jobs.shard import Shard
-from sucre_bench.jobs.study import Study
+from sucre_bench.jobs.study_block import Study
 from sucre_bench.plugins.options import check_values, options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.ranges import check_ranges

@@ -13,7 +13,7 @@ from support.command_line import commands
 from support.documented_lineup import write_line_ups
 
 from sucre_bench.cli import SECTIONS, cli
-from sucre_bench.jobs import command as config
+from sucre_bench.jobs import compose_jobs as config
 
 
 def helps() -> list[tuple[str, click.Command]]:

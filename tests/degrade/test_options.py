@@ -15,7 +15,7 @@ from sucre_bench import InputError, plugins
 from sucre_bench.degrade import Degradation, degraded
 from sucre_bench.engine import preflight, sweep
 from sucre_bench.engine.outcome import Outcome
-from sucre_bench.jobs import command
+from sucre_bench.jobs import compose_jobs
 
 
 def test_data_are_equal_exactly_where_their_hashes_are():
@@ -122,7 +122,7 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
 )
 def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str):
     with pytest.raises(InputError) as fault:
-        command.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
+        compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
     assert said in str(fault.value)
     assert "\n" not in str(fault.value)
 

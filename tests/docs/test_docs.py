@@ -15,7 +15,7 @@ from support.documented_lineup import write_line_ups
 from support.places import ROOT
 
 from sucre_bench import plugins
-from sucre_bench.jobs import command as config
+from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.plugins.plugin import Plugin
 
 PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]

@@ -14,7 +14,7 @@ from support.places import ROOT, TOYS
 from sucre_bench import results
 from sucre_bench.engine.launch import run_text
 from sucre_bench.errors import Death
-from sucre_bench.jobs import command
+from sucre_bench.jobs import compose_jobs
 from sucre_bench.machine.clock import now
 from sucre_bench.machine.current_step import NoteFile, at_work
 from sucre_bench.plugins.registry import Registry, using
@@ -149,7 +149,7 @@ def test_a_plugin_that_ends_the_process_as_it_is_imported_is_named(tmp_path: Pat
 def test_a_step_at_which_three_jobs_of_a_queue_died_is_left_out_by_the_next(tmp_path: Path):
     """Nobody sees how a job on SLURM dies: the next one reads its note."""
     with using(Registry()):
-        job = command.jobs(
+        job = compose_jobs.jobs(
             [
                 *words("segfault", "method=actor", "metrics=[coverage]")[3:-1],
                 f"plugins=[{PLUGINS}]",

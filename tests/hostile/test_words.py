@@ -8,7 +8,7 @@ from hypothesis import HealthCheck, example, given, settings
 from hypothesis import strategies as st
 
 from sucre_bench.errors import SucreBenchError
-from sucre_bench.jobs import command
+from sucre_bench.jobs import compose_jobs
 
 EXAMPLES = int(os.environ.get("FUZZ_EXAMPLES", "0"))
 
@@ -47,7 +47,7 @@ words = st.builds("{}{}={}".format, st.sampled_from(["", "", "", "+", "++", "~"]
 def test_made_up_words_are_refused_in_one_line(made: list[str], is_sweep: bool):
     said = ""
     try:
-        command.jobs(["method=gray_world", *made], is_sweep)
+        compose_jobs.jobs(["method=gray_world", *made], is_sweep)
     except SucreBenchError as fault:
         said = str(fault)
     assert len(said.splitlines()) <= 1

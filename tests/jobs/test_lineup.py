@@ -12,7 +12,7 @@ from support.toy_runs import run
 
 from sucre_bench import InputError, results
 from sucre_bench.engine import sweep
-from sucre_bench.jobs import command
+from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup_of_results import line_up_of
 
@@ -20,12 +20,12 @@ pytestmark = pytest.mark.usefixtures("toys")
 
 
 def jobs(*words: str) -> tuple[Job, ...]:
-    return command.jobs(["dataset=toy", "metrics=[psnr]", *words], True).jobs
+    return compose_jobs.jobs(["dataset=toy", "metrics=[psnr]", *words], True).jobs
 
 
 def from_file(path: Path, text: str, *words: str) -> tuple[Job, ...]:
     path.write_text(text)
-    return command.jobs([str(path), *words], False).jobs
+    return compose_jobs.jobs([str(path), *words], False).jobs
 
 
 def labelled(made: tuple[Job, ...], option: str) -> dict[str, Any]:
@@ -48,7 +48,7 @@ def test_an_option_for_methods_in_general_is_for_those_that_have_it():
 
 
 def test_an_option_of_a_dataset_by_its_name():
-    made = command.jobs(["dataset=toy,two_scenes", "method=gain", "metrics=[psnr]", "toy.views=2"], True).jobs
+    made = compose_jobs.jobs(["dataset=toy,two_scenes", "method=gain", "metrics=[psnr]", "toy.views=2"], True).jobs
     assert [(job.dataset.label, job.dataset.options.get("views")) for job in made] == [("toy", 2), ("two_scenes", None)]
 
 
@@ -92,7 +92,7 @@ def test_a_wrong_option_is_blamed_on_its_own_word(words: list[str], said: str):
 )
 def test_bare_words_are_answered_with_the_command_that_was_meant(words: list[str], meant: str):
     with pytest.raises(InputError) as fault:
-        command.jobs(words, False)
+        compose_jobs.jobs(words, False)
     assert str(fault.value).endswith(f"write {meant}")
 
 
@@ -101,14 +101,14 @@ def test_a_path_with_a_comma_is_answered_with_its_quotes(tmp_path: Path, monkeyp
     monkeypatch.chdir(tmp_path)
     for is_sweep in (False, True):
         with pytest.raises(InputError, match=r"write \"dataset\.root='a,b'\""):
-            command.jobs(["dataset=photos", "dataset.root=a,b", "method=gain"], is_sweep)
+            compose_jobs.jobs(["dataset=photos", "dataset.root=a,b", "method=gain"], is_sweep)
 
 
 def test_variants_are_chosen_with_the_metrics():
-    (one,) = command.jobs(["dataset=toy", "method=gain", "metrics=[redness:all,psnr:raw,psnr]"], False).jobs
+    (one,) = compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[redness:all,psnr:raw,psnr]"], False).jobs
     chosen = {metric.plugin.name: metric.variants for metric in one.metrics}
     assert chosen == {"redness": ("plain", "double"), "psnr": ("masked", "raw")}
-    (one,) = command.jobs(["dataset=toy", "method=gain", "metrics=[default,uciqe:matlab]"], False).jobs
+    (one,) = compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[default,uciqe:matlab]"], False).jobs
     assert {m.plugin.name: m.variants for m in one.metrics}["uciqe"] == ("matlab",)
 
 
@@ -265,7 +265,7 @@ def test_running_the_line_up_of_a_results_folder_gives_the_same_jobs(tmp_path: P
     words = ["tracking.uri=off", "report=false", "metrics.redness.factor=2"]
     outcome = sweep.run(["l.yaml", *words, "out=results", f"plugins=[{TOYS}]"], False)
     assert not outcome.failed
-    first = command.jobs(["l.yaml", *words], False).jobs
+    first = compose_jobs.jobs(["l.yaml", *words], False).jobs
     found = line_up_of(Path("results"), Path("published"))
     assert not found.notes
     Path("published").mkdir()

@@ -21,7 +21,7 @@ from sucre_bench.methods.haze_lines.lines import (
     transmission,
 )
 from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
-from sucre_bench.plugins.calling import restored as engine_restored
+from sucre_bench.plugins.call_method import restored as engine_restored
 from sucre_bench.scene import Encoding
 
 A = np.array([0.08, 0.30, 0.42])

@@ -44,7 +44,7 @@ def test_a_preset_and_a_display_are_given_as_on_the_command_line():
 ASKING = """
 import dataclasses
 import sucre_bench as sb
-from sucre_bench.plugins.calling import display_of
+from sucre_bench.plugins.call_method import display_of
 
 @sb.method()
 @dataclasses.dataclass(frozen=True)

@@ -11,7 +11,7 @@ import pytest
 
 import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
-from sucre_bench.jobs.command import jobs
+from sucre_bench.jobs.compose_jobs import jobs
 from sucre_bench.plugins.creation import create
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Broken

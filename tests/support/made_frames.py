@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from sucre_bench import Arrays, Camera, View
-from sucre_bench.engine.reopen import Frame
+from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.results.layout import Place
 
 

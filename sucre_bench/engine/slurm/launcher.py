@@ -14,12 +14,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
+from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.launch import run_text
-from sucre_bench.engine.score import row_without_value
+from sucre_bench.engine.select_views import base_row
 from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.job_main import work
 from sucre_bench.engine.slurm.waiting import Submitted, Teller, wait
-from sucre_bench.engine.tasks import base_row
 from sucre_bench.errors import InputError, PluginError, one_line
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress

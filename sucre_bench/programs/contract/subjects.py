@@ -55,11 +55,11 @@ def _written_in(path: Path) -> Iterator[Plugin]:
 
 
 def _options(plugin: Plugin, overrides: Sequence[str]) -> Mapping[str, Any]:
-    from sucre_bench.jobs import command
+    from sucre_bench.jobs import compose_jobs
 
     if not overrides:
         return {}
     chosen = f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
-    job = command.jobs([chosen, *overrides], multirun=False).jobs[0]
+    job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
     choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0].choice}
     return choices[plugin.kind].options

@@ -8,7 +8,7 @@ import numpy as np
 
 from sucre_bench.arrays import evenly
 from sucre_bench.imaging.depth_colours import depth_colours
-from sucre_bench.programs.describe.facts import Look, ViewFacts
+from sucre_bench.programs.describe.view_facts import Look, ViewFacts
 
 _MOST = 60  # views on a sheet, evenly chosen
 _WIDE, _GAP, _TEXT, _HEAD = 300, 8, 20, 64  # pixels

@@ -16,7 +16,7 @@ from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import depth_at, pixel_rays, project, relative_pose, unproject
 from sucre_bench.machine.progress import track
 from sucre_bench.multiview.pairing import lift, visible_pixels
-from sucre_bench.programs.describe.facts import Look
+from sucre_bench.programs.describe.view_facts import Look
 from sucre_bench.scene import Arrays, View
 
 _AGREES = 0.05

@@ -11,9 +11,9 @@ from sucre_bench.machine.json_text import json_text
 from sucre_bench.programs.describe.contact_sheet import contact_sheet
 from sucre_bench.programs.describe.depth_and_poses import Overlap, overlaps
 from sucre_bench.programs.describe.exposure import Exposure, estimate_exposure
-from sucre_bench.programs.describe.facts import Look, ViewFacts, look_at
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.programs.describe.scale_note import ScaleNote
+from sucre_bench.programs.describe.view_facts import Look, ViewFacts, look_at
 from sucre_bench.scene import Scene, View, Water
 
 _BINS = 12

@@ -23,7 +23,7 @@ from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import project, relative_pose, unproject
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.multiview.pairing import lift, visible_pixels
-from sucre_bench.programs.describe.facts import Look
+from sucre_bench.programs.describe.view_facts import Look
 from sucre_bench.scene import Arrays, View
 
 # Views that are compared with others, how many others each, points of a view, and the fewest that make a pair.

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from sucre_bench.programs.describe.depth_and_poses import Mistake, Overlap, suspect
-from sucre_bench.programs.describe.facts import Look, ViewFacts
+from sucre_bench.programs.describe.view_facts import Look, ViewFacts
 
 _PREPARE = "`sucre-bench prepare PHOTOS dive/` makes"
 _BLACK, _FLAT = 0.02, 0.004  # of full scale: an image with a lower mean or standard deviation shows nothing

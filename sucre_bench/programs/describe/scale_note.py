@@ -3,7 +3,7 @@
 import json
 from dataclasses import dataclass
 
-from sucre_bench.engine.tasks import Selection
+from sucre_bench.engine.select_views import Selection
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import expanded, regular
 

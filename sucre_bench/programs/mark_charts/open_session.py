@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sucre_bench import plugins
-from sucre_bench.engine.tasks import Selection, select
+from sucre_bench.engine.select_views import Selection, select
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted

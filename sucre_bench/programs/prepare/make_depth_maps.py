@@ -16,10 +16,10 @@ from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.prepare.fill_holes import without_small_holes
+from sucre_bench.programs.prepare.fill_depth_holes import without_small_holes
 from sucre_bench.programs.prepare.plane_sweep import agreeing, planes_of, sweep
+from sucre_bench.programs.prepare.registered_photos import Shot, neighbours
 from sucre_bench.programs.prepare.relief import Relief
-from sucre_bench.programs.prepare.sparse_points import Shot, neighbours
 
 Surface = Literal["auto", "dense", "sparse"]
 

@@ -19,8 +19,8 @@ from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.current_step import needed_step
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
+from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 from sucre_bench.programs.prepare.photos import Photo, write_gray
-from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
 
 Matching = Literal["auto", "exhaustive", "sequential"]
 Cameras = Literal["single", "folder", "image"]

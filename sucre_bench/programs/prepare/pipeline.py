@@ -13,14 +13,14 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
 from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse, Surface, is_dense
 from sucre_bench.programs.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos, read_mapped
-from sucre_bench.programs.prepare.output import write
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
-from sucre_bench.programs.prepare.record import Prepared, given, read_record, settled_by
+from sucre_bench.programs.prepare.prepare_json import Prepared, given, read_record, settled_by
+from sucre_bench.programs.prepare.registered_photos import Shot, read_shots
 from sucre_bench.programs.prepare.relief import relief_of
 from sucre_bench.programs.prepare.resumable_stages import Stage, stage
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
-from sucre_bench.programs.prepare.sparse_points import Shot, read_shots
 from sucre_bench.programs.prepare.undistort import undistort
+from sucre_bench.programs.prepare.write_scene import write
 
 T = TypeVar("T")
 

@@ -17,7 +17,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, depth_at, pixel_rays, project, relative_pose
 from sucre_bench.machine.compiling import compiled
-from sucre_bench.programs.prepare.sparse_points import Shot
+from sucre_bench.programs.prepare.registered_photos import Shot
 
 _WINDOW = (7, 7)  # pixels
 _LEAST_LIKENESS = 0.5

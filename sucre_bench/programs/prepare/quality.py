@@ -15,11 +15,11 @@ from sucre_bench.camera import depth_at
 from sucre_bench.imaging.depth_colours import depth_colours
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.programs.prepare.record import Quality
-from sucre_bench.programs.prepare.sparse_points import Shot
+from sucre_bench.programs.prepare.prepare_json import Quality
+from sucre_bench.programs.prepare.registered_photos import Shot
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.prepare.record import Prepared
+    from sucre_bench.programs.prepare.prepare_json import Prepared
 
 _THUMBNAIL = 420  # pixels wide
 

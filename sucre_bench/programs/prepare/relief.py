@@ -13,7 +13,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.errors import InputError
-from sucre_bench.programs.prepare.sparse_points import Shot
+from sucre_bench.programs.prepare.registered_photos import Shot
 
 _LEAST_TRACK = 3
 _NEAREST = 8

@@ -15,7 +15,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import regular
-from sucre_bench.programs.prepare.sparse_points import Shot
+from sucre_bench.programs.prepare.registered_photos import Shot
 
 _USUAL_DEPTH = 3.0  # the median depth if no scale is known
 _LARGEST_ERROR = 0.1  # greatest relative value of two standard errors of a scale from a depth track

@@ -10,7 +10,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Picture
 from sucre_bench.camera import Camera, unproject
-from sucre_bench.engine.reopen import Frame
+from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.caption import captioned
 from sucre_bench.programs.surface.surface import Model

@@ -16,7 +16,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask, Picture, evenly
 from sucre_bench.camera import unproject
-from sucre_bench.engine.reopen import Frame
+from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import View

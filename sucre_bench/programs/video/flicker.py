@@ -18,7 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Picture
-from sucre_bench.engine.reopen import INPUT, Frame
+from sucre_bench.engine.reopen_results import INPUT, Frame
 from sucre_bench.imaging.cielab import ciede2000, contrast, lab_d50
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.progress import track

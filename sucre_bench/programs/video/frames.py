@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 import numpy as np
 
 from sucre_bench.arrays import Picture
-from sucre_bench.engine.reopen import INPUT, Frame
+from sucre_bench.engine.reopen_results import INPUT, Frame
 from sucre_bench.imaging.caption import captioned
 from sucre_bench.machine.progress import track
 

@@ -12,7 +12,7 @@ from support.made_survey import make_survey
 from sucre_bench import Arrays, Restoration, Scene, Water
 from sucre_bench.imaging.display import display
 from sucre_bench.methods.sucre import Sucre, SucrePlus
-from sucre_bench.plugins.calling import shown_with
+from sucre_bench.plugins.call_method import shown_with
 
 
 @pytest.fixture(scope="module")

@@ -34,7 +34,7 @@ def test_the_command_says_a_line_a_rule_and_what_to_do(tmp_path: Path) -> None:
 
 
 def test_signs_are_plain_where_the_terminal_knows_no_others(tmp_path: Path) -> None:
-    from sucre_bench.programs.contract.text import lines
+    from sucre_bench.programs.contract.outcome_text import lines
 
     subject = Subject(find("method", "underwater"))
     for outcome in check(subject, rules(subject.plugin, lasting=False)):

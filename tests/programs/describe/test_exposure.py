@@ -11,7 +11,7 @@ from support.made_survey import make_survey
 
 from sucre_bench import Arrays, Scene
 from sucre_bench.programs.describe.exposure import Exposure, estimate_exposure
-from sucre_bench.programs.describe.facts import look_at
+from sucre_bench.programs.describe.view_facts import look_at
 
 GAINS = np.array([0.75, 1.2, 0.9, 1.0, 1.25, 0.7, 1.1, 0.85])
 

@@ -35,13 +35,13 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
-from sucre_bench.programs.prepare import mapping, output
+from sucre_bench.programs.prepare import mapping, write_scene
 from sucre_bench.programs.prepare.photos import find_photos
 from sucre_bench.programs.prepare.pipeline import Options, prepare
+from sucre_bench.programs.prepare.prepare_json import Prepared, Settled, given, read_record, settled_by
 from sucre_bench.programs.prepare.quality import quality_of
-from sucre_bench.programs.prepare.record import Prepared, Settled, given, read_record, settled_by
+from sucre_bench.programs.prepare.registered_photos import read_shots
 from sucre_bench.programs.prepare.scale import Known, Length
-from sucre_bench.programs.prepare.sparse_points import read_shots
 from sucre_bench.programs.prepare.undistort import write_pinhole
 
 
@@ -295,7 +295,7 @@ def test_a_command_stopped_while_writing_leaves_one_scale(
     before, scale_before, _ = given_again(prepared, photos, out)
     line = [str(photos / "photos"), str(out), "--masks", str(photos / "masks"), "--scale", "7"]
     with monkeypatch.context() as stop:
-        stop.setattr(output, "write_depth", _stopping(output.write_depth, 3))
+        stop.setattr(write_scene, "write_depth", _stopping(write_scene.write_depth, 3))
         with pytest.raises(_StoppedError):
             CliRunner().invoke(command, line, catch_exceptions=False)
     view = next(iter(sb.load_scenes("colmap", root=out)))[NAMES[1]]

@@ -21,7 +21,7 @@ from sucre_bench import InputError, View, plugins
 from sucre_bench.camera import project, scaled_camera
 from sucre_bench.commands.texture import texture
 from sucre_bench.engine import sweep
-from sucre_bench.engine.reopen import Frame, revisit
+from sucre_bench.engine.reopen_results import Frame, revisit
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.programs.surface.render import rendered, vantage
 from sucre_bench.programs.surface.surface import Cells, Model, choose_cells, fuse

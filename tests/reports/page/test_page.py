@@ -21,7 +21,7 @@ from support.made_results import DE00, ESTIMATE, PSNR, TRUTH, made_results
 from sucre_bench import plugins, results
 from sucre_bench.compare import compare
 from sucre_bench.engine import sweep
-from sucre_bench.jobs import command
+from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.rerun import Rerun
 from sucre_bench.reports import page as report
 from sucre_bench.results.masks import write_mask
@@ -266,7 +266,7 @@ def test_pages_of_the_same_results_are_the_same(tmp_path: Path):
 
 def composed(words: list[str]) -> Any:
     assert words[:2] == ["sucre-bench", "run"]
-    return command.jobs(shlex.split(shlex.join(words))[2:], False).jobs[0]
+    return compose_jobs.jobs(shlex.split(shlex.join(words))[2:], False).jobs[0]
 
 
 @pytest.mark.parametrize(
@@ -284,9 +284,9 @@ def composed(words: list[str]) -> Any:
     ],
 )
 def test_a_rows_command_composes_to_the_job_that_made_it(toys: str, overrides: list[str]):
-    from sucre_bench.engine.tasks import base_row
+    from sucre_bench.engine.select_views import base_row
 
-    job = command.jobs(overrides, False).jobs[0]
+    job = compose_jobs.jobs(overrides, False).jobs[0]
     row = base_row(job)
     again = composed(Rerun(row.dataset, row.method, json.loads(row.options), row.seed).words())
     assert json.loads(base_row(again).options) == json.loads(row.options)
@@ -333,7 +333,7 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
 
 def test_every_score_that_is_in_the_rows_can_be_asked_for(tmp_path: Path):
     (dataset,) = made(tmp_path).datasets
-    job = command.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metric_words"][""])], False).jobs[0]
+    job = compose_jobs.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metric_words"][""])], False).jobs[0]
     asked = {(m.plugin.name, variant) for m in job.metrics for variant in m.variants}
     rows = made_results(tmp_path)
     assert asked == set(rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(index=False, name=None))

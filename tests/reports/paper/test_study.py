@@ -13,8 +13,8 @@ from support.study_rows import followed, words
 
 from sucre_bench import InputError
 from sucre_bench.compare import COSTS
-from sucre_bench.engine.tasks import base_row
-from sucre_bench.jobs import command
+from sucre_bench.engine.select_views import base_row
+from sucre_bench.jobs import compose_jobs
 from sucre_bench.reports.paper import Study
 from sucre_bench.results.rows import frame
 
@@ -63,7 +63,7 @@ def test_every_experiment_has_a_study_that_can_be_made(path: Path):
 
 
 def test_what_an_experiment_sweeps_over_may_be_given():
-    sweep = command.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
+    sweep = compose_jobs.jobs(["experiment=degradation", "method=sucre", "degrade.within=50,null"], False)
     assert [(job.dataset.label, job.method.label) for job in sweep.jobs] == [
         ("demo,within=50", "sucre"),
         ("demo", "sucre"),
@@ -72,7 +72,7 @@ def test_what_an_experiment_sweeps_over_may_be_given():
 
 
 def test_the_ablation_varies_where_water_and_colours_come_from():
-    jobs = {job.method.label: job.method.options for job in command.jobs(["experiment=ablation"], False).jobs}
+    jobs = {job.method.label: job.method.options for job in compose_jobs.jobs(["experiment=ablation"], False).jobs}
     chosen = {label: (own["water_from"], own["colours"]) for label, own in jobs.items() if "water_from" in own}
     assert chosen == {
         "sucre_multi_view_J": ("seathru", "multi_view"),
@@ -91,7 +91,7 @@ def test_the_ablation_varies_where_water_and_colours_come_from():
     ],
 )
 def test_what_the_bench_writes_into_rows_is_what_a_study_reads(swept: str, expected: list[str]):
-    jobs = command.jobs(["dataset=demo", "method=sucre", swept], True).jobs
+    jobs = compose_jobs.jobs(["dataset=demo", "method=sucre", swept], True).jobs
     rows = frame(replace(base_row(job), view="v", value=1.0) for job in jobs)
     one = followed(rows, swept.partition("=")[0])
     assert words(one) == expected

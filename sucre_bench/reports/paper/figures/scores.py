@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.compare import COSTS, Column, Comparison
 from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.study import Study
+from sucre_bench.jobs.study_block import Study
 from sucre_bench.reports.paper.figures import style
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from sucre_bench import plugins
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.plugins.plugin import Kind
-from sucre_bench.programs.contract.text import shown_path
+from sucre_bench.programs.contract.outcome_text import shown_path
 
 _TEMPLATES = Path(__file__).with_name("templates")
 

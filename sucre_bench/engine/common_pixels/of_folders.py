@@ -11,8 +11,8 @@ from pathlib import Path
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import is_fresh
-from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of
-from sucre_bench.engine.tasks import Task, open_scenes, tasks
+from sucre_bench.engine.common_pixels.of_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of
+from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.jobs.config_file import config_path, read_config
 from sucre_bench.jobs.job import Job

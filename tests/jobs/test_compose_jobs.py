@@ -6,13 +6,13 @@ import pytest
 import yaml
 
 from sucre_bench import InputError
-from sucre_bench.jobs import command, job
+from sucre_bench.jobs import compose_jobs, job
 
 pytestmark = pytest.mark.usefixtures("toys")
 
 
-def jobs(*overrides: str, multirun: bool = False) -> command.Command:
-    return command.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun)
+def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
+    return compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", *overrides], multirun)
 
 
 @pytest.mark.parametrize(
@@ -86,7 +86,7 @@ def test_a_sweep_makes_a_job_of_every_combination():
 
 def test_one_label_for_two_configurations_is_refused():
     with pytest.raises(InputError, match=r"'toy / mine'; .*label="):
-        command.jobs(["dataset=toy", "method=gain,halved", "method.label=mine", "metrics=[psnr]"], multirun=True)
+        compose_jobs.jobs(["dataset=toy", "method=gain,halved", "method.label=mine", "metrics=[psnr]"], multirun=True)
 
 
 def test_a_label_of_ones_own_says_which_swept_value_it_has():
@@ -111,7 +111,7 @@ def test_labels_that_would_share_a_folder_are_refused():
 
 
 def test_an_option_of_the_swept_methods_need_not_be_one_of_the_default_method():
-    sweep = command.jobs(["dataset=toy", "method=gain,gain2", "method.gain=2", "metrics=[psnr]"], multirun=True)
+    sweep = compose_jobs.jobs(["dataset=toy", "method=gain,gain2", "method.gain=2", "metrics=[psnr]"], multirun=True)
     assert [job.method.options["gain"] for job in sweep.jobs] == [2, 2]
 
 
@@ -121,7 +121,7 @@ def test_every_job_of_a_sweep_is_checked_before_any_runs():
 
 
 def test_an_experiment_brings_its_own_sweep():
-    sweep = command.jobs(["experiment=demo"], multirun=False)
+    sweep = compose_jobs.jobs(["experiment=demo"], multirun=False)
     assert sweep.is_sweep
     labels = [job.method.label for job in sweep.jobs]
     assert labels == [
@@ -160,10 +160,10 @@ def test_views_come_as_names_or_as_a_list_in_a_file(tmp_path: Path):
 
 
 def test_the_seed_reaches_whatever_has_one_and_swept_seeds_have_labels_of_their_own():
-    (job,) = command.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
+    (job,) = compose_jobs.jobs(["dataset=demo", "method=gain", "seed=7"], multirun=False).jobs
     assert job.dataset.options["seed"] == 7
     assert job.dataset.label == "demo"
-    replicates = command.jobs(["dataset=demo", "method=gain", "seed=0,1"], multirun=True)
+    replicates = compose_jobs.jobs(["dataset=demo", "method=gain", "seed=0,1"], multirun=True)
     assert [j.dataset.label for j in replicates.jobs] == ["demo,seed=0", "demo,seed=1"]
 
 
@@ -177,7 +177,7 @@ def test_the_configuration_is_plain_yaml_that_gives_the_same_job_again(tmp_path:
 
 def test_a_datasets_option_without_a_dataset_is_refused():
     with pytest.raises(InputError, match=r"dataset=NAME.*dataset=colmap"):
-        command.jobs(["dataset.root=pool", "method=gain"], multirun=False)
+        compose_jobs.jobs(["dataset.root=pool", "method=gain"], multirun=False)
 
 
 def test_a_jobs_text_gives_the_same_job_in_another_process():

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.machine.progress import track
+from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 from sucre_bench.programs.prepare.make_depth_maps import DepthMaps, write_depth
-from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
+from sucre_bench.programs.prepare.prepare_json import Prepared, Quality, write_record
 from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, write_page
-from sucre_bench.programs.prepare.record import Prepared, Quality, write_record
-from sucre_bench.programs.prepare.sparse_points import Shot
+from sucre_bench.programs.prepare.registered_photos import Shot
 
 _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
 

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.explain import not_an_override
+from sucre_bench.jobs.explain_mistakes import not_an_override
 from sucre_bench.jobs.presets import presets
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.machine.files import expanded

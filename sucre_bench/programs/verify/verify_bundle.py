@@ -13,9 +13,9 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, Lack, SucreBenchError
 from sucre_bench.machine import progress
-from sucre_bench.plugins.calling import with_truth
+from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
-from sucre_bench.programs.verify.common import (
+from sucre_bench.programs.verify.common_pixels import (
     LOOK_ALIKE,
     NO_PICTURES,
     CommonView,
@@ -24,11 +24,11 @@ from sucre_bench.programs.verify.common import (
     on_mask,
     why_unused,
 )
-from sucre_bench.programs.verify.data import Opened, open_data
 from sucre_bench.programs.verify.metrics import Metrics
+from sucre_bench.programs.verify.open_data import Opened, open_data
+from sucre_bench.programs.verify.outcome import Differing, Verified
 from sucre_bench.programs.verify.pictures import Held, Restored, held, picture, restoration_of
 from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
-from sucre_bench.programs.verify.verified import Differing, Verified
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
 from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import COSTS, KEYS, Row, restorations

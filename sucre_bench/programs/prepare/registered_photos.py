@@ -9,7 +9,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera, project
-from sucre_bench.programs.prepare.pycolmap_loader import load_pycolmap
+from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 
 _TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
 _WIDEST_ANGLE = np.deg2rad(45.0)

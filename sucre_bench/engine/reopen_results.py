@@ -73,7 +73,7 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     or the data are no longer those that were restored.
     """
     from sucre_bench import results
-    from sucre_bench.engine.tasks import open_scenes, tasks
+    from sucre_bench.engine.select_views import open_scenes, tasks
 
     rows = results.read(out)
     rows = results.restoration_rows(rows[rows["status"] == "ok"])

@@ -37,9 +37,9 @@ def select(overrides: Sequence[str]) -> list[Selection]:
     degrade.within and degrade.keep choose views around one that is restored, and mean nothing here.
     Raises InputError as `config.jobs` does, for data that are not as expected, and for a name that no view has.
     """
-    from sucre_bench.jobs import command
+    from sucre_bench.jobs import compose_jobs
 
-    job = command.jobs(overrides, multirun=False).jobs[0]
+    job = compose_jobs.jobs(overrides, multirun=False).jobs[0]
     job = replace(job, degrade=replace(job.degrade, within=None, keep=None))
     chosen: dict[str, tuple[Scene, list[View]]] = {}
     for task in tasks(job, open_scenes(job.dataset)):

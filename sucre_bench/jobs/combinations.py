@@ -14,13 +14,13 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError, unknown_name
-from sucre_bench.jobs.explain import check_names, unknown_word
+from sucre_bench.jobs.explain_mistakes import check_names, unknown_word
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
 from sucre_bench.jobs.metric_words import words_for_hydra
 from sucre_bench.jobs.presets import default_choice, option_names, plugin_of
 from sucre_bench.jobs.quoting import value_of
-from sucre_bench.jobs.recognise import is_path, recognised
-from sucre_bench.jobs.words import parse
+from sucre_bench.jobs.recognise_dataset import is_path, recognised
+from sucre_bench.jobs.sort_words import parse
 from sucre_bench.plugins.options import options_of
 
 if TYPE_CHECKING:

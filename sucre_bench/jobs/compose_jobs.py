@@ -14,15 +14,15 @@ from typing import TYPE_CHECKING, get_args
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, in_one_line
-from sucre_bench.jobs.expand import combinations
-from sucre_bench.jobs.explain import in_our_words
+from sucre_bench.jobs.combinations import combinations
+from sucre_bench.jobs.explain_mistakes import in_our_words
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import LineUp
 from sucre_bench.jobs.presets import default_choice, plugin_of
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
 from sucre_bench.jobs.schema import CONF, register
-from sucre_bench.jobs.words import expand_home, line_up_file, parse, refuse_bare_words
+from sucre_bench.jobs.sort_words import expand_home, line_up_file, parse, refuse_bare_words
 from sucre_bench.plugins.options import options_of
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import fingerprint

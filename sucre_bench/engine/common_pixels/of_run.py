@@ -11,9 +11,17 @@ from pathlib import Path
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
-from sucre_bench.engine.common_view import CommonView, PixelMetrics, Stored, add_scores, of_views, rows_of, score_of
+from sucre_bench.engine.common_pixels.of_view import (
+    CommonView,
+    PixelMetrics,
+    Stored,
+    add_scores,
+    of_views,
+    rows_of,
+    score_of,
+)
 from sucre_bench.engine.preflight import Planned
-from sucre_bench.engine.tasks import Task
+from sucre_bench.engine.select_views import Task
 from sucre_bench.errors import DamagedTableError
 from sucre_bench.machine import progress
 from sucre_bench.results.common_scores import (

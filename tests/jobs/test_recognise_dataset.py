@@ -8,12 +8,12 @@ import pytest
 from support.colmap_folder import picture, write_dive, write_image
 
 from sucre_bench import InputError, plugins
-from sucre_bench.jobs import command
+from sucre_bench.jobs import compose_jobs
 from sucre_bench.plugins.plugin import Plugin
 
 
 def dataset_of(*words: str) -> tuple[str, str]:
-    (job,) = command.jobs([*words, "method=gray_world"], False).jobs
+    (job,) = compose_jobs.jobs([*words, "method=gray_world"], False).jobs
     return job.dataset.plugin.name, str(job.dataset.options["root"])
 
 
@@ -47,7 +47,7 @@ def test_a_scene_with_poses_is_preferred_to_the_photographs_in_its_folder(tmp_pa
 def test_two_folders_of_one_dataset_are_told_apart(tmp_path: Path):
     for name in ("a", "b"):
         write_dive(tmp_path / name, ("a.png",))
-    sweep = command.jobs([f"dataset={tmp_path}/a,{tmp_path}/b", "method=gray_world"], True)
+    sweep = compose_jobs.jobs([f"dataset={tmp_path}/a,{tmp_path}/b", "method=gray_world"], True)
     assert [job.dataset.label for job in sweep.jobs] == ["colmap,root=a", "colmap,root=b"]
 
 

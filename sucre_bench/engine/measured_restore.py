@@ -5,7 +5,7 @@ import time
 from typing import Any
 
 from sucre_bench.machine.peak_memory import _PeakMemory
-from sucre_bench.plugins.calling import restored, with_truth
+from sucre_bench.plugins.call_method import restored, with_truth
 from sucre_bench.results.restorations import Measured
 from sucre_bench.scene import Scene, View
 

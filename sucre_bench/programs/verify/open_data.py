@@ -9,7 +9,7 @@ from typing import Any
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation, degraded_whole
-from sucre_bench.engine.tasks import open_scenes
+from sucre_bench.engine.select_views import open_scenes
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
 from sucre_bench.jobs.job import Choice
 from sucre_bench.jobs.seeds import seed_of

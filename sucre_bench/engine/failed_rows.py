@@ -1,0 +1,49 @@
+"""The rows of what failed or was skipped: status and reason, a line on stderr, and the traceback in the log.
+
+Whoever runs a plugin catches what it raises, and makes the row here: `run_job` for datasets and methods, `score` and
+`score_pairs` for metrics, `launch` for processes that died.
+"""
+
+import math
+from dataclasses import replace
+from pathlib import Path
+
+from sucre_bench.engine.select_views import base_row
+from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
+from sucre_bench.jobs.job import Job
+from sucre_bench.machine import progress
+from sucre_bench.machine.process_limit import want_of_processes
+from sucre_bench.machine.traceback_log import keep_traceback
+from sucre_bench.results.layout import log_path
+from sucre_bench.results.rows import Row, Status
+
+
+def row_without_value(base: Row, status: Status, reason: str) -> Row:
+    """Return a row that says why there is no value."""
+    return replace(base, value=math.nan, coverage=0.0, status=status, reason=reason)
+
+
+def row_of_fault(base: Row, fault: BaseException, log: Path | None, is_said: bool = False) -> Row:
+    """Return the row for a fault that is being handled: skipped for NotApplicableError, or else failed.
+
+    The traceback of a failure goes to `log`; is_said: print it as a line, too. A request to stop is raised again.
+    """
+    if isinstance(fault, NotApplicableError):
+        return row_without_value(base, "skipped", one_line(fault))
+    return _failed(base, fault, log, is_said)
+
+
+def failed_row(job: Job, fault: BaseException) -> Row:
+    """Return the row of a whole job that failed, and print it as a line. A request to stop is raised again."""
+    return _failed(base_row(job), fault, log_path(job.out), is_said=True)
+
+
+def _failed(base: Row, fault: BaseException, log: Path | None, is_said: bool) -> Row:
+    raise_if_stop(fault)
+    metric = f"{base.metric}:{base.variant}" if base.metric else ""
+    where = " / ".join(filter(None, (base.dataset, base.scene, base.view, base.method, metric)))
+    keep_traceback(log, where)
+    reason = want_of_processes(fault) or one_line(fault)
+    if is_said:
+        progress.say(f"failed  {where}: {reason}", is_fault=True)
+    return row_without_value(base, "failed", reason)
