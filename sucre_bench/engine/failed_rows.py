@@ -15,7 +15,7 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.process_limit import want_of_processes
 from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.results.layout import log_path
-from sucre_bench.results.rows import Row, Status
+from sucre_bench.results.rows import RESTORATION, Row, Status
 
 
 def row_without_value(base: Row, status: Status, reason: str) -> Row:
@@ -40,7 +40,7 @@ def failed_row(job: Job, fault: BaseException) -> Row:
 
 def _failed(base: Row, fault: BaseException, log: Path | None, is_said: bool) -> Row:
     raise_if_stop(fault)
-    metric = f"{base.metric}:{base.variant}" if base.metric else ""
+    metric = "" if base.metric == RESTORATION else f"{base.metric}:{base.variant}"
     where = " / ".join(filter(None, (base.dataset, base.scene, base.view, base.method, metric)))
     keep_traceback(log, where)
     reason = want_of_processes(fault) or one_line(fault)
