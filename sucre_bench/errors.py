@@ -13,21 +13,45 @@ from typing import Any, Literal
 class SucreBenchError(Exception):
     """The base class of all errors that the user can mend. The command line prints their message as one line.
 
-    place: the file, folder or option that is wrong, if it is not part of the text; the message begins with it.
+    place: the file, folder or option that is wrong; fault: what is wrong with it; remedy: what the user can do. Code
+    that reads none of them may raise a message as one text.
 
     >>> issubclass(InputError, SucreBenchError)
     True
-    >>> str(InputError("is damaged; copy it again", "a.png"))
+    >>> str(InputError("is damaged", "a.png", "copy it again"))
     'a.png: is damaged; copy it again'
     """
 
-    def __init__(self, text: str = "", place: object = "") -> None:
-        self.text, self.place = text, str(place)
-        super().__init__(f"{self.place}: {text}" if self.place else text)
+    def __init__(self, fault: str = "", place: object = "", remedy: str = "") -> None:
+        self.fault, self.place, self.remedy = fault, str(place), remedy
+        super().__init__(self._at_place(self.text))
+
+    def __reduce__(self) -> tuple[Any, ...]:  # else a process would get errors of other parameters as other errors
+        return _again, (type(self), self.args, self.__dict__)
+
+    @property
+    def text(self) -> str:
+        """The message without the place."""
+        return f"{self.fault}; {self.remedy}" if self.remedy else self.fault
+
+    @property
+    def without_remedy(self) -> str:
+        """The message without what the user can do."""
+        return self._at_place(self.fault)
+
+    def _at_place(self, text: str) -> str:
+        return f"{self.place}: {text}" if self.place else text
 
     def beside(self, place: object) -> str:
         """Return the message where a place is named already: without it, if it is the error's own."""
         return self.text if self.place == str(place) else str(self)
+
+
+def _again(cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[str, Any]) -> SucreBenchError:
+    """Make an error that was sent from another process."""
+    fault = cls.__new__(cls, *args)
+    fault.__dict__.update(fields)
+    return fault
 
 
 class InputError(SucreBenchError):
@@ -50,8 +74,30 @@ class UnknownPluginError(InputError):
         self.kind = kind
 
 
-class DamagedTableError(InputError):
-    """A score table, or a part of one, cannot be read."""
+class FileError(InputError):
+    """A file or folder cannot be used. place: its path."""
+
+
+class MissingFileError(FileError):
+    """Nothing is there."""
+
+
+class NotAFileError(FileError):
+    """A path leads to a folder, a pipe or a device, or no file system can have it."""
+
+
+class ForbiddenFileError(FileError):
+    """The system does not let this user read a file."""
+
+
+class DamagedFileError(FileError):
+    """The content of a file is not what it should be: cut short, changed, or of another kind."""
+
+
+def file_error(path: object, fault: OSError, remedy: str) -> FileError:
+    """Return the error for a file that the system could not read."""
+    kinds = {FileNotFoundError: MissingFileError, PermissionError: ForbiddenFileError, IsADirectoryError: NotAFileError}
+    return kinds.get(type(fault), DamagedFileError)(f"cannot be read, {fault.strerror or fault}", path, remedy)
 
 
 class OutputError(SucreBenchError):

@@ -39,7 +39,8 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
         try:
             write(made, Path(work) / "scene")
         except OutputError as fault:
-            raise type(fault)(str(fault).replace(f"{work}/scene", str(folder))) from fault
+            there = folder / Path(fault.place).relative_to(Path(work) / "scene")
+            raise type(fault)(fault.fault, there, fault.remedy) from fault
         if folder.exists() and not (folder / _LAST).is_file():
             shutil.rmtree(folder)
         try:

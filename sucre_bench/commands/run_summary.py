@@ -153,5 +153,5 @@ def track(outcome: Outcome, comparisons: Sequence[Comparison]) -> None:
         try:
             mlflow.log(outcome.out, outcome.stored, comparisons, uri, experiment)
         except SucreBenchError as fault:
-            reason = str(fault).partition("; ")[0]
+            reason = fault.without_remedy
             progress.say(f"mlflow: not logged ({reason}); the table has everything, `sucre-bench track` tries again")

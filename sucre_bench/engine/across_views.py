@@ -22,7 +22,7 @@ from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.score import Scorer, scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.engine.select_views import Task, open_scenes, tasks
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.clock import now
@@ -42,7 +42,7 @@ def score_across_views(planned: Sequence[Planned]) -> None:
     out = chosen[0].out
     try:
         rows = results.read(out)
-    except InputError:  # nothing was restored
+    except MissingFileError:  # nothing was restored
         return
     part = Part(out, "pairs")
     for jobs in _by_data(chosen):

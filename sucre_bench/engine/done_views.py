@@ -8,7 +8,7 @@ from pathlib import Path
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import metric_code, score_code
-from sucre_bench.errors import InputError
+from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row, tuples
@@ -52,9 +52,9 @@ class Done:
         """Read the output folder of a job; one without a table holds nothing."""
         try:
             rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
-            return cls.among(rows, job, since)
-        except InputError:
-            return cls.among(results.frame([]), job, since)
+        except MissingFileError:
+            rows = results.frame([])
+        return cls.among(rows, job, since)
 
     @classmethod
     def among(cls, rows: DataFrame, job: Job, since: str = "") -> Done:

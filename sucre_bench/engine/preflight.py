@@ -9,7 +9,15 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.done_views import Done
 from sucre_bench.engine.select_views import Task, open_scenes, opening_once, tasks
-from sucre_bench.errors import DamagedTableError, InputError, SucreBenchError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.errors import (
+    FileError,
+    InputError,
+    MissingFileError,
+    SucreBenchError,
+    did_you_mean,
+    one_line,
+    raise_if_stop,
+)
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Choice, Job
 from sucre_bench.machine.current_step import step
@@ -103,10 +111,10 @@ def _clashes(planned: Sequence[Planned]) -> list[str]:
     """Labels that already stand for something else in the output folder: their results would be overwritten."""
     try:
         rows = results.read(planned[0].job.out)
-    except DamagedTableError as fault:
-        return [str(fault)]
-    except InputError:  # there are no results yet
+    except MissingFileError:  # there are no results yet
         return []
+    except FileError as fault:
+        return [str(fault)]
     said = []
     for plan in planned:
         job = plan.job

@@ -8,7 +8,7 @@ from typing import IO
 
 import numpy as np
 
-from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, DamagedFileError, SucreBenchError, file_error, one_line
 from sucre_bench.imaging.pixel_limit import check_array
 from sucre_bench.machine.files import regular
 
@@ -16,7 +16,8 @@ from sucre_bench.machine.files import regular
 def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> np.ndarray:
     """Return the array of an .npy, or with `choose` that of an .npz whose name it returns, of all names there.
 
-    Raises InputError if it cannot be read, is not whole, or has too many values, see `pixel_limit`.
+    Raises FileError if it cannot be read, DamagedFileError if it is not whole, and InputError if it has too many
+    values, see `pixel_limit`.
     """
     try:
         with regular(path).open("rb") as file:
@@ -33,8 +34,10 @@ def read_array(path: Path, choose: Callable[[list[str]], str] | None = None) -> 
     except SucreBenchError:
         raise
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
-        reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else one_line(fault)
-        raise InputError(f"{path}: cannot be read, {reason}; write it again with numpy.save") from fault
+        remedy = "write it again with numpy.save"
+        if isinstance(fault, OSError):
+            raise file_error(path, fault, remedy) from fault
+        raise DamagedFileError(f"cannot be read, {one_line(fault)}", path, remedy) from fault
 
 
 def _checked(path: Path, file: IO[bytes], size: int) -> np.ndarray:

@@ -11,7 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.imaging.image_header import Header, pillow, read_header, tiff_file
 from sucre_bench.imaging.image_notes import note_alpha, note_few_bits
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
@@ -100,14 +100,14 @@ def _check_shrinks(path: Path, found: tuple[int, int], size: tuple[int, int]) ->
 
 def decode(path: Path, flags: int) -> np.ndarray:
     """Return what OpenCV makes of a file by its flags, channels in BGR order; a JPEG always has 8 bits, and three
-    channels unless gray is asked for. InputError when it is unreadable or incomplete.
+    channels unless gray is asked for. FileError when it is unreadable, DamagedFileError when it is incomplete.
     """
     try:
         if regular(path).stat().st_size > _MOST_BYTES_A_PIXEL * most_pixels():
             raise InputError(f"is larger than any image of {most_pixels() / 1e6:g} megapixels; copy it again", path)
         data = path.read_bytes()
     except OSError as fault:
-        raise InputError(f"cannot be read, {fault.strerror or fault}; copy the file again", path) from fault
+        raise file_error(path, fault, "copy the file again") from fault
     return decode_bytes(data, flags, str(path))
 
 
@@ -117,7 +117,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
 
     header = read_header(io.BytesIO(data))
     if header is None:  # OpenCV might still allocate what a damaged header says
-        raise InputError("cannot be read, damaged or not an image; copy it again", place)
+        raise DamagedFileError("cannot be read, damaged or not an image", place, "copy it again")
     check_pixels(place, header.size)
     if header.fault:
         raise InputError(header.fault, place)
@@ -129,14 +129,15 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
                 return np.asarray(image.convert("RGB"))[..., ::-1]
         except Exception as fault:  # each of its decoders has its own
             reason = fault.strerror if isinstance(fault, OSError) and fault.strerror else fault
-            raise InputError(f"cannot be read, {reason}; copy the file again", place) from fault
+            raise DamagedFileError(f"cannot be read, {reason}", place, "copy the file again") from fault
     complete = not data.startswith(b"\x89PNG") or b"IEND" in data[-4096:]
     try:
         decoded = _imdecode(data, flags, place, header) if data and complete else None
     except cv2.error:
         decoded = None
     if decoded is None:
-        raise InputError(f"cannot be read, {'damaged' if complete else 'cut short'}; copy it again", place)
+        how = "damaged" if complete else "cut short"
+        raise DamagedFileError(f"cannot be read, {how}", place, "copy it again")
     return np.asarray(decoded)
 
 

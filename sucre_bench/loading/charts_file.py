@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 
-from sucre_bench.errors import InputError, in_one_line
+from sucre_bench.errors import DamagedFileError, InputError, file_error, in_one_line
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.patches import check_corners
 from sucre_bench.machine.files import regular
@@ -33,8 +33,10 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
         content = json.loads(regular(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
         return {}
-    except (OSError, ValueError, RecursionError) as fault:
-        raise InputError(f"{path}: is not JSON ({fault}); mend it there") from fault
+    except OSError as fault:
+        raise file_error(path, fault, "let this user read it") from fault
+    except (ValueError, RecursionError) as fault:
+        raise DamagedFileError(f"is not JSON ({fault})", path, "mend it there") from fault
     images = content.get("images") if isinstance(content, dict) else None
     if not isinstance(images, dict) or not all(isinstance(charts, dict) for charts in images.values()):
         raise InputError(f'{path}: no charts by image; write {{"images": {{"a.png": {{"chart1": [[x, y], ...]}}}}}}')

@@ -12,7 +12,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.imaging.array_files import read_array
 from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_of_only_page
 from sucre_bench.loading.exr import read_exr
@@ -134,9 +134,11 @@ def _read_tiff(path: Path) -> Array:
         values = read_tiff(path)
     except InputError:
         raise
+    except (FileNotFoundError, PermissionError) as fault:
+        raise file_error(path, fault, "copy the file again") from fault
     except Exception as fault:  # each of its decoders raises errors of its own
         if "imagecodecs" not in str(fault):
-            raise InputError(f"{path}: cannot be read, cut short or not a TIFF; copy it again") from fault
+            raise DamagedFileError("cannot be read, cut short or not a TIFF", path, "copy it again") from fault
         values = decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
     return _metres(values, path)
 

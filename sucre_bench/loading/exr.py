@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.imaging.pixel_limit import check_array
 from sucre_bench.machine.files import regular
 
@@ -35,8 +35,10 @@ def read_exr(path: Path) -> Array:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except InputError:
         raise
+    except (FileNotFoundError, PermissionError) as fault:
+        raise file_error(path, fault, "copy the file again") from fault
     except Exception as fault:  # the decoder raises errors of many kinds
-        raise InputError(f"{path}: cannot be read, cut short or not an OpenEXR file; copy it again") from fault
+        raise DamagedFileError("cannot be read, cut short or not an OpenEXR file", path, "copy it again") from fault
     name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
         raise InputError(f"{path}: has channels {', '.join(channels)}; write float depth into one channel, Z")

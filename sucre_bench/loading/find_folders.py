@@ -5,7 +5,7 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import FileError, InputError, MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import say
 
@@ -14,8 +14,8 @@ def existing(root: Path, holds: str = "the data") -> Path:
     """Return `root` with ~ expanded. Raises InputError, naming the expected content, if it is no folder."""
     root = expanded(root)
     if not root.is_dir():
-        fault = "is a file, not a folder" if root.exists() else "no such folder"
-        raise InputError(f"{root}: {fault}; give the one that holds {holds} as dataset.root=DIR")
+        kind, fault = (FileError, "is a file, not a folder") if root.exists() else (MissingFileError, "no such folder")
+        raise kind(fault, root, f"give the one that holds {holds} as dataset.root=DIR")
     return root
 
 

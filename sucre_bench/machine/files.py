@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from sucre_bench.errors import DiskFullError, InputError, OutputError
+from sucre_bench.errors import DiskFullError, FileError, ForbiddenFileError, NotAFileError, OutputError
 from sucre_bench.machine.sigterm import interrupts_held_back
 
 _UNFINISHED = ".writing-"
@@ -24,14 +24,6 @@ _KINDS = {
     stat.S_IFCHR: "a device",
     stat.S_IFBLK: "a device",
 }
-
-
-class NoRegularFileError(InputError):
-    """A path leads to something else than a file. fault: what, without the path."""
-
-    def __init__(self, path: Path, fault: str, remedy: str) -> None:
-        super().__init__(f"{fault}; {remedy}", path)
-        self.fault = fault
 
 
 def expanded(path: str | Path) -> Path:
@@ -50,7 +42,7 @@ def fault_of(path: Path) -> str:
         regular(path)
     except FileNotFoundError:
         return "no such file"
-    except NoRegularFileError as no_file:
+    except FileError as no_file:
         return no_file.fault
     return ""
 
@@ -58,20 +50,20 @@ def fault_of(path: Path) -> str:
 def regular(path: Path) -> Path:
     """Return a path that leads to a regular file, for reading: a pipe or a device would perhaps never end.
 
-    Raises FileNotFoundError if nothing is there, NoRegularFileError for anything but a file. Nothing is opened.
+    Raises FileNotFoundError if nothing is there, NotAFileError for anything but a file, and ForbiddenFileError if the
+    system does not say what it is. Nothing is opened.
     """
     try:
         state = path.stat()
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
-        reason = getattr(fault, "strerror", fault)
-        raise NoRegularFileError(path, f"cannot be read, {reason}", "give another file") from fault
+        kind = ForbiddenFileError if isinstance(fault, PermissionError) else NotAFileError
+        raise kind(f"cannot be read, {getattr(fault, 'strerror', fault)}", path, "give another file") from fault
     if not stat.S_ISREG(state.st_mode):
-        kind = _KINDS.get(stat.S_IFMT(state.st_mode), "no file")
-        raise NoRegularFileError(path, f"is {kind}", "give a file")
+        raise NotAFileError(f"is {_KINDS.get(stat.S_IFMT(state.st_mode), 'no file')}", path, "give a file")
     if state.st_dev in _kernel_devices():
-        raise NoRegularFileError(path, "is a file of the kernel", "give a file on a disk")
+        raise NotAFileError("is a file of the kernel", path, "give a file on a disk")
     return path
 
 
@@ -169,11 +161,11 @@ def is_want_of_room(fault: OSError) -> bool:
 def not_writable(path: Path, fault: OSError) -> OutputError:
     """Return the error for a file that cannot be written."""
     if fault.errno == errno.EFBIG:
-        return OutputError(f"{path}: is larger than a file may be here; raise that limit, `ulimit -f unlimited`")
+        return OutputError("is larger than a file may be here", path, "raise that limit, `ulimit -f unlimited`")
     if fault.errno in (errno.EMFILE, errno.ENFILE):
-        return OutputError(f"{path}: too many files are open; allow more, for example `ulimit -n 1024`")
+        return OutputError("too many files are open", path, "allow more, for example `ulimit -n 1024`")
     if fault.errno in (errno.ENOSPC, errno.EDQUOT):
-        return DiskFullError(f"{path}: the disk is full; free some space and repeat the command")
+        return DiskFullError("the disk is full", path, "free some space and repeat the command")
     if blocking := next((folder for folder in path.parents if is_file(folder)), None):
-        return OutputError(f"{blocking}: is a file; name a folder to write into")
-    return OutputError(f"{path}: cannot be written ({fault.strerror}); choose another place")
+        return OutputError("is a file", blocking, "name a folder to write into")
+    return OutputError(f"cannot be written ({fault.strerror})", path, "choose another place")

@@ -16,7 +16,7 @@ from pathlib import Path
 from typing import Literal
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.errors import ANY_FAULT, DamagedTableError, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, DamagedFileError, SucreBenchError, file_error, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
@@ -82,7 +82,7 @@ def common_rows(table: DataFrame) -> Iterator[CommonRow]:
 def read_common(*folders: Path) -> DataFrame:
     """Return the scores on common pixels of results folders and bundles; no rows if none were needed.
 
-    Raises DamagedTableError (an InputError) if a table cannot be read.
+    Raises FileError if a table cannot be read, DamagedFileError if its content is none.
     """
     import pandas as pd
 
@@ -109,9 +109,11 @@ def _read(path: Path) -> DataFrame:
         return rows[list(_COLUMNS)]
     except (SucreBenchError, ImportError):
         raise
+    except PermissionError as fault:
+        raise file_error(path, fault, "let this user read it") from fault
     except ANY_FAULT as fault:  # unpacking damaged bytes raises errors of many kinds
         reason = f"not a table of scores on common pixels ({one_line(fault)})"
-        raise DamagedTableError(f"{path}: {reason}; delete it and run again") from fault
+        raise DamagedFileError(reason, path, "delete it and run again") from fault
 
 
 def write_common(out: Path, rows: DataFrame) -> None:

@@ -8,7 +8,7 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, get_args
 
-from sucre_bench.errors import DamagedTableError, in_one_line
+from sucre_bench.errors import DamagedFileError, in_one_line
 from sucre_bench.results.encoded_rows import texts_of
 from sucre_bench.results.rows import COLUMNS, NUMBERS, Status
 
@@ -22,13 +22,13 @@ _TIME = re.compile(r"\d{4}-\d\d-\d\d")
 _MAY_BE_ABSENT = ("value", "coverage", "seconds", "peak_mb")  # NaN, which some writers store as null
 
 
-def damaged(path: Path, fault: str) -> DamagedTableError:
+def damaged(path: Path, fault: str) -> DamagedFileError:
     """Return the error for a file of rows that cannot be used."""
-    return DamagedTableError(f"{path}: not a table of scores, {fault}; restore a copy, or delete it and run again")
+    return DamagedFileError(f"not a table of scores, {fault}", path, "restore a copy, or delete it and run again")
 
 
 def check_columns(path: Path, file: pyarrow.parquet.ParquetFile) -> None:
-    """Raise DamagedTableError unless a file has every column of a row, each of its type. Other columns are ignored."""
+    """Raise DamagedFileError unless a file has every column of a row, each of its type. Other columns are ignored."""
     schema = file.schema_arrow
     if absent := [name for name in COLUMNS if name not in schema.names]:
         raise damaged(path, f"it lacks {', '.join(absent)}")
@@ -61,7 +61,7 @@ def _is_text(found: Any) -> bool:
 
 
 def check_values(path: Path, rows: pyarrow.Table) -> None:
-    """Raise DamagedTableError, with the column and the first row, for a value that no row can have. rows: encoded."""
+    """Raise DamagedFileError, with the column and the first row, for a value that no row can have. rows: encoded."""
     from pyarrow import compute
 
     for name in COLUMNS:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from sucre_bench.arrays import Mask
-from sucre_bench.errors import InputError
+from sucre_bench.errors import MissingFileError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import remove, write_atomically
 
@@ -29,11 +29,11 @@ def write_mask(path: Path, mask: Mask) -> None:
 
 
 def read_mask(path: Path) -> Mask:
-    """Return a mask (H, W) that `write_mask` wrote. Raises InputError if the file is gone or damaged."""
+    """Return a mask (H, W) that `write_mask` wrote. Raises MissingFileError or DamagedFileError."""
     import cv2
 
     if not path.is_file():
-        raise InputError(f"{path}: is gone; run its method again with overwrite=always")
+        raise MissingFileError("is gone", path, "run its method again with overwrite=always")
     return np.asarray(decode(path, cv2.IMREAD_GRAYSCALE) > 0)
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask, Picture
-from sucre_bench.errors import InputError, NotApplicableError
+from sucre_bench.errors import InputError, MissingFileError, NotApplicableError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import read_mask
@@ -45,12 +45,12 @@ class PictureOnly(Restoration):
 
 
 def stored_picture(out: Path, place: Place, method: str) -> Picture:
-    """Return a restored image (H, W, 3), uint8 RGB, holes black. Raises InputError if it is gone or damaged."""
+    """Return a restored image (H, W, 3), uint8 RGB, holes black. Raises MissingFileError or DamagedFileError."""
     import cv2
 
     path = place.restored(out, method)
     if not path.is_file():
-        raise InputError(f"{path}: is gone; repeat its run's command")
+        raise MissingFileError("is gone", path, "repeat its run's command")
     return np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
 
 

@@ -20,9 +20,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.errors import ANY_FAULT, DamagedTableError, InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.errors import (
+    ANY_FAULT,
+    MissingFileError,
+    NotAFileError,
+    OutputError,
+    SucreBenchError,
+    file_error,
+    one_line,
+)
 from sucre_bench.machine.clock import not_before
-from sucre_bench.machine.files import NoRegularFileError, regular, write_atomically
+from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.damaged_table import check_columns, check_values, damaged
 from sucre_bench.results.encoded_rows import TEXTS, as_frame, encoded, joined, of_label, texts_of
 from sucre_bench.results.newest_rows import newest
@@ -44,12 +52,12 @@ def read(out: str | Path, **labels: str) -> DataFrame:
 
     labels: a column and its text, for example method= or metric=, for these rows alone, which is quicker.
     Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
-    Raises InputError if there are none, DamagedTableError (an InputError) if a file is damaged.
+    Raises MissingFileError if there are none, DamagedFileError if a file is damaged.
     """
     out = Path(out)
     # In this order: a merge writes the table before it removes the parts.
     if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).exists():
-        raise InputError(f"{out}: no {TABLE} here; give the folder that `sucre-bench run out=...` wrote")
+        raise MissingFileError(f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote")
     return read_any(out, **labels)
 
 
@@ -80,10 +88,10 @@ def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:
         content = regular(path).read_bytes()  # whole: the file may be replaced while it is read
     except FileNotFoundError:
         return None  # merged by another process just now, or never written
-    except NoRegularFileError as no_file:
+    except NotAFileError as no_file:
         raise damaged(path, no_file.fault) from no_file
     except OSError as fault:
-        raise DamagedTableError(f"{path}: cannot be read, {fault.strerror}; let this user read it") from fault
+        raise file_error(path, fault, "let this user read it") from fault
     try:
         rows = _decoded(path, content)
     except (SucreBenchError, ImportError):

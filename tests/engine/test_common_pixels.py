@@ -15,7 +15,7 @@ from support.toy_runs import calls
 
 from sucre_bench import compare, results
 from sucre_bench.engine.outcome import Outcome
-from sucre_bench.errors import DamagedTableError
+from sucre_bench.errors import DamagedFileError
 from sucre_bench.results.common_scores import COMMON_TABLE, read_common
 
 
@@ -201,7 +201,7 @@ def test_bytes_of_a_table_of_common_scores_that_are_no_text_are_damage(tmp_path:
     rows.to_parquet(tmp_path / COMMON_TABLE, index=False, compression=None)
     path = tmp_path / COMMON_TABLE
     path.write_bytes(path.read_bytes().replace(b"gain", b"\xff\xfe\xff\xfe"))
-    with pytest.raises(DamagedTableError, match=COMMON_TABLE):
+    with pytest.raises(DamagedFileError, match=COMMON_TABLE):
         read_common(tmp_path)
 
 

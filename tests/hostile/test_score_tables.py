@@ -17,7 +17,7 @@ from support.command_line import run_here
 from support.places import TOYS
 
 from sucre_bench import results
-from sucre_bench.errors import DamagedTableError
+from sucre_bench.errors import DamagedFileError
 from sucre_bench.results.rows import Row
 
 ROWS = results.frame(
@@ -123,7 +123,7 @@ def test_a_table_that_cannot_be_used_is_one_line_with_file_and_column(
 def fault_of_reading(folder: Path) -> str:
     try:
         results.read(folder)
-    except DamagedTableError as fault:
+    except DamagedFileError as fault:
         return str(fault)
     return ""
 

@@ -22,7 +22,7 @@ from sucre_bench.engine.common_pixels.of_view import (
 )
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.engine.select_views import Task
-from sucre_bench.errors import DamagedTableError
+from sucre_bench.errors import DamagedFileError
 from sucre_bench.machine import progress
 from sucre_bench.results.common_scores import (
     COMMON_PIXELS,
@@ -75,7 +75,7 @@ def score_on_common_pixels(planned: Sequence[Planned], rows: DataFrame, out: Pat
 def _before(out: Path) -> DataFrame:
     try:
         return read_common(out)
-    except DamagedTableError:
+    except DamagedFileError:
         progress.say(f"{out / COMMON_TABLE}: is damaged, and is made again")
         return common_frame([])
 

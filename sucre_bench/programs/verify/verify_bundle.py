@@ -42,7 +42,7 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     """
     rows = bundle.rows
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
-    file_faults = [f"{name}: {fault}" for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))]
+    file_faults = {name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))}
     opened = open_data(rows, data or {})
     check = _Check(bundle, opened, tolerance, _sizes(rows))
     for of_restoration in progress.track(list(_by_restoration(rows)), "scoring again"):
@@ -54,7 +54,13 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
         bundle.id,
         bundle.by,
         len(names),
-        (*file_faults, *opened.faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common), *check.faults),
+        (
+            *(f"{name}: {fault}" for name, fault in file_faults.items()),
+            *opened.faults,
+            *_wrong_meaning(SCORES, rows),
+            *_wrong_meaning(COMMON, common),
+            *check.faults,
+        ),
         tuple(check.differing),
         check.n_agree,
         check.n_agree - n_own,
@@ -64,14 +70,13 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     )
 
 
-def _common(bundle: Bundle, file_faults: list[str]) -> DataFrame:
+def _common(bundle: Bundle, file_faults: dict[str, str]) -> DataFrame:
     """The scores on common pixels; no rows if there are none, or the table is damaged: then `file_faults` says so."""
     try:
         common = bundle.common
     except InputError as fault:
         common = None
-        if not any(text.startswith(f"{COMMON}: ") for text in file_faults):
-            file_faults.append(str(fault).removeprefix(f"{bundle.path}/"))
+        file_faults.setdefault(COMMON, fault.beside(bundle.path / COMMON))
     return common_frame([]) if common is None else common
 
 

@@ -50,7 +50,7 @@ def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
     if path is not None:
         if awkward := set(uri) & set("?%#"):
             raise InputError(
-                f"{uri}: mlflow cannot keep a store under a path with {' '.join(awkward)}; give another URI"
+                f"mlflow cannot keep a store under a path with {' '.join(awkward)}", uri, "give another URI"
             )
         path.parent.mkdir(parents=True, exist_ok=True)
         lock, artifacts = path.with_name(f".{path.name}.lock"), (path.parent / "mlartifacts").as_uri()
@@ -72,7 +72,7 @@ def said_of(uri: str) -> Iterator[None]:
         raise
     except Exception as fault:
         reason = shorten(masked(one_line(fault)), 200)
-        raise OutputError(f"{masked(uri)}: cannot log in mlflow, {reason}; check the URI") from fault
+        raise OutputError(f"cannot log in mlflow, {reason}", masked(uri), "check the URI") from fault
 
 
 def sqlite_path(uri: str) -> Path | None:

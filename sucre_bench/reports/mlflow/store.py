@@ -36,7 +36,8 @@ def check(store: Path) -> None:
             opened.execute("BEGIN IMMEDIATE")
             opened.execute("ROLLBACK")
     except sqlite3.Error as fault:
-        raise InputError(f"{store}: mlflow cannot use this store, {fault}; move it away, or give another URI") from None
+        remedy = "move it away, or give another URI"
+        raise InputError(f"mlflow cannot use this store, {fault}", store, remedy) from None
 
 
 def _made_by_mlflow() -> bytes:

@@ -1,0 +1,97 @@
+"""Errors: they come whole out of another process, and their class says what is wrong with a file."""
+
+import importlib
+import pickle
+import pkgutil
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+import pytest
+
+import sucre_bench
+from sucre_bench import results
+from sucre_bench.compare.refusals import Difference, NotComparableError, Refusal
+from sucre_bench.errors import (
+    DamagedFileError,
+    FileError,
+    MissingFileError,
+    NotAFileError,
+    SucreBenchError,
+    UnknownPluginError,
+)
+from sucre_bench.imaging.array_files import read_array
+from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.loading.charts_file import read_charts
+from sucre_bench.loading.depth_maps import read_depth
+from sucre_bench.results.masks import read_mask
+
+pytestmark = pytest.mark.short
+
+# Of the classes with parameters of their own.
+EXAMPLES: dict[type[SucreBenchError], SucreBenchError] = {
+    UnknownPluginError: UnknownPluginError("no method is called 'sucr'", "method"),
+    NotComparableError: NotComparableError((Refusal("sea", Difference.IMAGES, "a on 2, b on 3"),)),
+}
+
+
+def every_class(of: type[SucreBenchError] = SucreBenchError) -> Iterator[type[SucreBenchError]]:
+    yield of
+    for below in of.__subclasses__():
+        yield from every_class(below)
+
+
+def test_every_error_comes_whole_out_of_another_process():
+    for room in ("compare", "engine", "machine", "programs"):
+        package = importlib.import_module(f"sucre_bench.{room}")
+        for module in pkgutil.walk_packages(package.__path__, f"{package.__name__}."):
+            if not module.name.endswith("__main__"):
+                importlib.import_module(module.name)
+    classes = [cls for cls in every_class() if cls.__module__.startswith(f"{sucre_bench.__name__}.")]
+    assert len(classes) > len(EXAMPLES)
+    for cls in classes:
+        fault = EXAMPLES.get(cls) or cls("is damaged", "a.png", "copy it again")
+        again = pickle.loads(pickle.dumps(fault))
+        assert (type(again), str(again), vars(again)) == (cls, str(fault), vars(fault))
+
+
+READERS: dict[str, Callable[[Path], object]] = {
+    "a.png": read_rgb,
+    "a.jpg": read_rgb,
+    "a.npy": read_array,
+    "depth.tif": read_depth,
+    "depth.npy": read_depth,
+    "mask.png": read_mask,
+    "scores.parquet": lambda path: results.read(path.parent),
+}
+
+
+@pytest.mark.parametrize("name", READERS)
+def test_the_class_tells_a_file_that_is_gone_from_a_damaged_one(tmp_path: Path, name: str):
+    path, read = tmp_path / name, READERS[name]
+    with pytest.raises(MissingFileError, match=name):
+        read(path)
+    path.write_bytes(b"\x00damaged" * 20)
+    with pytest.raises(DamagedFileError, match=name) as fault:
+        read(path)
+    assert Path(fault.value.place) == path
+    assert fault.value.remedy
+
+
+def test_a_folder_in_place_of_a_file_is_neither(tmp_path: Path):
+    for name in ("a.png", "a.npy", "charts.json"):
+        (tmp_path / name).mkdir()
+    for read in (
+        lambda: read_rgb(tmp_path / "a.png"),
+        lambda: read_array(tmp_path / "a.npy"),
+        lambda: read_charts(tmp_path / "charts.json", {"a.png": (4, 4)}),
+    ):
+        with pytest.raises(NotAFileError):
+            read()
+
+
+def test_an_error_of_a_file_has_its_parts_as_data():
+    fault = FileError("is cut short", Path("dive/a.png"), "copy it again")
+    assert str(fault) == "dive/a.png: is cut short; copy it again"
+    assert fault.without_remedy == "dive/a.png: is cut short"
+    assert fault.beside("dive/a.png") == "is cut short; copy it again"
+    assert fault.args == (str(fault),)
