@@ -29,11 +29,11 @@ from sucre_bench import (
 from sucre_bench.errors import DiskFullError
 from sucre_bench.machine.files import expanded, temporary_folder
 from sucre_bench.machine.progress import track
+from sucre_bench.methods.doors.full_disk import full_disk_named, want_of_room
 from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder, check_pattern
-from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
 from sucre_bench.methods.doors.process import Ended, run_program
-from sucre_bench.methods.doors.room import full_disk_named, want_of_room
+from sucre_bench.methods.doors.read_picture import FileEncoding, Holes, Reading, water_beside
 from sucre_bench.methods.doors.template import placeholders
 
 _PER_SCENE = ("input", "depth", "distance", "output")

@@ -15,7 +15,7 @@ from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.methods.doors.pattern import inside
-from sucre_bench.methods.doors.picture import FileEncoding, encoding_of
+from sucre_bench.methods.doors.read_picture import FileEncoding, encoding_of
 from sucre_bench.scene import View
 
 DepthFormat = Literal["png", "npy", "tif"]

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.methods.doors.pattern import ImageFolder, check_pattern
-from sucre_bench.methods.doors.picture import FileEncoding, Holes, Reading, water_beside
+from sucre_bench.methods.doors.read_picture import FileEncoding, Holes, Reading, water_beside
 
 
 @method(reads=("folder",))

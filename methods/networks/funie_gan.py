@@ -6,7 +6,7 @@ from pathlib import Path
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.networks.on_torch import loaded
+from sucre_bench.methods.networks.run_torch import loaded
 from sucre_bench.methods.networks.sizes import restored_at, tiled
 from sucre_bench.methods.networks.weights import check_file
 

@@ -12,7 +12,7 @@ import numpy as np
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.networks.on_onnx import Layout, OnnxNetwork, model_file, opened
+from sucre_bench.methods.networks.run_onnx import Layout, OnnxNetwork, model_file, opened
 from sucre_bench.methods.networks.sizes import resized, restored_at, tiled
 from sucre_bench.plugins.ranges import check_ranges
 

@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.lab import equalised
 from sucre_bench.imaging.filters.white_balance import stretched_by_weakness
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.networks.on_torch import loaded
+from sucre_bench.methods.networks.run_torch import loaded
 from sucre_bench.methods.networks.sizes import limited, restored_at, tiled
 from sucre_bench.methods.networks.weights import check_file
 from sucre_bench.plugins.ranges import check_ranges

@@ -75,7 +75,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.guessed import guessed
+        from sucre_bench.methods.sucre.fill_without_depth import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
         from sucre_bench.methods.sucre.undetermined_water import (
             UNKNOWN_VEIL,

@@ -7,6 +7,7 @@ from typing import Any
 
 import click
 
+from sucre_bench.commands.output_endings import check_ending
 from sucre_bench.machine.notices import say
 
 
@@ -35,6 +36,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     from sucre_bench.machine import progress_display
     from sucre_bench.programs.bundle.write import bundle_results
 
+    check_ending(file, "bundle")
     with progress_display.live():
         made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
     size = file.stat().st_size

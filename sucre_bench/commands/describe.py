@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion_words
+from sucre_bench.commands.output_endings import check_ending
 from sucre_bench.commands.shared_options import json_option, plugin_option, refuse_options
 
 if TYPE_CHECKING:
@@ -19,7 +20,6 @@ if TYPE_CHECKING:
     from sucre_bench.programs.describe.view_facts import ViewFacts
     from sucre_bench.scene import Water
 
-_SUFFIXES = (".png", ".jpg", ".jpeg")
 _ROWS = 30  # of the table of views
 _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
 
@@ -70,10 +70,10 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
     from sucre_bench.results import layout
 
     suffix = ".png" if sheet is None else sheet.suffix
-    if sheet is not None and sheet.is_dir():
-        raise InputError(f"{sheet}: is a folder; give --sheet a file, for example {sheet / 'sheet.png'}")
-    if suffix.lower() not in _SUFFIXES:
-        raise InputError(f"{sheet}: has no suffix of a picture; end it in {', '.join(_SUFFIXES)}")
+    if sheet is not None:
+        if sheet.is_dir():
+            raise InputError(f"{sheet}: is a folder; give --sheet a file, for example {sheet / 'sheet.png'}")
+        check_ending(sheet, "contact sheet")
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress_display.live():

@@ -5,6 +5,7 @@ from pathlib import Path
 
 import click
 
+from sucre_bench.commands.output_endings import check_ending
 from sucre_bench.commands.shared_options import plugin_option, scene_options
 
 
@@ -50,15 +51,13 @@ def texture(
     poses.
     """
     from sucre_bench.engine.reopen_results import INPUT, revisit
-    from sucre_bench.errors import InputError
     from sucre_bench.machine import progress_display
     from sucre_bench.programs.surface.surface import choose_cells, fuse
-    from sucre_bench.programs.surface.write_ply_glb import SUFFIXES, mean_up, write_model
+    from sucre_bench.programs.surface.write_ply_glb import mean_up, write_model
 
-    if out.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{out}: has no suffix of a surface; end it in {' or '.join(SUFFIXES)}")
-    if picture is not None and picture.suffix.lower() != ".png":
-        raise InputError(f"{picture}: has no suffix of a picture; end it in .png")
+    check_ending(out, "surface")
+    if picture is not None:
+        check_ending(picture, "picture")
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"
     with progress_display.live():

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sucre_bench.commands.output_endings import check_ending
 from sucre_bench.commands.shared_options import labels_of, plugin_option, scene_options
 from sucre_bench.machine.json_text import json_text
 
@@ -54,10 +55,9 @@ def video(
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.video.flicker import FORMULAE, flicker
     from sucre_bench.programs.video.frames import composed, panel_size
-    from sucre_bench.programs.video.write_vp9 import SUFFIXES, write_video
+    from sucre_bench.programs.video.write_vp9 import write_video
 
-    if out.suffix.lower() not in SUFFIXES:
-        raise InputError(f"{out}: has no suffix of a video; end it in {' or '.join(SUFFIXES)}")
+    check_ending(out, "video")
     labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")

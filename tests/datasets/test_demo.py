@@ -13,11 +13,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import Demo
 from sucre_bench.datasets.demo.boards import SITES, place_board
-from sucre_bench.datasets.demo.files import make_once
-from sucre_bench.datasets.demo.made import MadeScene, make
+from sucre_bench.datasets.demo.camera_path import make_camera
+from sucre_bench.datasets.demo.made_scene import MadeScene, make
 from sucre_bench.datasets.demo.noise import Grid, Noise
-from sucre_bench.datasets.demo.path import make_camera
 from sucre_bench.datasets.demo.render import build, render
+from sucre_bench.datasets.demo.stored_scene import make_once
 from sucre_bench.datasets.demo.terrain import make_terrain
 from sucre_bench.datasets.demo.texture import make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater

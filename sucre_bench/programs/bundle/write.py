@@ -59,8 +59,6 @@ def bundle_results(
 
     Raises InputError if the folder holds no results or a picture is gone, OutputError if the bundle cannot be written.
     """
-    if path.suffix.lower() != ".zip":
-        raise InputError(f"{path}: has no suffix of a bundle; end it in .zip")
     rows = results.read(folder)
     files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if is_file(folder / n)}
     common = read_common(folder)

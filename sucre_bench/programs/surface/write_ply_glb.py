@@ -17,8 +17,6 @@ from sucre_bench.machine.files import write_atomically
 from sucre_bench.programs.surface.surface import Model
 from sucre_bench.scene import View
 
-SUFFIXES = (".ply", ".glb")
-
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125  # glTF's names of types
 _VERTICES, _INDICES = 34962, 34963  # and of what buffers hold
 

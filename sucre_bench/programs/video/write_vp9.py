@@ -19,8 +19,6 @@ from sucre_bench.arrays import Picture
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
 
-SUFFIXES = (".mp4", ".webm")
-
 
 def write_video(path: Path, pictures: Iterable[Picture], fps: float) -> int:
     """Write pictures (H, W, 3) uint8 RGB, all of one size with even sides, and return their number.

@@ -12,7 +12,7 @@ from onnx.helper import make_node
 from support.made_networks import onnx_file
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
-from sucre_bench.methods.networks.on_onnx import opened
+from sucre_bench.methods.networks.run_onnx import opened
 from sucre_bench.methods.networks.sizes import resized
 from sucre_bench.plugins.code_hash import source_hash
 

@@ -201,7 +201,7 @@ def test_an_arbitrary_scale_that_prepare_noted_is_not_called_metres(tmp_path: Pa
     assert "m (1, 50, 99 %)" in run(*words)[1]
 
 
-@pytest.mark.parametrize(("name", "fault"), [("sheet.foo", "no suffix of a picture"), ("", "is a folder")])
+@pytest.mark.parametrize(("name", "fault"), [("sheet.foo", "no suffix of a contact sheet"), ("", "is a folder")])
 def test_a_sheet_that_cannot_be_is_refused_before_anything_is_read(tmp_path: Path, name: str, fault: str) -> None:
     result = CliRunner().invoke(describe, ["colmap", "dataset.root=nowhere", "--sheet", str(tmp_path / name)])
     assert isinstance(result.exception, InputError)

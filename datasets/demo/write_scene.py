@@ -1,54 +1,25 @@
-"""Writes and reads the made scene as files, in the layout that SUCRe reads and `prepare` writes.
+"""Writes the made scene as files, in the layout that SUCRe reads and `prepare` writes.
 
 `images/`, `reference/` (8-bit PNG), `depths/depth_<stem>.png` (16-bit, millimetres along the optical axis), `sparse/`
 (a COLMAP text model with the cameras and poses, without points), `charts.json` (corners in pixels), `water.json`.
 """
 
 import json
-import shutil
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.datasets.demo.made import MadeScene
+from sucre_bench.datasets.demo.made_scene import MadeScene
 from sucre_bench.datasets.demo.water import LAMP
-from sucre_bench.errors import OutputError
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_png
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Chart
 
-_LAST = "water.json"  # written after all else: a folder without it is not finished
-
-
-def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
-    """Return the folder of a made scene, making it where it is not there or not finished.
-
-    The scene is written beside its place, and moved there when it is complete. So a killed process leaves no half
-    scene. If two processes write at once, the later one discards its own.
-    """
-    if (folder / _LAST).is_file():
-        return folder
-    made = make()
-    folder.parent.mkdir(parents=True, exist_ok=True)
-    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True) as work:
-        try:
-            write(made, Path(work) / "scene")
-        except OutputError as fault:
-            there = folder / Path(fault.place).relative_to(Path(work) / "scene")
-            raise type(fault)(fault.fault, there, fault.remedy) from fault
-        if folder.exists() and not (folder / _LAST).is_file():
-            shutil.rmtree(folder)
-        try:
-            (Path(work) / "scene").replace(folder)
-        except OSError:  # a folder that is not empty is never replaced
-            if not (folder / _LAST).is_file():
-                raise
-    return folder
+LAST = "water.json"  # written after all else: a folder without it is not finished
 
 
 def write(made: MadeScene, folder: Path) -> None:
@@ -61,7 +32,7 @@ def write(made: MadeScene, folder: Path) -> None:
         write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
     _write_model(made, folder / "sparse")
     _write_json(folder / "charts.json", {"images": dict(zip(made.names, map(_charts, made.charts), strict=True))})
-    _write_json(folder / _LAST, _water(made))
+    _write_json(folder / LAST, _water(made))
 
 
 def _write_json(path: Path, content: Any) -> None:

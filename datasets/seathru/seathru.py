@@ -1,0 +1,199 @@
+"""Sea-thru D1 to D5: reefs in natural light, linear images with depth maps and, in D5, four colour charts.
+
+    D1/D1/linearPNG/T_S02951.png        16-bit, linear, 0.3 of the photograph's size
+          depth/depthT_S02951.tif       float metres, 0 = unknown; of the image's size or another (nearest is taken)
+    D4/D4/depth_resized/...             likewise, at the image's size
+    3585_3685/Raw/*.ARW, depthMaps/     an earlier release: raw files, read with rawpy
+
+Conventions. The images are linear in the camera's own RGB, without white balance or colour matrix: no colour space
+that a screen knows. Depth is planar: z along the optical axis agrees with structure from motion to 0.22 %, distance
+would to 1.57 %. Poses and cameras are not released: a COLMAP model of one's own is used where a set has one.
+Source: Akkaynak & Treibitz, Sea-thru, CVPR 2019; the charts: `published_charts`.
+"""
+
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+
+from sucre_bench.camera import Camera
+from sucre_bench.datasets.seathru.published_charts import FULL_SIZE, published_charts
+from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, raw_size, read_raw
+from sucre_bench.errors import InputError
+from sucre_bench.imaging.charts.patches import scaled_chart
+from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
+from sucre_bench.loading.charts_file import read_charts
+from sucre_bench.loading.colmap_model import Posed, read_model
+from sucre_bench.loading.depth_maps import find_depths
+from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
+from sucre_bench.loading.fingerprints import data_id_of
+from sucre_bench.loading.image_scale import ImageScaleOption
+from sucre_bench.loading.view_files import scaled_pose
+from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.machine.files import expanded
+from sucre_bench.machine.progress import track
+from sucre_bench.plugins.decorators import dataset
+from sucre_bench.plugins.ranges import check_ranges
+from sucre_bench.scene import Chart, Encoding, Plane, Scene
+
+_SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
+_DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the images' size first
+
+
+@dataset(
+    requires=("cv2", "PIL", "tifffile"),
+    has=("poses", "depth", "charts"),
+    cites="Akkaynak & Treibitz 2019, CVPR (Sea-thru)",
+    licence="as its download page says",
+    source="https://www.kaggle.com/datasets/colorlabeilat/seathru-dataset (about 1,100 images in five sets)",
+    signs=("linearPNG", "*/linearPNG", "*/*/linearPNG", "*/Raw/*.ARW"),
+)
+@dataclass(frozen=True)
+class Seathru(ImageScaleOption):
+    """The Sea-thru data: one scene for each set below root (D1 to D5), views in order of name."""
+
+    root: Path
+    """The download, or one set of it."""
+    images: tuple[str, ...] = ("linearPNG", "Raw")
+    """Names of a set's image folder; the first that exists counts. Capitals do not matter."""
+    encoding: Encoding = "linear"
+    """How the images are encoded: "linear" as released, "gamma" for copies that were made for a screen."""
+    charts: str = "charts.json"
+    """File of charts' corners in a set's folder, instead of the published corners of D5. charts.json need not exist;
+    another name must, in one set."""
+    sparse: str = "sparse"
+    """Folder of a COLMAP model of the images, in a set's folder; PINHOLE cameras; need not exist."""
+    metres_per_unit: float = 1.0
+    """Length in metres of one unit of that model; structure from motion does not know it."""
+    focal_px: float | None = None
+    """Focal length in pixels of the stored images, if there is no model."""
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_ranges(self, metres_per_unit="(0, inf)", focal_px="(0, inf)")
+
+    def scenes(self) -> Iterator[Scene]:
+        """Yield a scene for each set. Reads headers and samples of files, decodes nothing.
+
+        Raises InputError when there is no set, or its depth maps, charts or model are not as expected.
+        """
+        root = existing(self.root)
+        found: dict[Path, list[Path]] = {}
+        ranks = {name.lower(): rank for rank, name in enumerate(self.images)}
+        for folder in folders_below(root, lambda place, _: place.name.lower() in ranks):
+            found.setdefault(folder.parent, []).append(folder)
+        if not found:
+            names = " or ".join(self.images)
+            raise InputError(f"{root}: holds no folder {names}; give the folder of D1 to D5, or set dataset.images=...")
+        check_chosen(self, list(found), "charts", "file")
+        for place, folders in found.items():
+            images = min(folders, key=lambda folder: ranks[folder.name.lower()])
+            yield self._scene(place, images, scene_name(place, root if root != images else place))
+
+    def _scene(self, place: Path, folder: Path, name: str) -> Scene:
+        paths = sorted(p for p in folder.iterdir() if p.suffix.lower() in _SUFFIXES and not p.name.startswith("."))
+        if not paths:
+            raise InputError(f"{folder}: holds no image; copy the set's images there")
+        sizes = _sizes(paths)
+        depths, ambiguous = _depths(place, [path.name for path in paths])
+        sparse = chosen(self, place, "sparse", "folder")
+        model = _model(sparse, folder, paths)
+        charts = self._charts(place, sizes)
+
+        views = []
+        for path in paths:
+            size, posed = sizes[path.name], model.get(path.name, ())
+            camera, pose, faults = _centred(size, self.focal_px), None, dict[Plane, str]()
+            if len(posed) == 1:
+                camera, pose = posed[0].camera, scaled_pose(posed[0].cam_from_world, self.metres_per_unit)
+            elif posed:
+                fault = f"may be {posed[0].name} or {posed[1].name} of the model in {sparse}"
+                faults["rgb"] = f"{path}: {fault}; keep one of them there"
+            if path.name in ambiguous:
+                faults["depth"] = ambiguous[path.name]
+            photograph = Photograph(
+                path.name,
+                path,
+                None if camera is None else straight_lens(camera),
+                pose,
+                depths.get(path.name),
+                charts=[scaled_chart(chart, at, size) for chart, at in charts.get(path.name, ())],
+                size=size,
+                read_image=read_raw if path.suffix.lower() in RAW_SUFFIXES else read_rgb,
+                faults=faults,
+            )
+            views.append(view_of(photograph, self.image_scale, self.encoding))
+        has = {
+            "depth": depths or ambiguous,
+            "charts": charts,
+            "poses": any(len(posed) == 1 for posed in model.values()),
+        }
+        return Scene(name, views, frozenset(what for what, there in has.items() if there), data_id=data_id_of(views))
+
+    def _charts(
+        self, place: Path, sizes: Mapping[str, tuple[int, int]]
+    ) -> dict[str, list[tuple[Chart, tuple[int, int]]]]:
+        """Return the charts of each image, each with the size (width, height) that its corners are pixels of."""
+        file = place / expanded(self.charts)
+        if file.is_file():
+            return {name: [(c, sizes[name]) for c in charts] for name, charts in read_charts(file, sizes).items()}
+        found = {}
+        for name, size in sizes.items():
+            charts = published_charts().get(PurePosixPath(name).stem, ())
+            if charts and same_shape(size, FULL_SIZE):  # cropped or undistorted copies are other pixels
+                found[name] = [(chart, FULL_SIZE) for chart in charts]
+        return found
+
+
+def _model(sparse: Path, folder: Path, images: Sequence[Path]) -> dict[str, list[Posed]]:
+    """Return which registered images each image may be: of its name, or else its stem: models are often of copies.
+
+    Raises InputError when none of them is any of the images.
+    """
+    if not sparse.is_dir():
+        return {}
+    by_stem: dict[str, list[Posed]] = defaultdict(list)
+    for posed in read_model(sparse, folder):
+        by_stem[PurePosixPath(posed.name).stem].append(posed)
+    found = {path.name: by_stem[path.stem] for path in images if path.stem in by_stem}
+    if not found:
+        example = next(iter(by_stem.values()))[0].name
+        raise InputError(f"{sparse}: none of its images, {example} or so, is in {folder}; give the model of these")
+    exact = {name: [posed for posed in several if posed.name == name] for name, several in found.items()}
+    return {name: exact[name] or several for name, several in found.items()}
+
+
+def _sizes(paths: list[Path]) -> dict[str, tuple[int, int]]:
+    """Return the size of each image; where its header is damaged, of another, so that only this view fails."""
+    read = {p.name: (raw_size if p.suffix.lower() in RAW_SUFFIXES else image_size)(p) for p in track(paths, "sizes")}
+    usual = next((size for size in read.values() if size), FULL_SIZE)
+    return {name: size or usual for name, size in read.items()}
+
+
+def _depths(place: Path, names: Sequence[str]) -> tuple[dict[str, Path], dict[str, str]]:
+    """Return each image's depth map of the first folder that has one, and what is wrong with ambiguous ones."""
+    there = {folder.name.lower(): folder for folder in sorted(place.iterdir()) if folder.is_dir()}
+    found, faults, refused = dict[str, Path](), dict[str, str](), list[InputError]()
+    for folder in (there[name] for name in _DEPTH_FOLDERS if name in there):
+        without = [name for name in names if name not in found and name not in faults]
+        if not without:
+            break
+        try:
+            of_folder, ambiguous = find_depths(folder, without)
+        except InputError as fault:  # none of its maps is named after an image: those of another folder may be
+            refused.append(fault)
+        else:
+            found, faults = found | of_folder, faults | ambiguous
+    if refused and not found and not faults:
+        raise refused[0]
+    return found, faults
+
+
+def _centred(size: tuple[int, int], focal_px: float | None) -> Camera | None:
+    """Return a camera whose axis meets the middle of the image; None where the focal length is not known."""
+    if focal_px is None:
+        return None
+    width, height = size
+    return Camera(np.array([[focal_px, 0, width / 2], [0, focal_px, height / 2], [0, 0, 1]]), width, height)
