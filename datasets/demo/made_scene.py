@@ -1,6 +1,7 @@
 """The whole made scene in memory, with its truth: colours, depth, poses, water."""
 
 import dataclasses
+import functools
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,7 +13,7 @@ from sucre_bench.datasets.demo.camera_path import make_camera, make_path
 from sucre_bench.datasets.demo.noise import Grid, Noise
 from sucre_bench.datasets.demo.render import Surfaces, build, render, visible_charts
 from sucre_bench.datasets.demo.seabed import paint_seabed
-from sucre_bench.datasets.demo.terrain import GROUND, make_terrain
+from sucre_bench.datasets.demo.terrain import GROUND, Terrain, make_terrain
 from sucre_bench.datasets.demo.water import WATERS, Preset, underwater
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.machine.progress import track
@@ -80,8 +81,12 @@ def make(
 
 
 def _make_surfaces(seed: int, texel: float) -> Surfaces:
-    noise = Noise(seed)
-    terrain = make_terrain(seed, noise, [(site.x, site.y) for site in SITES])
+    noise, terrain = Noise(seed), _terrain(seed)
     grids = Grid(*_NEAR, cell=texel), dataclasses.replace(GROUND, cell=_COARSER * texel)
     near, far = (paint_seabed(terrain, noise, grid) for grid in grids)
     return build(terrain, near, far, [place_board(site, terrain, _FINER * texel) for site in SITES])
+
+
+@functools.lru_cache(maxsize=1)  # a third of a small scene's time, the same in every water
+def _terrain(seed: int) -> Terrain:
+    return make_terrain(seed, Noise(seed), [(site.x, site.y) for site in SITES])

@@ -3,6 +3,7 @@
 World axes: x right, y forward (towards the reef), z up, metres; the survey looks at the ground around the origin.
 """
 
+import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
@@ -17,6 +18,10 @@ GROUND = Grid(x0=-10.0, y0=-5.5, width=20.0, length=16.0, cell=0.025)
 # Boulders by size: how many, smallest and largest radius (m), how near the origin they may come (m).
 _TIERS = ((26, 0.5, 1.2, 2.6), (320, 0.18, 0.5, 1.0), (5500, 0.04, 0.14, 0.0))
 _CLEARING_M = 0.55  # around a chart
+# Of a boulder's turn (rad), flatness, stretch, sinking and hue; of the angle (rad), slope and level of its cuts.
+_LEAST, _MOST = np.array([(0, 0.5, 0.75, 0.02, -1), (np.pi, 0.75, 1, 0.2, 1)])
+_LEAST_CUT, _MOST_OF_CUTS = np.array([(0, 0.3, 0.3), (2 * np.pi, 1.6, 0.8)])
+_SPAN, _SPAN_OF_CUTS = _MOST - _LEAST, _MOST_OF_CUTS - _LEAST_CUT
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,10 +77,10 @@ def _scatter(rng: np.random.Generator, clearings: Sequence[tuple[float, float]])
             x = rng.uniform(GROUND.x0, GROUND.x0 + GROUND.width)
             y = GROUND.y0 + GROUND.length * rng.power(1.6)
             radius = smallest * (largest / smallest) ** rng.uniform()
-            near = min(np.hypot(x - cx, y - cy) for cx, cy in clearings)
+            near = min(math.hypot(x - cx, y - cy) for cx, cy in clearings)
             # The corridor along which the camera comes holds only low rubble.
             corridor = radius > 0.15 and y < 0.8 and abs(x) < keep_off - 0.4 * y * (y < 0)
-            if near > _CLEARING_M + radius and np.hypot(x, y) > keep_off and not corridor:
+            if near > _CLEARING_M + radius and math.hypot(x, y) > keep_off and not corridor:
                 placed += 1
                 yield _Boulder(x, y, radius)
 
@@ -91,8 +96,8 @@ def _place(
 ) -> None:
     """Raise height to a boulder: a rough dome cut by random planes, as broken rock is. axes: the grid's x and y, m."""
     r = boulder.radius
-    turn, flat, stretch, sink, hue = rng.uniform((0, 0.5, 0.75, 0.02, -1), (np.pi, 0.75, 1.0, 0.2, 1))
-    cuts = rng.uniform((0, 0.3, 0.3), (2 * np.pi, 1.6, 0.8), size=(5, 3))
+    turn, flat, stretch, sink, hue = _LEAST + _SPAN * rng.random(5)
+    angle, slope, level = (_LEAST_CUT + _SPAN_OF_CUTS * rng.random((5, 3))).T[..., None, None]
     x, y = axes
     columns = slice(*np.searchsorted(x, (boulder.x - 1.4 * r, boulder.x + 1.4 * r)))
     rows = slice(*np.searchsorted(y, (boulder.y - 1.4 * r, boulder.y + 1.4 * r)))
@@ -103,8 +108,8 @@ def _place(
     u, v = np.cos(turn) * u + np.sin(turn) * v, (np.cos(turn) * v - np.sin(turn) * u) / stretch
     beyond = (u * u + v * v) * (1 + 0.12 * rough[here])
     dome = np.maximum(1 - beyond, 0)
-    for angle, slope, level in cuts:
-        dome = np.minimum(dome, level + slope * (1 - np.cos(angle) * u - np.sin(angle) * v) - 0.3 * slope)
+    cuts = level + slope * (1 - np.cos(angle) * u - np.sin(angle) * v) - 0.3 * slope
+    dome = np.minimum(dome, cuts.min(axis=0))
     dome = flat * r * dome * (1 + 0.06 * rough[here]) - sink * flat * r
     top = np.where(beyond < 1, sand[here].mean() + dome, -np.inf)
     higher = top > height[here]
