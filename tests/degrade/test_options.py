@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_scene import make_scene
+from support.messages import names
 from support.scenes_to_degrade import NINE, many
 
 from sucre_bench import InputError, plugins
@@ -102,28 +103,28 @@ def test_a_scene_that_lacks_what_is_to_be_degraded_is_refused_before_any_work(to
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "named"),
     [
-        ("nois=1", "did you mean 'noise'"),
-        ("noise=-1", "degrade.noise: -1.0; give a number in [0, 1]"),
-        ("noise=nan", "degrade.noise: nan; give a number"),
-        ("noise=lots", "degrade.noise: 'lots' is not a number"),
-        ("bits=0", "degrade.bits: 0; give a whole number in [1, 16]"),
-        ("jpeg_quality=101", "give a whole number in [1, 100]"),
-        ("keep=0", "degrade.keep: 0; give a whole number in [1, inf)"),
-        ("scale=0", "degrade.scale: 0.0; give a number in [0.01, 1]"),
-        ("scale=null", "degrade.scale"),
-        ("add_water=5", "degrade.add_water: not a water; give nine numbers"),
-        ("add_water=[1,2,3]", "degrade.add_water: not a water; give nine numbers"),
-        ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", "degrade.add_water: no water has these values"),
-        ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", "degrade.add_water: no water has these values"),
-        ("add_water=absent.json", "absent.json: no such file; write "),
+        ("nois=1", {"degrade.nois", "'noise'"}),
+        ("noise=-1", {"degrade.noise", "-1.0", "[0, 1]"}),
+        ("noise=nan", {"degrade.noise", "nan", "[0, 1]"}),
+        ("noise=lots", {"degrade.noise", "lots", "number"}),
+        ("bits=0", {"degrade.bits", "0", "whole", "[1, 16]"}),
+        ("jpeg_quality=101", {"degrade.jpeg_quality", "101", "whole", "[1, 100]"}),
+        ("keep=0", {"degrade.keep", "0", "whole", "[1, inf)"}),
+        ("scale=0", {"degrade.scale", "0.0", "[0.01, 1]"}),
+        ("scale=null", {"degrade.scale"}),
+        ("add_water=5", {"degrade.add_water", "nine"}),
+        ("add_water=[1,2,3]", {"degrade.add_water", "nine"}),
+        ("add_water=[.1,.1,.1,.2,.2,-1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]", "beta"}),
+        ("add_water=[1.1,.1,.1,.2,.2,1,.1,.1,.1]", {"degrade.add_water", "B", "[0, 1]"}),
+        ("add_water=absent.json", {"absent.json", "file"}),
     ],
 )
-def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, said: str):
+def test_a_wrong_option_is_said_in_one_line(toys: str, override: str, named: set[str]):
     with pytest.raises(InputError) as fault:
         compose_jobs.jobs(["dataset=toy", "method=gain", "metrics=[psnr]", f"degrade.{override}"], multirun=False)
-    assert said in str(fault.value)
+    assert named <= names(fault.value)
     assert "\n" not in str(fault.value)
 
 

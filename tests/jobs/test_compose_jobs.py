@@ -4,6 +4,7 @@ from pathlib import Path
 
 import pytest
 import yaml
+from support.messages import names
 
 from sucre_bench import InputError
 from sucre_bench.jobs import compose_jobs, job
@@ -16,44 +17,44 @@ def jobs(*overrides: str, multirun: bool = False) -> compose_jobs.Command:
 
 
 @pytest.mark.parametrize(
-    ("override", "said"),
+    ("override", "named"),
     [
-        ("method=gian", "no method is called 'gian'; did you mean 'gain'"),
-        ("dataset=tou", "no dataset is called 'tou'; did you mean 'toy'"),
-        ("metrics=[psnrr]", "no metric is called 'psnrr'; did you mean 'psnr'"),
-        ("experiment=dem", "no experiment is called 'dem'; did you mean 'demo'"),
-        ("method.gian=2", "method.gian: no option 'gian'; did you mean 'gain'"),
-        ("dataset.view=2", "dataset.view: no option 'view'; did you mean 'views'"),
-        ("ovewrite=never", "ovewrite: no option 'ovewrite'; did you mean 'overwrite'"),
-        ("tracking.url=off", "tracking.url: no option 'url'; did you mean 'uri'"),
-        ("method.gain=much", "method.gain: 'much' is not a number"),
-        ("dataset.views=2.5", "dataset.views: '2.5' is not a whole number"),
-        ("method.mode=fanci", "gain.mode: 'fanci' is not a choice; did you mean 'fancy'"),
-        ("method.display=strech", "display 'strech': unknown; use none, gray-world or stretch-LOW-HIGH"),
-        ("metrics.psnr.variants=[mask]", "psnr: no variant 'mask'; did you mean 'masked'"),
-        ("overwrite=alway", "overwrite: 'alway' is not a choice; did you mean 'always'"),
-        ("save=all", "save: 'all' is not a choice"),
-        ("every=0", "every: 0; give a whole number in [1, inf)"),
-        ("first=0", "first: 0; give a whole number in [1, inf)"),
-        ("views=none.txt", "none.txt: no such list of views"),
-        ("+speed=3", "speed: no option 'speed'"),
-        ("+method.speed=3", "gain.speed: no option 'speed'"),
-        ("method=gain,faulty", "several values; add -m"),
-        ("method=null", "method=None: one name at a time"),
-        ("dataset=[toy,demo]", "one name at a time; -m dataset=a,b runs several"),
-        ("out=${nowhere}", "Interpolation key 'nowhere' not found"),
-        ("hydra.launcher.n_jbs=2", "hydra.launcher.n_jbs: no option 'n_jbs'"),
-        ("hydra/launcher=jobli", "no hydra/launcher is called 'jobli'; did you mean 'joblib'"),
-        ("dataset.label=ünï", "special characters need quotes; write \"dataset.label='ünï'\""),
-        ("hydra.job.chdir=true", "leave it false"),
-        ("dataset=colmap", "colmap.root: must be given; add dataset.root=FOLDER"),
-        ("method.gain", "an override reads key=value"),
+        ("method=gian", {"method", "gian", "'gain'"}),
+        ("dataset=tou", {"dataset", "tou", "'toy'"}),
+        ("metrics=[psnrr]", {"metric", "psnrr", "'psnr'"}),
+        ("experiment=dem", {"experiment", "dem", "'demo'"}),
+        ("method.gian=2", {"method.gian", "'gain'"}),
+        ("dataset.view=2", {"dataset.view", "'views'"}),
+        ("ovewrite=never", {"ovewrite", "'overwrite'"}),
+        ("tracking.url=off", {"tracking.url", "'uri'"}),
+        ("method.gain=much", {"method.gain", "much", "number"}),
+        ("dataset.views=2.5", {"dataset.views", "2.5", "whole"}),
+        ("method.mode=fanci", {"gain.mode", "fanci", "'fancy'"}),
+        ("method.display=strech", {"display", "strech", "none", "gray-world", "stretch-LOW-HIGH"}),
+        ("metrics.psnr.variants=[mask]", {"psnr", "mask", "'masked'"}),
+        ("overwrite=alway", {"overwrite", "alway", "'always'"}),
+        ("save=all", {"save", "all", "'full'", "display"}),
+        ("every=0", {"every", "0", "whole", "[1, inf)"}),
+        ("first=0", {"first", "0", "whole", "[1, inf)"}),
+        ("views=none.txt", {"none.txt"}),
+        ("+speed=3", {"speed", "save"}),
+        ("+method.speed=3", {"gain.speed", "gain"}),
+        ("method=gain,faulty", {"-m"}),
+        ("method=null", {"method=None", "method=a,b"}),
+        ("dataset=[toy,demo]", {"-m", "dataset=a,b"}),
+        ("out=${nowhere}", {"nowhere"}),
+        ("hydra.launcher.n_jbs=2", {"hydra.launcher.n_jbs", "none"}),
+        ("hydra/launcher=jobli", {"hydra/launcher", "jobli", "'joblib'"}),
+        ("dataset.label=ünï", {"dataset.label=ünï", "'ünï'"}),
+        ("hydra.job.chdir=true", {"hydra.job.chdir=true", "false"}),
+        ("dataset=colmap", {"colmap.root", "dataset.root=FOLDER"}),
+        ("method.gain", {"method.gain", "key=value"}),
     ],
 )
-def test_a_wrong_override_is_one_clear_line(override: str, said: str):
+def test_a_wrong_override_is_one_clear_line(override: str, named: set[str]):
     with pytest.raises(InputError) as fault:
         jobs(override)
-    assert said in str(fault.value)
+    assert named <= names(fault.value)
     assert "\n" not in str(fault.value)
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from support.messages import names
 from support.places import TOYS
 from support.toy_runs import run
 
@@ -59,27 +60,24 @@ def test_options_of_one_method_leave_the_stored_results_of_others_alone(tmp_path
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "named"),
     [
-        (["method=gain,halved", "method.gian=2"], "method.gian: no option 'gian'; did you mean 'gain'"),
-        (["method=gain,halved", "gain.gian=2"], "gain.gian: no option 'gian'; did you mean 'gain'"),
-        (
-            ["method=gain,halved", "gain2.gain=2"],
-            "'gain2' is not among the methods; add it: -m method=gain,halved,gain2",
-        ),
-        (["method=gain,gain2", "gain=2"], "write gain.gain=2 or gain2.gain=2"),
-        (["method=gain", "gain=2"], "write method.gain=2"),
-        (["method=gain", "redness.factor=2"], "write metrics.redness.factor=2"),
-        (["method=gain,gain2", "gain2.gain=much"], "gain2.gain: 'much' is not a number"),
-        (["method=gain", "metrics=psnr,redness"], "write metrics=[psnr,redness]"),
-        (["method=gain", "seed=abc"], "seed: 'abc' is not a whole number"),
-        (["dataset=colmap", "dataset.root=x", "method=gain", "every=1.5"], "every: '1.5' is not a whole number"),
+        (["method=gain,halved", "method.gian=2"], {"method.gian", "'gain'"}),
+        (["method=gain,halved", "gain.gian=2"], {"gain.gian", "'gain'"}),
+        (["method=gain,halved", "gain2.gain=2"], {"gain2", "-m", "method=gain,halved,gain2"}),
+        (["method=gain,gain2", "gain=2"], {"gain.gain=2", "gain2.gain=2"}),
+        (["method=gain", "gain=2"], {"method.gain=2"}),
+        (["method=gain", "redness.factor=2"], {"metrics.redness.factor=2"}),
+        (["method=gain,gain2", "gain2.gain=much"], {"gain2.gain", "much", "number"}),
+        (["method=gain", "metrics=psnr,redness"], {"metrics=[psnr,redness]"}),
+        (["method=gain", "seed=abc"], {"seed", "abc", "whole"}),
+        (["dataset=colmap", "dataset.root=x", "method=gain", "every=1.5"], {"every", "1.5", "whole"}),
     ],
 )
-def test_a_wrong_option_is_blamed_on_its_own_word(words: list[str], said: str):
+def test_a_wrong_option_is_blamed_on_its_own_word(words: list[str], named: set[str]):
     with pytest.raises(InputError) as fault:
         jobs(*words)
-    assert said in str(fault.value)
+    assert named <= names(fault.value)
 
 
 @pytest.mark.parametrize(
@@ -181,64 +179,62 @@ def test_words_prevail_over_a_line_up(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "named"),
     [
-        ("method: [gain]", "no key 'method'; did you mean 'methods'"),
-        ("methods: [gian]", "no method is called 'gian'; did you mean 'gain'"),
-        ("methods: [{name: gain, gian: 2}]", "gain.gian: no option 'gian'; did you mean 'gain'"),
-        ("methods: [{name: gain, gain: much}]", "method.gain: 'much' is not a number"),
-        ("methods: [{name: gain, label: a}, {name: halved, label: a}]", "2 have the label 'a'"),
-        ("methods: [gain, {name: halved, label: gain}]", "two jobs of this sweep would both be 'toy / gain'"),
-        ("methods: [gain, gain]", "two jobs of this sweep are the same"),
-        ("methods: [gain", "is no plain YAML"),
-        ("methods: [gain]\nmethods: [halved]", "the key 'methods' stands twice"),
-        ("", "is empty"),
-        ("- datasets", "holds no keys"),
-        ("methods: gain: 2", "line 1: is no plain YAML"),
-        ("methods: &all [*all]", "is no plain YAML, *all is an alias"),
-        ("methods: [{name: gain, gain: {a: 1}}]", "method.gain"),
-        ("study: {name: s, metrcs: [psnr]}\nmethods: [gain]", "study.metrcs: no option 'metrcs'"),
-        ("methods: [2]", "methods: 2 has no name"),
-        ("datasets: [./nowhere]\nmethods: [gain]", "no such folder"),
-        ("datasets: [toi]\nmethods: [gain]", "no dataset is called 'toi'; did you mean 'toy'"),
-        ("metrics: [psnrr]\nmethods: [gain]", "no metric is called 'psnrr'"),
-        ("metrics: [redness:pink]\nmethods: [gain]", "no variant 'pink'"),
-        ("sweep: {out: [a, b]}\nmethods: [gain]", "sweep.out: cannot be swept"),
-        ("sweep: {gain.gain: 2}\nmethods: [gain]", "sweep.gain.gain: is no list of values"),
-        ("sweep: {'x=1 hydra.mode': [2]}\nmethods: [gain]", "cannot be swept"),
-        ("hydra: {launcher: joblib}\nmethods: [gain]", "no key 'hydra'"),
-        ("every: 1.5\nmethods: [gain]", "every: '1.5' is not a whole number"),
-        ("every: [1, 2]\nmethods: [gain]", "every: [1, 2] are several values"),
-        ("sweep: {gain.gian: [1, 2]}\nmethods: [gain]", "gain.gian: no option 'gian'"),
-        ("study: table1\nmethods: [gain]", "write {OPTION: VALUE} below study:"),
-        ("baseline: none_such\nmethods: [gain]", "baseline: no method is called 'none_such'"),
-        ("plugins: [none.py]\nmethods: [gain]", "none.py: no such plugin file"),
+        ("method: [gain]", {"l.yaml", "method", "'methods'"}),
+        ("methods: [gian]", {"l.yaml", "gian", "'gain'"}),
+        ("methods: [{name: gain, gian: 2}]", {"l.yaml", "gain.gian", "'gain'"}),
+        ("methods: [{name: gain, gain: much}]", {"l.yaml", "method.gain", "much", "number"}),
+        ("methods: [{name: gain, label: a}, {name: halved, label: a}]", {"l.yaml", "2", "label", "'a'"}),
+        ("methods: [gain, {name: halved, label: gain}]", {"two", "'toy / gain'"}),
+        ("methods: [gain, gain]", {"two", "same", "'toy / gain'"}),
+        ("methods: [gain", {"l.yaml", "YAML"}),
+        ("methods: [gain]\nmethods: [halved]", {"l.yaml", "'methods'", "twice"}),
+        ("", {"l.yaml", "empty"}),
+        ("- datasets", {"l.yaml", "keys"}),
+        ("methods: gain: 2", {"l.yaml", "line", "1", "YAML"}),
+        ("methods: &all [*all]", {"l.yaml", "YAML", "*all", "alias"}),
+        ("methods: [{name: gain, gain: {a: 1}}]", {"l.yaml", "method.gain"}),
+        ("study: {name: s, metrcs: [psnr]}\nmethods: [gain]", {"l.yaml", "study.metrcs", "'metrics'"}),
+        ("methods: [2]", {"l.yaml", "methods", "2", "name"}),
+        ("datasets: [./nowhere]\nmethods: [gain]", {"l.yaml", "dataset=./nowhere", "folder"}),
+        ("datasets: [toi]\nmethods: [gain]", {"l.yaml", "dataset", "toi", "'toy'"}),
+        ("metrics: [psnrr]\nmethods: [gain]", {"l.yaml", "metric", "psnrr", "'psnr'"}),
+        ("metrics: [redness:pink]\nmethods: [gain]", {"l.yaml", "variant", "pink"}),
+        ("sweep: {out: [a, b]}\nmethods: [gain]", {"l.yaml", "sweep.out"}),
+        ("sweep: {gain.gain: 2}\nmethods: [gain]", {"l.yaml", "sweep.gain.gain", "list"}),
+        ("sweep: {'x=1 hydra.mode': [2]}\nmethods: [gain]", {"l.yaml", "hydra.mode"}),
+        ("hydra: {launcher: joblib}\nmethods: [gain]", {"l.yaml", "key", "hydra"}),
+        ("every: 1.5\nmethods: [gain]", {"l.yaml", "every", "1.5", "whole"}),
+        ("every: [1, 2]\nmethods: [gain]", {"l.yaml", "every", "[1, 2]", "several"}),
+        ("sweep: {gain.gian: [1, 2]}\nmethods: [gain]", {"l.yaml", "gain.gian", "'gain'"}),
+        ("study: table1\nmethods: [gain]", {"l.yaml", "study", "{OPTION"}),
+        ("baseline: none_such\nmethods: [gain]", {"baseline", "none_such"}),
+        ("plugins: [none.py]\nmethods: [gain]", {"l.yaml", "none.py"}),
     ],
 )
-def test_what_is_wrong_with_a_line_up_is_one_line_with_its_name(bench, tmp_path: Path, text: str, said: str):
+def test_what_is_wrong_with_a_line_up_is_one_line_with_its_name(bench, tmp_path: Path, text: str, named: set[str]):
     (tmp_path / "l.yaml").write_text(text if "datasets" in text else f"{text}\ndatasets: [toy]\n" if text else "")
     done = bench("run", "--plugin", str(TOYS), "l.yaml", "tracking.uri=off", "report=false")
     assert done.returncode == 2
-    assert said in done.stderr
+    assert named <= names(done.stderr)
     assert len(done.errors) == 1
-    if not said.startswith(("baseline", "two jobs")):
-        assert "l.yaml" in done.stderr
 
 
 @pytest.mark.parametrize(
-    ("words", "said"),
+    ("words", "named"),
     [
-        (["nowhere.yaml"], "nowhere.yaml: no such file"),
-        (["a.yaml", "b.yaml"], "b.yaml: a second line-up"),
-        (["a.yaml", "experiment=demo"], "run one at a time"),
-        (["folder.yaml"], "folder.yaml: is a folder"),
+        (["nowhere.yaml"], {"nowhere.yaml", "file"}),
+        (["a.yaml", "b.yaml"], {"b.yaml", "second"}),
+        (["a.yaml", "experiment=demo"], {"experiment=demo", "one"}),
+        (["folder.yaml"], {"folder.yaml", "folder"}),
     ],
 )
-def test_a_line_up_that_cannot_be_had(bench, tmp_path: Path, words: list[str], said: str):
+def test_a_line_up_that_cannot_be_had(bench, tmp_path: Path, words: list[str], named: set[str]):
     (tmp_path / "folder.yaml").mkdir()
     done = bench("run", *words)
     assert (done.returncode, len(done.errors)) == (2, 1)
-    assert said in done.stderr
+    assert named <= names(done.stderr)
 
 
 def test_values_of_a_line_up_are_not_interpolated(tmp_path: Path):

@@ -7,7 +7,7 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.plugins.registry import load_file
-from sucre_bench.programs.contract import breaches
+from sucre_bench.programs.contract import Subject, check, rules
 from support.colmap_folder import write_dive
 
 HEAD = """
@@ -74,10 +74,16 @@ def write(folder: Path, template: str, body: str, **filled: Any) -> Path:
     return path
 
 
-def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled: Any) -> str:
-    """What is broken, a line each."""
+def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled: Any) -> dict[str, str]:
+    """The breaches by the name of their rule, a line each; why a rule could not be checked."""
     load_file(write(folder, template, body, **filled))
-    return "\n".join(breaches(kind, "tried", **({"root": write_dive(folder)} if kind == "dataset" else {})))
+    plugin = plugins.find(kind, "tried")
+    subject = Subject(plugin, {"root": write_dive(folder)} if kind == "dataset" else {})
+    said = {
+        one.rule.name: "\n".join([*(f.text for f in one.findings if f.level == "breach"), *filter(None, [one.skipped])])
+        for one in check(subject, rules(plugin, lasting=False))
+    }
+    return {name: text for name, text in said.items() if text}
 
 
 GOOD = "image = view.rgb * np.float32(self.gain)\n"

@@ -102,6 +102,11 @@ class Rule:
     runs: bool
     lasting: bool
 
+    @property
+    def name(self) -> str:
+        """Its name in JSON and tests: that of its function."""
+        return str(getattr(self.look, "__name__", ""))
+
     def __str__(self) -> str:
         return self.says
 

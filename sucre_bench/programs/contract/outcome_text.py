@@ -69,6 +69,7 @@ def _about(subject: Subject, outcomes: Sequence[Outcome]) -> dict[str, Any]:
         "ok": not any(outcome.status == "broken" for outcome in outcomes),
         "rules": [
             {
+                "name": outcome.rule.name,
                 "rule": str(outcome.rule),
                 "status": outcome.status,
                 "seconds": round(outcome.seconds, 3),
