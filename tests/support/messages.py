@@ -18,12 +18,8 @@ def names(message: object) -> set[str]:
     ["'gain'", '[0, 1]', 'a.json', 'gan']
     """
     text = str(message)
-    whole = {word.strip("()").lstrip("'\"`").rstrip(_PUNCTUATION) for word in text.split()}
+    words = {word.rstrip(",;:.") for word in text.split()}
+    whole = {word.strip("()").lstrip("'\"`").rstrip(_PUNCTUATION) for word in words}
     bare = {word.strip(_PUNCTUATION + "()[]") for word in whole}
-    return {
-        *whole,
-        *bare,
-        *(word.rpartition("/")[2] for word in bare),
-        *_TOGETHER.findall(text),
-        *_CALLED.findall(text),
-    }
+    parts = {part for word in bare for part in (word.rpartition("/")[2], word.partition(":")[0])}  # of a.py:12
+    return {*words, *whole, *bare, *parts, *_TOGETHER.findall(text), *_CALLED.findall(text)}

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from onnx.helper import make_node
 from support.made_networks import onnx_file
+from support.messages import names
 from support.places import ROOT
 from support.restoring_programs import PYTHON, restored, scene_of
 
@@ -24,34 +25,33 @@ from sucre_bench.methods.doors import Command
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "named"),
     [
-        ({"run": ""}, "command.run: is empty"),
-        ({"run": "no_such_program {output}"}, "'no_such_program' is not found or not executable"),
-        ({"run": "/etc/passwd {output}"}, "'/etc/passwd' is not found or not executable"),
-        ({"run": "cp 'a {output}"}, "command.run: No closing quotation"),
-        ({"run": "cp {imput} {output}"}, "no placeholder '{imput}'; did you mean 'input'"),
-        ({"run": "cp {} {output}"}, "no placeholder"),
-        ({"run": "cp {input:02d} {output}"}, "'{input:02d}': no format or conversion is allowed; write {input}"),
-        ({"run": "cp { {output}"}, "for braces"),
-        ({"run": "cp {input} there"}, "without {output}"),
-        ({"run": "cp {name} {output}", "per": "scene"}, "{name} is of one view; use it with per=view"),
-        ({"run": "cp {output}", "pattern": "out"}, "command.pattern: 'out' is the same for every view"),
-        ({"run": "cp {output}", "output_suffix": "png"}, "command.output_suffix: 'png' is not one of .png, "),
-        ({"run": "cp {output}", "bits": 12}, "command.bits: 12"),
-        ({"run": "cp {output}", "timeout": 0.0}, "command.timeout: 0.0 must be positive"),
-        ({"run": "cp {output}", "rests_on": Path("nowhere")}, "nowhere: no such file or folder"),
+        ({"run": ""}, {"command.run", "empty"}),
+        ({"run": "no_such_program {output}"}, {"command.run", "'no_such_program'", "executable"}),
+        ({"run": "/etc/passwd {output}"}, {"command.run", "'/etc/passwd'", "executable"}),
+        ({"run": "cp 'a {output}"}, {"command.run", "quotation"}),
+        ({"run": "cp {imput} {output}"}, {"command.run", "'{imput}'", "'input'"}),
+        ({"run": "cp {} {output}"}, {"command.run", "placeholder", "'{}'"}),
+        ({"run": "cp {input:02d} {output}"}, {"command.run", "'{input:02d}'", "format", "{input}"}),
+        ({"run": "cp { {output}"}, {"command.run", "{{", "}}"}),
+        ({"run": "cp {input} there"}, {"command.run", "{output}"}),
+        ({"run": "cp {name} {output}", "per": "scene"}, {"command.run", "{name}", "per=view"}),
+        ({"run": "cp {output}", "pattern": "out"}, {"command.pattern", "'out'", "{stem}"}),
+        ({"run": "cp {output}", "output_suffix": "png"}, {"command.output_suffix", "'png'", ".png"}),
+        ({"run": "cp {output}", "bits": 12}, {"command.bits", "12"}),
+        ({"run": "cp {output}", "timeout": 0.0}, {"command.timeout", "0.0", "positive"}),
+        ({"run": "cp {output}", "rests_on": Path("nowhere")}, {"nowhere", "file", "folder"}),
     ],
 )
-def test_a_command_that_cannot_work_is_refused_at_once(options: dict, said: str):
+def test_a_command_that_cannot_work_is_refused_at_once(options: dict, named: set[str]):
     with pytest.raises(InputError) as fault:
         Command(**options)
-    assert said in str(fault.value)
+    assert named <= names(fault.value)
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
-    [("#!/no/such/interpreter\n", "or what runs it is not"), ("no first line\n", "cannot be started, Exec format")],
+    ("content", "said"), [("#!/no/such/interpreter\n", "found"), ("no first line\n", "Exec format")]
 )
 def test_a_script_that_nothing_runs_is_named(tmp_path: Path, content: str, said: str):
     script = tmp_path / "restore"

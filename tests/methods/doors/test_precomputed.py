@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 import tifffile
 from PIL import Image
+from support.messages import names
 
 from sucre_bench import (
     Arrays,
@@ -76,20 +77,21 @@ def test_the_image_of_a_view_is_found_by_name(tmp_path: Path, name: str, there: 
 
 
 @pytest.mark.parametrize(
-    ("names", "there", "said"),
+    ("views", "there", "named"),
     [
-        (["a.png"], ["a.png", "a.npy"], "a.png in .* is there as well; keep one, or tell them apart with pattern"),
-        (["a.png"], ["x/a.png", "y/a.png"], "y/a.png in .* is there as well"),
-        (["left/a.png", "right/a.png"], ["a.png"], "may belong to left/a.png or right/a.png; use sub-folders"),
-        (["a.png", "a.jpg"], ["a.png"], "may belong to a.png or a.jpg"),
-        (["../a.png"], ["a.png"], r"\.\./a.png: is no path inside a folder"),
-        (["/a.png"], ["a.png"], "is no path inside a folder"),
+        (["a.png"], ["a.png", "a.npy"], {"a.npy", "a.png", "'{stem}.png'"}),
+        (["a.png"], ["x/a.png", "y/a.png"], {"a.png", "y/a.png"}),
+        (["left/a.png", "right/a.png"], ["a.png"], {"left/a.png", "right/a.png", "sub-folders"}),
+        (["a.png", "a.jpg"], ["a.png"], {"a.png", "a.jpg"}),
+        (["../a.png"], ["a.png"], {"../a.png", "path"}),
+        (["/a.png"], ["a.png"], {"/a.png", "path"}),
     ],
 )
-def test_an_image_is_never_guessed(tmp_path: Path, names: list[str], there: list[str], said: str):
+def test_an_image_is_never_guessed(tmp_path: Path, views: list[str], there: list[str], named: set[str]):
     touch(tmp_path, *there)
-    with pytest.raises(InputError, match=said):
-        find_image(tmp_path, names[0], names)
+    with pytest.raises(InputError) as fault:
+        find_image(tmp_path, views[0], views)
+    assert named <= names(fault.value)
 
 
 def test_a_view_never_gets_another_views_image(tmp_path: Path):
@@ -144,20 +146,21 @@ def test_a_link_out_of_the_folder_is_refused(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("pattern", "said"),
+    ("pattern", "named"),
     [
-        ("{step}", "no placeholder '{step}'; did you mean 'stem'"),
-        ("restored", "is the same for every view"),
-        ("{stem", "write {{ and }} for braces"),
-        ("{stem!r}", r"precomputed.pattern: '{stem!r}': no format or conversion is allowed; write {stem}$"),
-        ("{stem:>9}", r"precomputed.pattern: '{stem:>9}': no format or conversion is allowed; write {stem}$"),
-        ("{stem!s:>9}", "'{stem!s:>9}': no format"),
-        ("{stem.__class__}", "no placeholder"),
+        ("{step}", {"'{step}'", "'stem'"}),
+        ("restored", {"'restored'", "{stem}"}),
+        ("{stem", {"{{", "}}"}),
+        ("{stem!r}", {"'{stem!r}'", "format", "{stem}"}),
+        ("{stem:>9}", {"'{stem:>9}'", "format", "{stem}"}),
+        ("{stem!s:>9}", {"'{stem!s:>9}'", "format", "{stem}"}),
+        ("{stem.__class__}", {"'{stem.__class__}'", "placeholder"}),
     ],
 )
-def test_a_pattern_that_cannot_work_is_refused_at_once(tmp_path: Path, pattern: str, said: str):
-    with pytest.raises(InputError, match=said):
+def test_a_pattern_that_cannot_work_is_refused_at_once(tmp_path: Path, pattern: str, named: set[str]):
+    with pytest.raises(InputError) as fault:
         Precomputed(tmp_path, pattern=pattern)
+    assert {"precomputed.pattern", *named} <= names(fault.value)
 
 
 def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path: Path):
@@ -275,19 +278,20 @@ def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "named"),
     [
-        (RGB * 255, "half of its values exceed 2; divide them so that white is 1"),
-        (RGB[..., :2], "is an array of 4x6x2; expected height x width x 3"),
-        (LEVELS.astype(np.int32), "is int32; save it with 8 or 16 bits a channel, or as floats"),
-        (np.full_like(RGB, np.nan), "no pixel has a colour"),
-        (np.array([{"a": 1}], dtype=object), "cannot be read"),
+        (RGB * 255, {"2", "white", "1"}),
+        (RGB[..., :2], {"4x6x2", "3"}),
+        (LEVELS.astype(np.int32), {"int32", "8", "16", "floats"}),
+        (np.full_like(RGB, np.nan), {"pixel", "method.holes"}),
+        (np.array([{"a": 1}], dtype=object), {"read"}),
     ],
 )
-def test_an_array_that_is_no_restored_image_is_named(tmp_path: Path, content: np.ndarray, said: str):
+def test_an_array_that_is_no_restored_image_is_named(tmp_path: Path, content: np.ndarray, named: set[str]):
     np.save(tmp_path / "a.npy", content, allow_pickle=True)
-    with pytest.raises(InputError, match=rf"a.npy: {said}"):
+    with pytest.raises(InputError, match=r"a\.npy: ") as fault:
         restored(tmp_path)
+    assert named <= names(fault.value)
 
 
 @pytest.mark.parametrize("suffix", [".png", ".jpg", ".tif", ".webp", ".npy", ".npz"])

@@ -14,6 +14,7 @@ from pathlib import Path
 import numpy as np
 import psutil
 import pytest
+from support.messages import names
 from support.restoring_programs import RGB, program, restored, scene_of
 
 from sucre_bench import InputError
@@ -39,22 +40,22 @@ def ends_soon(pid: int) -> bool:
 
 
 @pytest.mark.parametrize(
-    ("source", "said"),
+    ("source", "named"),
     [
-        ("import sys; print('so far so good'); sys.exit(3)", "ended with exit code 3, saying: so far so good; mend"),
-        ("print('x'); raise ValueError('no net')", "ended with exit code 1, saying: ValueError: no net; mend"),
-        ("import os; os.kill(os.getpid(), 9)", "was killed by SIGKILL, for want of memory perhaps"),
-        ("import os; os.abort()", "was killed by SIGABRT"),
-        ("pass", "ended well, but wrote no image; the program is to write to {output}"),
-        ("import sys; open(sys.argv[2], 'w').write('no image')", "output/view.png: cannot be read, damaged"),
-        ("import sys; open(sys.argv[2], 'wb').write(open(sys.argv[1], 'rb').read()[:60])", "cannot be read, cut short"),
+        ("import sys; print('almost'); sys.exit(3)", {"exit", "3", "almost"}),
+        ("print('x'); raise ValueError('no net')", {"exit", "1", "ValueError", "net"}),
+        ("import os; os.kill(os.getpid(), 9)", {"SIGKILL", "memory"}),
+        ("import os; os.abort()", {"SIGABRT"}),
+        ("pass", {"image", "{output}"}),
+        ("import sys; open(sys.argv[2], 'w').write('no image')", {"output/view.png", "damaged"}),
+        ("import sys; open(sys.argv[2], 'wb').write(open(sys.argv[1], 'rb').read()[:60])", {"output/view.png", "cut"}),
     ],
 )
-def test_a_program_that_fails_is_one_line_that_says_how(tmp_path: Path, temporary: Path, source: str, said: str):
+def test_a_program_that_fails_is_one_line_that_says_how(tmp_path: Path, temporary: Path, source: str, named: set[str]):
     with pytest.raises(InputError) as fault:
         restored(f"{program(tmp_path, source)} {{input}} {{output}}", scene_of("dive/a.png"))
     message = str(fault.value)
-    assert said in message
+    assert named <= names(message)
     assert message.startswith(f"{Path(sys.executable).name}: dive/a.png: ")
     assert str(temporary) not in message
     assert "\n" not in message

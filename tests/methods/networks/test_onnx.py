@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from onnx.helper import make_node
 from support.made_networks import onnx_file
+from support.messages import names
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
 from sucre_bench.methods.networks.run_onnx import opened
@@ -226,27 +227,28 @@ def bad_model(kind: str, path: Path) -> None:
 
 
 @pytest.mark.parametrize(
-    ("kind", "says"),
+    ("kind", "named"),
     {
-        "missing": "no such file",
-        "no model": "onnxruntime does not open it",
-        "two inputs": "takes 'x', 'z'; a model of one input",
-        "two outputs": "has outputs y, mask; choose with method.output=y",
-        "no picture": r"takes \?x3; a model of one picture",
-        "gray": r"takes 1x1x\?x\?, not 3 channels",
-        "a batch": r"takes 4x3x\?x\?; a model of one picture",
-        "open": "does not say where its channels are; give method.layout",
-        "half open": r"takes 1x3x256x\?, with one side open",
-        "words": r"takes tensor\(int64\), no picture",
-        "gray answer": r"output 'y' is \(1, 1, 20, 24\), no picture",
-        "fails": "fails on 20x24 pixels.*method.size",
+        "missing": {"file"},
+        "no model": {"onnxruntime"},
+        "two inputs": {"'x'", "'z'", "one"},
+        "two outputs": {"y", "mask", "method.output=y"},
+        "no picture": {"?x3", "one"},
+        "gray": {"1x1x?x?", "3", "channels"},
+        "a batch": {"4x3x?x?", "one"},
+        "open": {"channels", "method.layout=nchw"},
+        "half open": {"1x3x256x?", "open"},
+        "words": {"tensor(int64)"},
+        "gray answer": {"'y'", "(1, 1, 20, 24)"},
+        "fails": {"20x24", "method.size"},
     }.items(),
 )
-def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: str, says: str, tmp_path: Path):
+def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: str, named: set[str], tmp_path: Path):
     path = tmp_path / "given.onnx"
     bad_model(kind, path)
-    with pytest.raises(InputError, match=says) as fault:
+    with pytest.raises(InputError) as fault:
         restored(NOISE, model=path)
+    assert named <= names(fault.value)
     assert str(path) in str(fault.value)
     assert "\n" not in str(fault.value)
 

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import torch
 from support.made_networks import ARCHITECTURES, random_state
+from support.messages import names
 from support.small_networks import NOISE, restored, saved
 
 from sucre_bench import InputError
@@ -85,31 +86,34 @@ def bad_file(kind: str, path: Path) -> None:
 
 @pytest.mark.filterwarnings("ignore:`torch.jit")
 @pytest.mark.parametrize(
-    ("kind", "says"),
+    ("kind", "named"),
     {
-        "missing": "no such file",
-        "folder": "is a folder",
-        "web page": "is a web page",
-        "empty": "is empty",
-        "text": "no PyTorch file, or cut short",
-        "cut": "no PyTorch file, or cut short",
-        "pickle": "no PyTorch file|Python object",
-        "module": r"Python object, .*WaterNet.*state_dict\(\)",
-        "trap": r"Python object.*state_dict\(\)",
-        "list": "no state dict but list",
-        "no tensors": "no state dict but dict",
-        "script": "TorchScript.*method=onnx",
-        "other network": "not the weights of WaterNet, it lacks 'cmg.conv1.weight' 128x12x7x7",
-        "further": "WaterNet, which has no 'cmg.conv9.bias'",
-        "shape": "'cmg.conv1.weight' is 128x9x7x7 and not 128x12x7x7",
-        "not finite": "'cmg.conv1.weight' holds numbers that are not finite",
+        "missing": {"file"},
+        "folder": {"folder"},
+        "web page": {"web"},
+        "empty": {"empty"},
+        "text": {"PyTorch", "cut"},
+        "cut": {"PyTorch", "cut"},
+        "pickle": {"PyTorch"},
+        "module": {"Python", f"{architectures.__name__}.WaterNet", "state_dict"},
+        "trap": {"Python", "state_dict"},
+        "list": {"state", "list"},
+        "no tensors": {"state", "dict"},
+        "script": {"TorchScript", "method=onnx"},
+        "other network": {"WaterNet", "'cmg.conv1.weight'", "128x12x7x7"},
+        "further": {"WaterNet", "'cmg.conv9.bias'"},
+        "shape": {"'cmg.conv1.weight'", "128x9x7x7", "128x12x7x7"},
+        "not finite": {"'cmg.conv1.weight'", "finite"},
     }.items(),
 )
-def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(kind: str, says: str, tmp_path: Path):
+def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(
+    kind: str, named: set[str], tmp_path: Path
+):
     path = tmp_path / "given.pth"
     bad_file(kind, path)
-    with pytest.raises(InputError, match=says) as fault:
+    with pytest.raises(InputError) as fault:
         restored("water_net", NOISE, weights=path)
+    assert named <= names(fault.value)
     assert str(path) in str(fault.value)
     assert "\n" not in str(fault.value)
     assert not (tmp_path / "sprung").exists()

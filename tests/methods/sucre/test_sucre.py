@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_scene
+from support.messages import names
 
 from sucre_bench import Arrays, InputError, Scene, SolveError, Water
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
@@ -113,35 +114,35 @@ def test_water_comes_from_a_file_or_from_a_folder_of_them(tmp_path: Path) -> Non
 
 
 @pytest.mark.parametrize(
-    ("name", "content", "said"),
+    ("name", "content", "named"),
     [
-        ("huge.json", '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "no water is like this; B is an"),
-        ("rate.json", '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}', "no water is like this; B is an"),
+        ("huge.json", '{"B": [1e300, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1]}', {"B", "intensity"}),
+        ("rate.json", '{"B": [0, 0, 0], "beta": [1000, 1, 1], "gamma": [1, 1, 1]}', {"B", "intensity"}),
         (
             "linear.json",
             '{"B": [0, 0, 0], "beta": [1, 1, 1], "gamma": [1, 1, 1], "encoding": "linear"}',
-            "is of linear intensities, and gamma ones are to be explained; give encoding=linear",
+            {"linear", "gamma", "encoding=linear"},
         ),
-        ("absent.json", None, "no such file; water= takes own, shared, truth"),
-        ("cut.json", '{"B": [1, 2', "does not hold B, beta and gamma"),
-        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', "must be three finite numbers each"),
-        ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', "B must be three numbers"),
-        ("nan.json", '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "three finite numbers"),
-        ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', "does not hold B, beta and gamma"),
-        ("list.json", "[1, 2, 3]", "does not hold B, beta and gamma"),
-        ("junk.npz", "no archive", "does not hold B, beta and gamma"),
-        ("cut.npz", "PK\x03\x04cut", "does not hold B, beta and gamma"),
-        ("empty.npz", "", "does not hold B, beta and gamma"),
+        ("absent.json", None, {"water=", "own", "shared", "truth"}),
+        ("cut.json", '{"B": [1, 2', {"B", "beta", "gamma", "hold", "three"}),
+        ("two.json", '{"B": [1, 2, 3], "beta": [1, 2, 3]}', {"B", "beta", "gamma", "finite", "three"}),
+        ("short.json", '{"B": [1], "beta": [1], "gamma": [1]}', {"B", "three"}),
+        ("nan.json", '{"B": [1, 2, NaN], "beta": [1, 2, 3], "gamma": [1, 2, 3]}', {"B", "finite", "three"}),
+        ("words.json", '{"B": "blue", "beta": [1, 2, 3], "gamma": [1, 2, 3]}', {"B", "hold", "three"}),
+        ("list.json", "[1, 2, 3]", {"B", "beta", "gamma", "hold"}),
+        ("junk.npz", "no archive", {"B", "beta", "gamma", "hold"}),
+        ("cut.npz", "PK\x03\x04cut", {"B", "beta", "gamma", "hold"}),
+        ("empty.npz", "", {"B", "beta", "gamma", "hold"}),
     ],
 )
 def test_a_file_without_water_is_named_with_its_fault(
-    tmp_path: Path, name: str, content: str | None, said: str
+    tmp_path: Path, name: str, content: str | None, named: set[str]
 ) -> None:
     if content is not None:
         (tmp_path / name).write_text(content)
-    with pytest.raises(InputError, match=rf"^{tmp_path / name}: .*{said}") as fault:
+    with pytest.raises(InputError, match=rf"^{tmp_path / name}: [^\n]*$") as fault:
         Sucre(water=str(tmp_path / name)).restore(SCENE, TARGET)
-    assert "\n" not in str(fault.value)
+    assert named <= names(fault.value)
 
 
 def test_water_comes_from_another_method_and_colours_from_all_views() -> None:
@@ -153,17 +154,19 @@ def test_water_comes_from_another_method_and_colours_from_all_views() -> None:
 
 
 @pytest.mark.parametrize(
-    ("name", "said"),
+    ("name", "named"),
     [
-        ("gray_world", "water_from=gray_world: it estimates no B, beta, gamma; name one that does"),
-        ("haze_lines", "water_from=haze_lines: it estimates no beta, gamma; name one that does"),
-        ("precomputed", "water_from=precomputed: takes options .*; run it first, and give water=FOLDER"),
-        ("grey_world", "no method is called 'grey_world'; did you mean 'gray_world'"),
+        ("gray_world", {"water_from=gray_world", "B", "beta", "gamma"}),
+        ("haze_lines", {"water_from=haze_lines", "beta", "gamma"}),
+        ("precomputed", {"water_from=precomputed", "options", "water=FOLDER"}),
+        ("grey_world", {"method", "grey_world", "'gray_world'"}),
     ],
 )
-def test_a_method_that_has_no_water_to_give_is_refused(name: str, said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_a_method_that_has_no_water_to_give_is_refused(name: str, named: set[str]) -> None:
+    with pytest.raises(InputError) as fault:
         Sucre(water_from=name).restore(SCENE, TARGET)
+    assert named <= names(fault.value)
+    assert name != "haze_lines" or "B" not in names(fault.value)  # which it estimates
 
 
 def test_single_view_colours_are_the_model_inverted_on_the_images_own_intensities() -> None:
@@ -368,24 +371,25 @@ def test_limits_of_the_water_are_said_while_it_runs() -> None:
 
 
 @pytest.mark.parametrize(
-    ("options", "said"),
+    ("options", "named"),
     [
-        ({"solver": "adam", "physical": True}, "sucre.physical: goes with solver=exact"),
-        ({"solver": "adam_closed_form", "robust": True}, "sucre.robust: goes with solver=exact"),
-        ({"solver": "adam", "water": "shared"}, "sucre.water=shared: leaves nothing to solver=adam"),
-        ({"tolerance": 0.0}, "sucre.tolerance: 0.0 must be positive"),
-        ({"tolerance": 2.0}, "sucre.tolerance: 2.0 must be below 1"),
-        ({"seed": -1}, "sucre.seed: -1 must not be negative"),
-        ({"solver": "adam", "water_from": "sucre"}, "sucre.water_from=sucre: leaves nothing to solver=adam"),
-        ({"water": "truth", "water_from": "sucre"}, "given twice, water=truth and water_from=sucre"),
-        ({"lamp": True, "colours": "single_view"}, "sucre.lamp: is found with colours of all views"),
-        ({"water": "truth", "lamp": True}, "sucre.lamp: is found with the image's own water; leave out water=truth"),
-        ({"shared_views": 0}, "sucre.shared_views: 0 must be positive"),
+        ({"solver": "adam", "physical": True}, {"sucre.physical", "solver=exact"}),
+        ({"solver": "adam_closed_form", "robust": True}, {"sucre.robust", "solver=exact"}),
+        ({"solver": "adam", "water": "shared"}, {"sucre.water=shared", "solver=adam"}),
+        ({"tolerance": 0.0}, {"sucre.tolerance", "0.0", "positive"}),
+        ({"tolerance": 2.0}, {"sucre.tolerance", "2.0", "1"}),
+        ({"seed": -1}, {"sucre.seed", "-1", "negative"}),
+        ({"solver": "adam", "water_from": "sucre"}, {"sucre.water_from=sucre", "solver=adam"}),
+        ({"water": "truth", "water_from": "sucre"}, {"water=truth", "water_from=sucre"}),
+        ({"lamp": True, "colours": "single_view"}, {"sucre.lamp", "views"}),
+        ({"water": "truth", "lamp": True}, {"sucre.lamp", "water=truth"}),
+        ({"shared_views": 0}, {"sucre.shared_views", "0", "positive"}),
     ],
 )
-def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], said: str) -> None:
-    with pytest.raises(InputError, match=said):
+def test_options_that_do_not_go_together_are_refused(options: dict[str, Any], named: set[str]) -> None:
+    with pytest.raises(InputError) as fault:
         Sucre(**options)
+    assert named <= names(fault.value)
 
 
 @pytest.mark.parametrize("backend", ["numba", "torch", "jax"])
