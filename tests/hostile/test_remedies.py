@@ -85,7 +85,7 @@ CASES = {
     ),
     "several methods": Case(
         f"{RUN} method=gray_world,underwater metrics=[coverage]",
-        r"add (-m) to run them all",
+        r"; .*(-m)\b",
         (f"{RUN} {{1}} method=gray_world,underwater metrics=[coverage]",),
     ),
     "a shard that is none": Case(
@@ -117,7 +117,7 @@ CASES = {
     ),
     "a damaged table": Case(
         "compare done",
-        r"delete it and run again",
+        r"; .*delete",
         (f"{RUN} {GRAY} out=fresh", "compare fresh"),
         damaged_table,
     ),
@@ -128,9 +128,9 @@ CASES = {
     ),
     "no bundle": Case("verify b.zip", r"`sucre-bench (bundle)` wrote", ("{1} done b.zip", "verify b.zip")),
     "no bundles": Case(
-        "site bundles out", r"`sucre-bench (bundle)` wrote", ("{1} done bundles/b.zip", "site bundles out")
+        "site bundles ./out", r"`sucre-bench (bundle)` wrote", ("{1} done bundles/b.zip", "site bundles ./out")
     ),
-    "a bundle of another suffix": Case("bundle done b.txt", r"end it in (\.zip)", ("bundle done b{1}",)),
+    "a bundle of another suffix": Case("bundle done b.txt", r"; .*(\.zip)", ("bundle done b{1}",)),
     "a limit without a baseline": Case(
         "compare done --fail-below coverage=-0.5",
         r"needs (--baseline) METHOD",
@@ -144,7 +144,7 @@ CASES = {
     "a metric without scores": Case("compare done --metric nope", r"known: (\w+)", ("compare done --metric {1}",)),
     "a study of one method": Case(
         "study done --methods gray_world --out a.html",
-        r"at least two, with commas",
+        r"--methods.*two",
         ("study done --methods gray_world,underwater --out a.html",),
     ),
     "a method without pictures": Case(
@@ -158,7 +158,7 @@ CASES = {
     "a folder that is nowhere": Case(
         f"{RUN} {GRAY} dataset.root=nowhere", r"as (dataset\.root=)DIR", (f"{RUN} {GRAY} {{1}}dive",)
     ),
-    "a plugin's name in capitals": Case("new method Mine", r"use small letters, (\w+)", ("new method {1}",)),
+    "a plugin's name in capitals": Case("new method Mine", r"; .* (\w+)$", ("new method {1}",)),
 }
 
 
