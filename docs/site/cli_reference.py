@@ -16,7 +16,7 @@ import click
 
 from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.schema import RunConfig, Tracking
+from sucre_bench.jobs.run_options import RunConfig, Tracking
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.plugins.options import options_of
 

@@ -110,7 +110,7 @@ def _starting(
 def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
     """What may stand before "=": in a group (before its last dot), or at the top."""
     from sucre_bench.jobs.lineup import KINDS
-    from sucre_bench.jobs.schema import RunConfig
+    from sucre_bench.jobs.run_options import RunConfig
 
     if group:
         yield from ((f"{group}.{option.name}=", option.help) for option in _options(group, given))
@@ -126,7 +126,7 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
     """Plugins and presets, or experiments, with what they are."""
     from sucre_bench import plugins
     from sucre_bench.jobs.presets import presets
-    from sucre_bench.jobs.schema import GROUPS
+    from sucre_bench.jobs.run_options import GROUPS
 
     if group in GROUPS:
         yield from ((name, plugin.summary) for name, plugin in plugins.usable(GROUPS[group]).items())
@@ -164,7 +164,7 @@ def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     from sucre_bench.degrade import Degradation
     from sucre_bench.jobs.lineup import KINDS
     from sucre_bench.jobs.presets import plugin_of
-    from sucre_bench.jobs.schema import Tracking
+    from sucre_bench.jobs.run_options import Tracking
     from sucre_bench.jobs.shard import Shard
     from sucre_bench.plugins.options import options_of
 
@@ -189,7 +189,7 @@ def _option(key: str, given: Mapping[str, str]) -> Option | None:
 
 
 def _top() -> tuple[Option, ...]:
-    from sucre_bench.jobs.schema import RunConfig
+    from sucre_bench.jobs.run_options import RunConfig
     from sucre_bench.plugins.options import options_of
 
     return tuple(option for option in options_of(RunConfig) if option.name not in _VALUES)

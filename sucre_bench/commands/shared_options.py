@@ -70,7 +70,7 @@ def refuse_options(words: Sequence[str], command: str) -> None:
 
 
 def _is_key(name: str) -> bool:
-    from sucre_bench.jobs.schema import RunConfig
+    from sucre_bench.jobs.run_options import RunConfig
     from sucre_bench.plugins.options import options_of
 
     return name.partition(".")[0] in {"experiment", *(option.name for option in options_of(RunConfig))}

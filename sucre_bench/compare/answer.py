@@ -4,10 +4,10 @@ import itertools
 import math
 from collections.abc import Iterator, Sequence
 
+from sucre_bench.compare.choose_pixels import says_filled
 from sucre_bench.compare.compare_rows import against
 from sucre_bench.compare.decisive_columns import Deciding
 from sucre_bench.compare.model import EQUAL, Cell, Column, Comparison, Verdict, may_be_chance
-from sucre_bench.compare.pixels import says_filled
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.words import listed, with_unit
 from sucre_bench.machine.plural import counted

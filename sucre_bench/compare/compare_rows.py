@@ -7,10 +7,10 @@ from dataclasses import replace
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import ranks
+from sucre_bench.compare.choose_pixels import filled_rows, pixel_notes, says_filled
 from sucre_bench.compare.means import column_of, measured_column, repetitions_of
 from sucre_bench.compare.missing_scores import notes
 from sucre_bench.compare.model import Cell, Column, Comparison, Note
-from sucre_bench.compare.pixels import filled_rows, pixel_notes, says_filled
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.newest_rows import is_fresh
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of

@@ -6,8 +6,8 @@ Metrics declare by their role what they are good for (`Role`). The first of the 
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
+from sucre_bench.compare.choose_pixels import says_filled
 from sucre_bench.compare.model import Column, Comparison
-from sucre_bench.compare.pixels import says_filled
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.results.rows import PREFERENCE, RESTORATION
 

@@ -11,9 +11,9 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.compare.bootstrap import Units, pseudo_values
+from sucre_bench.compare.choose_pixels import FILLED
 from sucre_bench.compare.model import Column, ColumnScores
 from sucre_bench.compare.numbers import standard_deviation
-from sucre_bench.compare.pixels import FILLED
 from sucre_bench.results.rows import COSTS
 
 _VIEW = ["scene", "view"]

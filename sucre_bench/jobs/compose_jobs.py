@@ -1,7 +1,7 @@
 """From the words of a command to its jobs: Hydra composes each job's configuration once.
 
-The plugins' own fields are the schema (`sucre_bench.jobs.schema`), so that a wrong name or type is found before any
-work.
+The plugins' own fields are the schema (`sucre_bench.jobs.run_options`), so that a wrong name or type is found before
+any work.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from sucre_bench.jobs.lineup import LineUp
 from sucre_bench.jobs.presets import default_choice, plugin_of
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
-from sucre_bench.jobs.schema import CONF, register
+from sucre_bench.jobs.run_options import CONF, register
 from sucre_bench.jobs.sort_words import expand_home, line_up_file, parse, refuse_bare_words
 from sucre_bench.plugins.options import options_of
 from sucre_bench.results.layout import file_name

@@ -12,7 +12,7 @@ from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, 
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp
 from sucre_bench.jobs.presets import option_names, plugin_of
 from sucre_bench.jobs.quoting import quoted
-from sucre_bench.jobs.schema import GROUPS, RunConfig
+from sucre_bench.jobs.run_options import GROUPS, RunConfig
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Broken
 

@@ -14,7 +14,7 @@ from sucre_bench.imaging.display import check_display, is_of_scene
 from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.jobs.labels import plain_value, swept_label
 from sucre_bench.jobs.presets import plugin_of, preset_of
-from sucre_bench.jobs.schema import Overwrite, RunConfig, Save, Tracking
+from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study_block import Study

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, get_args
 
 from sucre_bench import plugins
-from sucre_bench.jobs.schema import CONF_FOLDER
+from sucre_bench.jobs.run_options import CONF_FOLDER
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Kind, Plugin
 

@@ -17,7 +17,7 @@ from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_li
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
 from sucre_bench.jobs.presets import given_paths, option_names, plugin_of, presets
 from sucre_bench.jobs.recognise_dataset import is_path, recognised
-from sucre_bench.jobs.schema import CONF_FOLDER, RunConfig
+from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig
 from sucre_bench.machine.files import expanded, fault_of
 from sucre_bench.plugins.options import options_of
 

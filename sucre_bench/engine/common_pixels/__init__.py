@@ -1,1 +1,1 @@
-"""Scores on common pixels: the pixels of a view that all methods fill. The choice of pixels is `compare/pixels.py`."""
+"""Scores on common pixels: the pixels of a view that all methods fill; `compare/choose_pixels.py` uses them."""

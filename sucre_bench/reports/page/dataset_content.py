@@ -11,15 +11,15 @@ from typing import Any
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, verdicts
 from sucre_bench.compare.answer import answer, blind, rough
+from sucre_bench.compare.choose_pixels import FILLED
 from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.documents import Format, as_text
-from sucre_bench.compare.pixels import FILLED
 from sucre_bench.compare.words import left_out, legend, shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.rerun import Rerun, metric_words, shell
+from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page.gallery import Gallery
-from sucre_bench.reports.roles import metrics_of
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restoration_rows, tuples

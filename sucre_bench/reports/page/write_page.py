@@ -25,11 +25,11 @@ from sucre_bench.jobs.rerun import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.secrets import masked
+from sucre_bench.reports.metric_roles import roles
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
 from sucre_bench.reports.page.join_scripts import join_scripts
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import roles
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import RESTORATION, restorations

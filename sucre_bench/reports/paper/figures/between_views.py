@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.metric_roles import adding, metrics_of, symbol
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import adding, metrics_of, symbol
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

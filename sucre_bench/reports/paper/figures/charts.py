@@ -15,8 +15,8 @@ import numpy as np
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins.plugin import Role
+from sucre_bench.reports.metric_roles import adding, metrics_of, symbol
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import adding, metrics_of, symbol
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

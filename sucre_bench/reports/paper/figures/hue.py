@@ -16,9 +16,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import PLACES, seen_charts, with_places
-from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:

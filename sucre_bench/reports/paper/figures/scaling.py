@@ -16,8 +16,8 @@ import numpy as np
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restorations
 

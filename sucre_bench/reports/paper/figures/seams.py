@@ -18,8 +18,8 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.filters.seams import Seams, find_seams
 from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results import layout
 
 if TYPE_CHECKING:

@@ -12,9 +12,9 @@ import numpy as np
 
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.metric_roles import adding, roles
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import seen_charts
-from sucre_bench.reports.roles import adding, roles
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

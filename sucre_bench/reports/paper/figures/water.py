@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.numbers import number
 from sucre_bench.errors import NotApplicableError
+from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
-from sucre_bench.reports.roles import adding, metrics_of
 from sucre_bench.results.restorations import read_record
 
 if TYPE_CHECKING:

@@ -1,4 +1,4 @@
-"""The schema of a command: `RunConfig` and every plugin's options, as Hydra composes them."""
+"""The options of `sucre-bench run` and their defaults: `RunConfig`, and those of plugins, as Hydra composes them."""
 
 from __future__ import annotations
 
