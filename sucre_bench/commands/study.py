@@ -12,6 +12,7 @@ import click
 from sucre_bench.commands.shared_options import dataset_option, echo_wrapped, json_option, labels_of
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.notices import say
+from sucre_bench.machine.plural import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated
@@ -131,9 +132,9 @@ def _print(folder: Path, found: Evaluated) -> None:
 
     numbered = found.numbered
     ties = int((numbered.votes.won == 0.5).sum())
+    by = counted(len(numbered.observers), "observer")
     click.echo(
-        f"{found.dataset}: {len(numbered.votes)} votes of {len(numbered.observers)} observers "
-        f"on {len(numbered.views)} views, {ties} for equal\n"
+        f"{found.dataset}: {len(numbered.votes)} votes of {by} on {len(numbered.views)} views, {ties} for equal\n"
     )
     terminal.out.print(_preferences(found))
     click.echo()
@@ -173,8 +174,10 @@ def _sentences(found: Evaluated) -> list[str]:
     methods, people = found.numbered.methods, found.people
     first, second, *_ = _order(found)
     gap, low, high = people.difference(first, second)
-    chance = "which may be chance" if low <= 0 else "more than chance"
-    lead = f"{methods[first]} leads {methods[second]} by {number(gap)} [{number(low)}, {number(high)}], {chance}"
+    verb, chance = ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
+    lead = f"{methods[first]} {verb} {methods[second]} by {number(gap)} [{number(low)}, {number(high)}], {chance}"
+    if not gap:
+        lead = f"{methods[first]} and {methods[second]} are equal, within {number(high)}"
     of_few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
     over = f"intervals: bootstrap over {'observers' if people.over_observers else of_few}"
     alpha, n = found.observers.alpha, found.observers.n

@@ -9,7 +9,7 @@ from sucre_bench.compare.compare_rows import against
 from sucre_bench.compare.decisive_columns import Deciding
 from sucre_bench.compare.model import EQUAL, Cell, Column, Comparison, Verdict, may_be_chance
 from sucre_bench.compare.verdicts import verdicts
-from sucre_bench.compare.words import listed, with_unit
+from sucre_bench.compare.words import ahead, listed, with_unit
 from sucre_bench.machine.plural import counted
 
 
@@ -67,7 +67,7 @@ def blind(chosen: Deciding) -> str:
     if chosen.knows_colours or not chosen.scores:
         return ""
     names = ", ".join(column.metric for column in chosen.scores)
-    return f"{names}: scores of the picture alone; `sucre-bench study` asks people"
+    return f"{names}: scores of the picture alone; `sucre-bench study` asks people which they prefer"
 
 
 def _leaders(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
@@ -107,7 +107,7 @@ def _equals(comparison: Comparison, column: Column) -> str:
 
 def _lead(verdict: Verdict) -> str:
     by = with_unit(verdict.difference, verdict.column)
-    return f"{verdict.leader} leads {verdict.second} by {by}{_chance(verdict)}"
+    return f"{ahead(verdict)} by {by}{_chance(verdict)}"
 
 
 def _chance(verdict: Verdict) -> str:

@@ -165,7 +165,7 @@ class Note:
 
 @dataclass(frozen=True)
 class Verdict:
-    """Which of two methods leads in a score.
+    """Which of two methods is ahead in a score, and whether this is a lead.
 
     difference: of the means, paired, at least 0; interval: its 95 % interval, for which all methods are judged together
     (`sucre_bench.compare.leads`), NaN without one; wins: in how many views the leader is the best, or beats the
@@ -181,6 +181,11 @@ class Verdict:
     wins: float
     effect: float
     may_be_chance: bool
+
+    @property
+    def is_lead(self) -> bool:
+        """Whether the interval excludes 0."""
+        return math.isfinite(self.interval[0]) and not self.may_be_chance
 
 
 @dataclass(frozen=True)

@@ -226,7 +226,7 @@ def listed(names: Iterable[str]) -> str:
 
 
 def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
-    """Return a verdict as a sentence: who leads, by how much, how steadily, and whether it may be chance.
+    """Return a verdict as a sentence: who is ahead, by how much, how steadily, and whether it may be chance.
 
     With a baseline, the sentence is about the other method.
     """
@@ -241,8 +241,13 @@ def verdict_text(comparison: Comparison, verdict: Verdict) -> str:
     elif baseline:
         lead, wins = f"{verdict.leader} is better than {baseline}", "better in"
     else:
-        lead, wins = f"{verdict.leader} leads {verdict.second}", "best in"
+        lead, wins = ahead(verdict), "best in"
     return f"{name}: {lead} by {by}{_evidence(verdict, wins)}"
+
+
+def ahead(verdict: Verdict) -> str:
+    """Return who leads whom, or is only ahead: the difference may be chance."""
+    return f"{verdict.leader} {'leads' if verdict.is_lead else 'is ahead of'} {verdict.second}"
 
 
 def _evidence(verdict: Verdict, wins: str) -> str:

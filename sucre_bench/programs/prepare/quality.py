@@ -78,7 +78,7 @@ def write_page(made: Prepared, facts: Mapping[str, str], pictures: Mapping[str, 
     pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
     page = pages.get_template("quality.html.j2").render(
         title=made.out.resolve().name,
-        unit="m" if made.scale.is_metric else "of no unit",
+        unit="m" if made.scale.is_metric else "no unit",
         made=made,
         facts=facts,
         pictures=pictures,

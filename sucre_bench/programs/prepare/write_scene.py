@@ -17,6 +17,7 @@ from sucre_bench.programs.prepare.quality import quality_of, shown, thumbnails, 
 from sucre_bench.programs.prepare.registered_photos import Shot
 
 _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "numpy")
+_ATTEMPTS = {"usual": "first", "faint": "second"}  # as the page calls them
 
 
 def write(
@@ -49,7 +50,7 @@ def write(
         _swap(aside / folder, out / folder)
 
     facts = {
-        "photos placed": f"{len(shots)} of {made.photos}, at the {asked['attempt']} attempt",
+        "photos placed": f"{len(shots)} of {made.photos}, in the {_ATTEMPTS[asked['attempt']]} attempt",
         "sparse points": f"{model.num_points3D()}, each seen by {model.compute_mean_track_length():.1f} photos",
         **_figures(qualities),
         "surface": maps.surface,
