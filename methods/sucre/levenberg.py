@@ -66,14 +66,17 @@ def minimise(
     """
     at = np.clip(start, bounds.lower, bounds.upper)
     system = evaluate(at)
+    undamped = np.zeros(len(at))
     damping, growth = np.full(len(at), _FIRST_DAMPING), np.full(len(at), 2.0)
+    last, better = np.zeros_like(at), np.ones(len(at), dtype=bool)
     for step_count in range(max_steps + 1):
-        last = _steps(at, system, bounds, np.zeros(len(at)))  # undamped: a short damped step is no convergence
+        # A short damped step is no convergence. Where nothing moved, the step is the one before.
+        last = np.where(better[:, None], _steps(at, system, bounds, undamped, better), last)
         promised_little = system.predicted_reduction(last) <= tolerance * (system.cost + floor)
         converged = promised_little | (damping >= _STUCK)
         if converged.all() or step_count == max_steps:
             break
-        steps = _steps(at, system, bounds, damping)
+        steps = _steps(at, system, bounds, damping, ~converged)
         promised = system.predicted_reduction(steps)
         trial = np.where(converged[:, None], at, np.clip(at + steps, bounds.lower, bounds.upper))
         tried = evaluate(trial)
@@ -94,8 +97,8 @@ def _free(at: Array, system: ReducedSystem, bounds: Bounds) -> Mask:
     return np.asarray(~held & (np.einsum("cii->ci", system.H) > 0))
 
 
-def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array) -> Array:
-    """Return the step s (C, n) to the minimum of each damped linear model inside the bounds.
+def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, which: Mask) -> Array:
+    """Return the step s (C, n) to the minimum of each damped linear model inside the bounds; 0 but for `which` (C,).
 
     With the scale S = diag(H)^-1/2 and A = S H S + damping diag(damped), s = S t solves
 
@@ -108,11 +111,12 @@ def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array) -> 
     from scipy.optimize import lsq_linear
 
     steps = np.zeros_like(system.g)
-    for c, (H, g) in enumerate(zip(system.H, system.g, strict=True)):
-        k = np.flatnonzero(np.diag(H) > 0)
+    for c in np.flatnonzero(which):
+        H, g = system.H[c], system.g[c]
+        k = np.flatnonzero(H.diagonal() > 0)
         if not len(k):
             continue
-        scale = 1 / np.sqrt(np.diag(H)[k])  # unit diagonal: parameters differ in size
+        scale = 1 / np.sqrt(H.diagonal()[k])  # unit diagonal: parameters differ in size
         A = H[np.ix_(k, k)] * scale[:, None] * scale + np.diag(damping[c] * bounds.damped[k])
         values, vectors = np.linalg.eigh(A)
         sizes = np.sqrt(values.clip(min=_SINGULAR))

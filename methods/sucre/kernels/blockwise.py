@@ -70,7 +70,7 @@ class BlockKernel:
 
     def _each(self, work: Callable[[Block], T], stop: int | None) -> Iterator[tuple[Block, T]]:
         cut = blocks(self.observations, self.places, stop=stop, slots=self.slots)
-        return zip(cut, self.workers.map(work, cut), strict=True)
+        return zip(cut, map(work, cut) if len(cut) == 1 else self.workers.map(work, cut), strict=True)
 
 
 @contextmanager

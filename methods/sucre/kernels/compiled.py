@@ -15,11 +15,11 @@ This module imports numba; only the function that opens a kernel imports this mo
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numba
 import numpy as np
@@ -30,6 +30,8 @@ from sucre_bench.methods.sucre.kernels.formulas import DARKEST, WALL, Block, blo
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
+
+T = TypeVar("T")
 
 # Sums may be reordered and products fused, else no sum becomes vector instructions; NaN and infinity keep their
 # meaning, so that a water out of the range of numbers is seen as such.
@@ -242,7 +244,7 @@ class _CompiledKernel:
         def work(share: Block) -> Array:
             return _share_products(self.store, *_extent(share), rows, held)
 
-        total: Array = sum(self.workers.map(work, self._shares(stop)), np.zeros((3, 4, 4)))
+        total: Array = sum(self._each(work, stop), np.zeros((3, 4, 4)))
         total += np.triu(total, 1).swapaxes(1, 2)
         scale = np.ones((3, 4))
         scale[:, 2] = water.B  # the loops leave B out of D_gamma
@@ -255,11 +257,13 @@ class _CompiledKernel:
         def work(share: Block) -> None:
             _share_colours(self.store, *_extent(share), *parameters, J, deviation)
 
-        list(self.workers.map(work, self._shares(None)))
+        list(self._each(work, None))
         return J, deviation
 
-    def _shares(self, stop: int | None) -> list[Block]:
-        return blocks(self.observations, _SHARE, stop=stop)
+    def _each(self, work: Callable[[Block], T], stop: int | None) -> Iterator[T]:
+        """Work each share of pixels 0 to stop; a thread for a single one would cost more than its work."""
+        shares = blocks(self.observations, _SHARE, stop=stop)
+        return map(work, shares) if len(shares) == 1 else self.workers.map(work, shares)
 
 
 def _float32(values: Any) -> Array:
