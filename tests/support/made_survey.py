@@ -24,8 +24,8 @@ def make_survey(
     lobe_deg: float = 35.0,
     strobe: bool = True,
     daylight: float = 0.0,
-    width: int = 120,
-    height: int = 90,
+    width: int = 80,
+    height: int = 60,
     noise: float = 0.004,
     seed: int = 0,
 ) -> Scene:

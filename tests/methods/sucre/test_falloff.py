@@ -20,6 +20,17 @@ def strobe_lit() -> Scene:
     return make_survey(WATERS["coast"])
 
 
+@pytest.fixture(scope="module")
+def evenly_lit() -> Scene:
+    """Ground so flat that no distances tell the veil."""
+    return make_survey(WATERS["coast"], strobe=False, relief=0.005)
+
+
+@pytest.fixture(scope="module")
+def of_even_light(evenly_lit: Scene) -> Restoration:
+    return SucrePlus().restore(evenly_lit, evenly_lit["4.png"])
+
+
 def shown_error(image: np.ndarray, scene: Scene, how: str = "stretch-1-99") -> float:
     """Root mean square error of the displayed picture of view 4."""
     return float(np.sqrt(np.nanmean((display(image, how) - scene["4.png"].reference) ** 2)))
@@ -39,7 +50,7 @@ def test_without_a_lamp_the_water_of_a_strobe_lit_survey_is_said_to_be_wrong(str
     assert found["removed_by"] == "none"
 
 
-@pytest.mark.parametrize(("daylight", "waters"), [(0.0, "coast"), (0.3, "coast"), (0.0, "red tide")])
+@pytest.mark.parametrize(("daylight", "waters"), [(0.3, "coast"), (0.0, "red tide")])
 def test_the_light_of_a_strobe_is_removed_from_the_picture(daylight: float, waters: str) -> None:
     scene = make_survey(WATERS[waters], daylight=daylight)
     view = scene["4.png"]  # of "red tide" a third is overexposed
@@ -58,8 +69,10 @@ def test_the_light_is_removed_with_other_options_of_the_fit(strobe_lit: Scene, m
 
 
 @pytest.mark.parametrize("strobe", [True, False])
-def test_a_fit_to_single_pixels_says_that_the_light_falls_off(strobe_lit: Scene, strobe: bool) -> None:
-    scene = strobe_lit if strobe else make_survey(WATERS["coast"], strobe=False)
+def test_a_fit_to_single_pixels_says_that_the_light_falls_off(
+    strobe_lit: Scene, evenly_lit: Scene, strobe: bool
+) -> None:
+    scene = strobe_lit if strobe else evenly_lit
     result = Sucre(footprint=False).restore(scene, scene["4.png"])
     assert ("footprint=true" in limits(result)) is strobe
     assert ("falloff" in result.info) is strobe
@@ -68,62 +81,65 @@ def test_a_fit_to_single_pixels_says_that_the_light_falls_off(strobe_lit: Scene,
 def test_pixels_without_depth_are_filled_in_the_same_light(strobe_lit: Scene) -> None:
     view = strobe_lit["4.png"]
     depth = view.depth.copy()
-    depth[:20, :30] = 0  # a corner, where the strobe leaves half of its light
+    depth[:14, :20] = 0  # a corner, where the strobe leaves half of its light
     holes = replace(view, pixels=Arrays(view.rgb, depth))
     scene = replace(strobe_lit, views=[holes if one.name == view.name else one for one in strobe_lit.views])
-    whole, filled = Sucre().restore(strobe_lit, view), Sucre(fill=True).restore(scene, holes)
-    assert filled.info["falloff"]["removed_by"] == "place"
-    assert filled.filled is not None
-    corner = np.s_[2:18, 2:28]
-    ratio = np.mean(filled.filled[corner]) / np.mean(filled.image[30:60, 40:80])
-    truth = np.mean(whole.image[corner]) / np.mean(whole.image[30:60, 40:80])
-    assert ratio == pytest.approx(truth, rel=0.1)
+    result = Sucre(fill=True).restore(scene, holes)
+    assert result.info["falloff"]["removed_by"] == "place"
+    assert result.filled is not None
+    corner, middle = np.s_[2:12, 2:18], np.s_[20:40, 27:53]
+    truth = np.mean(view.reference[corner]) / np.mean(view.reference[middle])
+    assert np.mean(result.filled[corner]) / np.mean(result.image[middle]) == pytest.approx(truth, rel=0.1)
 
 
-def test_even_light_is_left_as_it_is() -> None:
-    scene = make_survey(WATERS["coast"], strobe=False)
-    view = scene["4.png"]
-    as_it_is, looked_for = (SucrePlus(lamp=lamp).restore(scene, view) for lamp in (False, "auto"))
-    np.testing.assert_array_equal(as_it_is.image, looked_for.image)
-    assert "falloff" not in looked_for.info
+def test_even_light_is_left_as_it_is(evenly_lit: Scene, of_even_light: Restoration) -> None:
+    as_it_is = SucrePlus(lamp=False).restore(evenly_lit, evenly_lit["4.png"])
+    np.testing.assert_array_equal(as_it_is.image, of_even_light.image)
+    assert "falloff" not in of_even_light.info
 
 
 @pytest.mark.parametrize("gains", [None, (0.8, 1.2, 0.95, 1.3, 0.85, 1.1)])
 def test_even_light_has_no_falloff_whatever_the_exposure(gains: tuple[float, ...] | None) -> None:
-    scene = make_ground(WATERS["green"], gains=gains)
+    scene = make_ground(WATERS["green"], gains=gains, width=80, height=60)
     result = Sucre(exposure="constant").restore(scene, scene["3.png"])
     assert "falloff" not in result.info
     assert "falls off" not in limits(result)
 
 
-def test_a_lamp_over_flat_ground_says_what_distances_leave_open(strobe_lit: Scene) -> None:
-    view, truth = strobe_lit["4.png"], WATERS["coast"].attenuation
-    result = Sucre(lamp=True).restore(strobe_lit, view)
-    assert "too high" in limits(result)
-    assert result.water is not None
-    excess = result.water.attenuation - truth
-    assert (excess < 1.2 / np.median(view.distance)).all()
+@pytest.fixture(scope="module")
+def in_the_light_of_a_lamp(strobe_lit: Scene) -> Restoration:
+    return SucrePlus(lamp=True).restore(strobe_lit, strobe_lit["4.png"])
+
+
+def test_a_lamp_over_flat_ground_says_what_distances_leave_open(
+    strobe_lit: Scene, in_the_light_of_a_lamp: Restoration
+) -> None:
+    assert "too high" in limits(in_the_light_of_a_lamp)
+    assert in_the_light_of_a_lamp.water is not None
+    excess = in_the_light_of_a_lamp.water.attenuation - WATERS["coast"].attenuation
+    assert (excess < 1.2 / np.median(strobe_lit["4.png"].distance)).all()
     assert excess.max() > 0.1  # so it has to be said
-    assert shown_error(result.image, strobe_lit) < 0.7 * shown_error(view.rgb, strobe_lit)
 
 
-def test_a_veil_that_the_light_hides_is_no_part_of_the_picture(strobe_lit: Scene) -> None:
-    view = strobe_lit["4.png"]
-    result = SucrePlus(lamp=True).restore(strobe_lit, view)
+def test_a_veil_that_the_light_hides_is_no_part_of_the_picture(
+    strobe_lit: Scene, in_the_light_of_a_lamp: Restoration
+) -> None:
+    result, photograph = in_the_light_of_a_lamp, strobe_lit["4.png"].rgb
     assert "darkest" in limits(result)
     assert result.water is not None
     assert np.isnan(result.water.veiling_light).all()
-    assert shown_error(result.image, strobe_lit, "black-0.5-white-99") < 0.7 * shown_error(view.rgb, strobe_lit)
+    assert shown_error(result.image, strobe_lit, "black-0.5-white-99") < 0.7 * shown_error(photograph, strobe_lit)
 
 
-def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it() -> None:
-    scene = make_survey(WATERS["coast"], strobe=False)
+def test_a_veil_that_stays_in_the_colours_is_said_where_one_black_would_show_it(
+    evenly_lit: Scene, of_even_light: Restoration
+) -> None:
     named = "stretch-1-99"
-    assert named in limits(SucrePlus().restore(scene, scene["4.png"]))
+    assert named in limits(of_even_light)
     with shown_with(named):
-        assert "display" not in limits(SucrePlus().restore(scene, scene["4.png"]))
+        assert "display" not in limits(SucrePlus().restore(evenly_lit, evenly_lit["4.png"]))
 
 
 def test_in_air_no_veil_stays_in_the_colours() -> None:
-    scene = make_ground(Water(np.zeros(3), np.zeros(3), np.zeros(3)))
+    scene = make_ground(Water(np.zeros(3), np.zeros(3), np.zeros(3)), width=80, height=60)
     assert "stretch-1-99" not in limits(SucrePlus().restore(scene, scene["3.png"]))
