@@ -36,10 +36,18 @@ def scene() -> Scene:
     return make_ground(WATERS["green"], gains=GAINS, **GROUND)
 
 
-def test_gains_are_found_with_the_water(scene: Scene) -> None:
-    target = scene["3.png"]
-    constant, per_view = (Sucre(exposure=e).restore(scene, target) for e in ("constant", "per_view"))
-    truth = WATERS["green"]
+@pytest.fixture(scope="module")
+def per_view(scene: Scene) -> Restoration:
+    return Sucre(exposure="per_view").restore(scene, scene["3.png"])
+
+
+@pytest.fixture(scope="module")
+def by_itself(scene: Scene) -> Restoration:
+    return Sucre().restore(scene, scene["3.png"])
+
+
+def test_gains_are_found_with_the_water(scene: Scene, per_view: Restoration) -> None:
+    constant, truth = Sucre(exposure="constant").restore(scene, scene["3.png"]), WATERS["green"]
     assert np.abs(rates(constant, truth)).max() > 0.2
     assert np.abs(rates(per_view, truth)).max() < 0.03
     gains = per_view.info["gains"]
@@ -49,9 +57,11 @@ def test_gains_are_found_with_the_water(scene: Scene) -> None:
         assert gain == pytest.approx(expected[name], rel=0.01)
 
 
-def test_gains_are_fitted_by_themselves_also_for_colours_of_a_single_view(scene: Scene) -> None:
-    for options in ({}, {"colours": "single_view"}):
-        assert np.abs(rates(Sucre(**options).restore(scene, scene["3.png"]), WATERS["green"])).max() < 0.03  # type: ignore[arg-type]
+def test_gains_are_fitted_by_themselves_also_for_colours_of_a_single_view(
+    scene: Scene, by_itself: Restoration
+) -> None:
+    for result in (by_itself, Sucre(colours="single_view").restore(scene, scene["3.png"])):
+        assert np.abs(rates(result, WATERS["green"])).max() < 0.03
 
 
 def test_gains_of_a_camera_that_exposes_dark_views_longer_are_fitted_by_themselves() -> None:
@@ -63,9 +73,10 @@ def test_gains_of_a_camera_that_exposes_dark_views_longer_are_fitted_by_themselv
     assert min(auto.info["gains"].values()) == pytest.approx(0.85, rel=0.02)
 
 
-def test_differing_exposures_are_reported_and_equal_ones_are_not(scene: Scene) -> None:
+def test_differing_exposures_are_reported_and_equal_ones_are_not(by_itself: Restoration) -> None:
     even = make_ground(WATERS["green"], **GROUND)
-    said = [any("exposure" in limit for limit in Sucre().restore(s, s["3.png"]).info["limits"]) for s in (scene, even)]
+    of_even = Sucre().restore(even, even["3.png"])
+    said = [any("exposure" in limit for limit in result.info["limits"]) for result in (by_itself, of_even)]
     assert said == [True, False]
 
 
@@ -96,7 +107,7 @@ def test_more_views_than_a_sample_has_all_take_part() -> None:
     """The sample of matched footprints reads 32 views; the others have gains all the same."""
     gains = tuple(np.random.default_rng(0).uniform(0.7, 1.3, 35).tolist())
     heights = tuple(np.linspace(2.0, 6.0, 35).tolist())
-    many = make_ground(WATERS["green"], gains=gains, heights_m=heights, tilt_deg=15.0, width=48, height=36)
+    many = make_ground(WATERS["green"], gains=gains, heights_m=heights, tilt_deg=15.0, width=36, height=27)
     target = many["34.png"]
     result, constant = (Sucre(exposure=e).restore(many, target) for e in ("per_view", "constant"))  # type: ignore[arg-type]
     found = result.info["gains"]
@@ -119,10 +130,11 @@ def test_a_view_without_a_common_pixel_is_named() -> None:
     assert "far.png" in even.limits[0]
 
 
-def test_water_that_was_fitted_with_gains_is_used_with_them(scene: Scene, tmp_path: Path) -> None:
-    fitted = Sucre(exposure="per_view").restore(scene, scene["3.png"])
-    record = {name: fitted.info[name] for name in ("gains", "gains_separable")}
-    water = fitted.water
+def test_water_that_was_fitted_with_gains_is_used_with_them(
+    scene: Scene, per_view: Restoration, tmp_path: Path
+) -> None:
+    record = {name: per_view.info[name] for name in ("gains", "gains_separable")}
+    water = per_view.water
     assert water is not None
     record |= {
         "B": water.veiling_light.tolist(),
@@ -131,12 +143,12 @@ def test_water_that_was_fitted_with_gains_is_used_with_them(scene: Scene, tmp_pa
     }
     file = tmp_path / "3.json"
     file.write_text(json.dumps(record))
-    for name in ("3.png", next(name for name in fitted.info["gains"] if name != "3.png")):
-        own = fitted if name == "3.png" else Sucre(exposure="per_view").restore(scene, scene[name])
+    for name in ("3.png", next(name for name in per_view.info["gains"] if name != "3.png")):
+        own = per_view if name == "3.png" else Sucre(exposure="per_view").restore(scene, scene[name])
         given = Sucre(water=str(file)).restore(scene, scene[name])
         assert np.sqrt(np.nanmean((given.image - own.image) ** 2)) < 0.01
     by_name = Sucre(water_from="sucre").restore(scene, scene["3.png"])
-    assert np.sqrt(np.nanmean((by_name.image - fitted.image) ** 2)) < 0.01
+    assert np.sqrt(np.nanmean((by_name.image - per_view.image) ** 2)) < 0.01
     file.write_text(json.dumps(record | {"gains": {"1.png": 1.0}}))
     with pytest.raises(InputError, match=r"3\.json.*3\.png"):
         Sucre(water=str(file)).restore(scene, scene["3.png"])
@@ -205,7 +217,7 @@ def test_sucre_plus_has_it_too(scene: Scene) -> None:
 
 def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
     air = Water(np.zeros(3), np.zeros(3), np.zeros(3))
-    scene = make_ground(air, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1))
+    scene = make_ground(air, gains=(0.8, 1.2, 0.95, 1.3, 0.85, 1.1), width=80, height=60)
     constant, found = (Sucre(exposure=exposure).restore(scene, scene["3.png"]) for exposure in ("constant", "auto"))
     assert constant.water.attenuation.max() > 0.05
     assert found.water.attenuation.max() < 0.01
@@ -214,7 +226,7 @@ def test_photographs_in_air_whose_exposure_varies_get_no_water() -> None:
 
 def test_two_waters_over_flat_ground_leave_the_photograph_as_it_is() -> None:
     heights = (2.95, 3.02, 3.08, 2.93, 3.05, 2.98)
-    coast, green = (make_ground(WATERS[name], heights_m=heights) for name in ("coast", "green"))
+    coast, green = (make_ground(WATERS[name], heights_m=heights, width=80, height=60) for name in ("coast", "green"))
     views = [(coast if k < 3 else green).views[k] for k in range(6)]
     scene = replace(coast, views=views, water=None)
     for method in (Sucre(), SucrePlus()):
