@@ -70,20 +70,22 @@ def looking_down(height: float, tilt: np.ndarray, shift: np.ndarray) -> np.ndarr
 def photograph(texture: np.ndarray, camera: Camera, pose: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     """Return the picture without water (H, W, 3), each pixel the mean of its rays, its depth and distance (H, W)."""
     centre = -pose[:3, :3].T @ pose[:3, 3]
-
-    def cast(u: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        rays = np.stack([u, v, np.ones_like(u)], axis=-1) @ np.linalg.inv(camera.K).T
-        in_world = rays @ pose[:3, :3]
-        depth = -centre[2] / in_world[..., 2]
-        return centre + in_world * depth[..., None], depth
-
+    to_world = np.linalg.inv(camera.K).T @ pose[:3, :3]  # of (u, v, 1)
     u, v = np.meshgrid(np.arange(camera.width), np.arange(camera.height))
+    corners = np.moveaxis(np.stack([u, v, np.ones_like(u)], axis=-1) @ to_world, -1, 0)
+
+    def cast(du: float, dv: float) -> tuple[np.ndarray, np.ndarray]:
+        x, y, z = corners + (np.array([du, dv, 0]) @ to_world)[:, None, None]
+        depth = -centre[2] / z
+        return np.stack([centre[0] + x * depth, centre[1] + y * depth]), depth
+
     total = np.zeros((camera.height, camera.width, 3))
     offsets = (np.arange(RAYS) + 0.5) / RAYS
+    texels = texture.reshape(-1, 3)
     for dv in offsets:
         for du in offsets:
-            points, _ = cast(u + du, v + dv)
-            column, row = (np.floor(points[..., k] / TEXEL_M).astype(int) % SIZE for k in (0, 1))
-            total += texture[row, column]
-    points, depth = cast(u + 0.5, v + 0.5)
-    return total / RAYS**2, depth, np.linalg.norm(points - centre, axis=-1)
+            column, row = np.floor(cast(du, dv)[0] / TEXEL_M).astype(np.int32) % SIZE
+            total += np.take(texels, row * SIZE + column, axis=0)
+    ground, depth = cast(0.5, 0.5)
+    distance = np.sqrt(((ground - centre[:2, None, None]) ** 2).sum(axis=0) + centre[2] ** 2)
+    return total / RAYS**2, depth, distance
