@@ -57,9 +57,7 @@ def test_gains_are_found_with_the_water(scene: Scene, per_view: Restoration) -> 
         assert gain == pytest.approx(expected[name], rel=0.01)
 
 
-def test_gains_are_fitted_by_themselves_also_for_colours_of_a_single_view(
-    scene: Scene, by_itself: Restoration
-) -> None:
+def test_gains_are_fitted_by_themselves_also_for_colours_of_a_single_view(scene: Scene, by_itself: Restoration) -> None:
     for result in (by_itself, Sucre(colours="single_view").restore(scene, scene["3.png"])):
         assert np.abs(rates(result, WATERS["green"])).max() < 0.03
 
