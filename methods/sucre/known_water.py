@@ -19,7 +19,7 @@ from sucre_bench.machine.files import expanded
 from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.plugins.call_method import restored
-from sucre_bench.plugins.creation import create
+from sucre_bench.plugins.options import create
 from sucre_bench.results.layout import stems_of
 from sucre_bench.results.water_file import Lighting, lighting_of, read_lighting, read_water
 from sucre_bench.scene import Encoding, Scene, View, Water

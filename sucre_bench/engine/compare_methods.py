@@ -24,9 +24,10 @@ from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, 
 from sucre_bench.imaging.caption import captioned
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.jobs.job import Choice, method_choice, metric_choices
+from sucre_bench.jobs.job import method_choice, metric_choices
 from sucre_bench.jobs.presets import presets
 from sucre_bench.machine import progress, progress_display
+from sucre_bench.plugins.options import Choice
 from sucre_bench.results.wide_table import wide
 from sucre_bench.scene import Scene, View
 

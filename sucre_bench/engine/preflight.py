@@ -19,8 +19,9 @@ from sucre_bench.errors import (
     raise_if_stop,
 )
 from sucre_bench.jobs.compose_jobs import Command
-from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.jobs.job import Job
 from sucre_bench.machine.current_step import step
+from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import Status, restoration_rows, tuples

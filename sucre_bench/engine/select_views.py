@@ -11,11 +11,12 @@ from pathlib import Path
 from sucre_bench import results
 from sucre_bench.degrade import Degradation, around, degraded_whole
 from sucre_bench.errors import InputError, PluginError, SucreBenchError, did_you_mean, one_line, raise_if_stop
-from sucre_bench.jobs.job import Choice, Job
+from sucre_bench.jobs.job import Job
 from sucre_bench.machine.current_step import step
 from sucre_bench.machine.files import is_want_of_room, not_writable
 from sucre_bench.machine.process_limit import want_of_processes
 from sucre_bench.plugins.code_hash import source_hash
+from sucre_bench.plugins.options import Choice
 from sucre_bench.results.layout import Place, places
 from sucre_bench.results.rows import Row
 from sucre_bench.scene import Scene, View

@@ -5,71 +5,25 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, one_line, unknown_name
 from sucre_bench.imaging.display import check_display, is_of_scene
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.labels import plain_value, swept_label
+from sucre_bench.jobs.labels import swept_label
 from sucre_bench.jobs.presets import plugin_of, preset_of
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Tracking
-from sucre_bench.jobs.seeds import seed_of
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study_block import Study
 from sucre_bench.machine.files import expanded, regular
-from sucre_bench.plugins.creation import create, given_to_read, read_files
-from sucre_bench.plugins.options import check_options, options_of, typed
+from sucre_bench.plugins.options import Choice, check_options, options_of, plain_value, typed
 from sucre_bench.plugins.plugin import Kind, Plugin
+from sucre_bench.plugins.seeds import seed_of
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
-
-
-@dataclass(frozen=True)
-class Choice:
-    """A plugin with the options it is to be made with.
-
-    display: a method's normalisation, else empty; replicate: which draws it makes, see `sucre_bench.jobs.seeds`.
-    """
-
-    plugin: Plugin
-    label: str
-    options: Mapping[str, Any]
-    display: str = ""
-    replicate: int = 0
-
-    def make(self, out: Path | None = None) -> Any:
-        """Create the plugin. InputError when an option is not acceptable. out: see `create`."""
-        seed = {} if self.seed is None else {"seed": self.seed}
-        return create(self.plugin, {**self.options, **seed}, out)
-
-    @property
-    def seed(self) -> int | None:
-        """The seed it draws with; None where it draws nothing."""
-        axis: Literal["dataset", "method"] = "dataset" if self.plugin.kind == "dataset" else "method"
-        return seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
-
-    @property
-    def files(self) -> tuple[Path, ...]:
-        """The files and folders that options name and results rest on; one that is not there is left out."""
-        places = (path for _, path in read_files(self.plugin, self.options))
-        return tuple(place for place in places if place.exists())
-
-    @property
-    def methods(self) -> tuple[Plugin, ...]:
-        """The other methods that options name, and results rest on."""
-        known = plugins.discover("method")
-        given = (value for _, value in given_to_read(self.plugin, self.options))
-        named = (known.get(value) for value in given if isinstance(value, str))
-        return tuple(method for method in named if isinstance(method, Plugin))
-
-    @property
-    def record(self) -> dict[str, Any]:
-        """What a row keeps as options."""
-        display = {"display": self.display} if self.display else {}
-        return {"name": self.plugin.name, **display, **{k: plain_value(v) for k, v in self.options.items()}}
 
 
 @dataclass(frozen=True)

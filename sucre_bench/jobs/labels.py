@@ -5,6 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.degrade import Degradation
+from sucre_bench.plugins.options import plain_value
 from sucre_bench.plugins.plugin import Plugin
 
 
@@ -17,13 +18,6 @@ def swept_label(plugin: Plugin, given: str, values: Mapping[str, Any], swept: Se
     shown = ((name, values[name]) for name in named)
     parts = [f"{name}={value.name if isinstance(value, Path) else plain_value(value)}" for name, value in shown]
     return ",".join([given or plugin.name, *(part.replace(" ", "") for part in parts)])
-
-
-def plain_value(value: Any) -> Any:
-    """Return an option's value as rows and labels have it: paths as text, tuples as lists."""
-    if isinstance(value, Path):
-        return str(value)
-    return list(value) if isinstance(value, tuple) else value
 
 
 def undegraded_label(label: str, degrade: Mapping[str, Any], name: str) -> str:

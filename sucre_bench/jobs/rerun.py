@@ -6,9 +6,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.jobs.labels import plain_value, undegraded_label
+from sucre_bench.jobs.labels import undegraded_label
 from sucre_bench.jobs.quoting import value_of
-from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.options import options_of, plain_value
 from sucre_bench.plugins.plugin import Kind
 
 

@@ -1,4 +1,4 @@
-"""The options of a plugin: the fields of its dataclass, with their types, help texts and checks."""
+"""The options of a plugin, its dataclass's fields: types, help texts, checks; a choice of them, and the plugin made."""
 
 from __future__ import annotations
 
@@ -7,21 +7,19 @@ import functools
 import inspect
 import itertools
 import math
+import os
 import textwrap
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
 from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, Union, get_args, get_origin, get_type_hints
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import ANY_FAULT, InputError, did_you_mean, one_line, unknown_name
-from sucre_bench.machine.files import expanded
-
-if TYPE_CHECKING:
-    from sucre_bench.plugins.plugin import Plugin
-
-# Set by the bench beside a plugin's own options.
-RESERVED = frozenset({"name", "label", "display", "variants"})
+from sucre_bench.errors import InputError, did_you_mean, unknown_name
+from sucre_bench.machine.files import expanded, fault_of
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.registry import discover
+from sucre_bench.plugins.seeds import seed_of
 
 
 @dataclass(frozen=True)
@@ -149,27 +147,96 @@ def typed(annotation: Any, value: Any) -> Any:
     return expanded(value) if is_path and isinstance(value, (str, Path)) else value
 
 
-def unusable(plugin: Plugin) -> str:
-    """Why a plugin's options cannot be configured; empty when they can."""
-    try:
-        hints = get_type_hints(plugin.cls)
-    except ANY_FAULT as fault:
-        return f"its annotations do not resolve, {one_line(fault)}"
-    for option in fields(plugin.cls):
-        if option.init and option.name in RESERVED:
-            return f"option '{option.name}' has a reserved name"
-        if option.init and not _is_plain(hints[option.name]):
-            return (
-                f"option '{option.name}' is {hints[option.name]}; use numbers, strings, paths, Literal words or tuples"
-            )
-    return ""
+def plain_value(value: Any) -> Any:
+    """Return an option's value as rows and labels have it: paths as text, tuples as lists."""
+    if isinstance(value, Path):
+        return str(value)
+    return list(value) if isinstance(value, tuple) else value
 
 
-def _is_plain(annotation: Any) -> bool:
-    """Whether Hydra can hold an option of this type."""
-    origin, args = get_origin(annotation), get_args(annotation)
-    if origin is Literal:
-        return all(isinstance(word, str) for word in args)
-    if origin in (Union, UnionType, tuple, list):
-        return all(_is_plain(arg) for arg in args if arg not in (type(None), Ellipsis))
-    return annotation in (int, float, str, bool, Path)
+@dataclass(frozen=True)
+class Choice:
+    """A plugin with the options it is to be made with.
+
+    display: a method's normalisation, else empty; replicate: which draws it makes, see `sucre_bench.plugins.seeds`.
+    """
+
+    plugin: Plugin
+    label: str
+    options: Mapping[str, Any]
+    display: str = ""
+    replicate: int = 0
+
+    def make(self, out: Path | None = None) -> Any:
+        """Create the plugin. InputError when an option is not acceptable. out: see `create`."""
+        seed = {} if self.seed is None else {"seed": self.seed}
+        return create(self.plugin, {**self.options, **seed}, out)
+
+    @property
+    def seed(self) -> int | None:
+        """The seed it draws with; None where it draws nothing."""
+        axis: Literal["dataset", "method"] = "dataset" if self.plugin.kind == "dataset" else "method"
+        return seed_of(self.options["seed"], axis, self.replicate) if "seed" in self.options else None
+
+    @property
+    def files(self) -> tuple[Path, ...]:
+        """The files and folders that options name and results rest on; one that is not there is left out."""
+        places = (path for _, path in read_files(self.plugin, self.options))
+        return tuple(place for place in places if place.exists())
+
+    @property
+    def methods(self) -> tuple[Plugin, ...]:
+        """The other methods that options name, and results rest on."""
+        known = discover("method")
+        given = (value for _, value in given_to_read(self.plugin, self.options))
+        named = (known.get(value) for value in given if isinstance(value, str))
+        return tuple(method for method in named if isinstance(method, Plugin))
+
+    @property
+    def record(self) -> dict[str, Any]:
+        """What a row keeps as options."""
+        display = {"display": self.display} if self.display else {}
+        return {"name": self.plugin.name, **display, **{k: plain_value(v) for k, v in self.options.items()}}
+
+
+def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -> Any:
+    """Make the plugin with these options. Raises what `check_options` and the plugin's own __post_init__ raise.
+
+    A path may be given as text, a tuple as a list. An option that the plugin `reads` must lead to a file or folder.
+    out: the folder of results of a command that is about to run; what is to lie in it may be made by an earlier job.
+    """
+    check_options(plugin, values)
+    types = {o.name: o.type for o in options_of(plugin.cls)}
+    made = plugin.cls(**{name: typed(types[name], value) for name, value in values.items()})
+    _check_paths(plugin, values, out)
+    return made
+
+
+def given_to_read(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, str | Path]]:
+    """Yield the options that name files to read, with their paths. Words with a meaning of their own are left out."""
+    for option in options_of(plugin.cls):
+        value = values.get(option.name, "")
+        if option.name in plugin.reads and isinstance(value, (str, Path)) and value not in ("", *option.choices):
+            yield option, value
+
+
+def read_files(plugin: Plugin, values: Mapping[str, Any]) -> Iterator[tuple[Option, Path]]:
+    """Yield the paths that options of these values name; the name of another method is none."""
+    given = list(given_to_read(plugin, values))
+    methods = discover("method") if given else {}
+    yield from ((option, expanded(value)) for option, value in given if value not in methods)
+
+
+def _check_paths(plugin: Plugin, values: Mapping[str, Any], out: Path | None) -> None:
+    """Raise InputError for the first option that names neither a regular file nor a folder. No file is opened."""
+    for option, path in read_files(plugin, values):
+        if out is not None and _may_be_made_in(out, path):
+            continue
+        if (fault := fault_of(path)) and not path.is_dir():
+            words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
+            raise InputError(f"{path}: {fault}; give a path that exists in {plugin.kind}.{option.name}{words}")
+
+
+def _may_be_made_in(out: Path, path: Path) -> bool:
+    """Whether nothing is there yet, and a path leads into the folder."""
+    return not os.path.lexists(path) and Path(os.path.abspath(path)).is_relative_to(os.path.abspath(out))  # noqa: PTH100

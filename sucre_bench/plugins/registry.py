@@ -13,14 +13,17 @@ import pkgutil
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextvars import ContextVar
+from dataclasses import fields
 from pathlib import Path
-from types import MappingProxyType, ModuleType
-from typing import Any
+from types import MappingProxyType, ModuleType, UnionType
+from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
-from sucre_bench.errors import PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.errors import ANY_FAULT, PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
 from sucre_bench.machine.current_step import step
-from sucre_bench.plugins.options import unusable
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
+
+# Set by the bench beside a plugin's own options.
+_RESERVED = frozenset({"name", "label", "display", "variants"})
 
 
 class Registry:
@@ -57,7 +60,7 @@ class Registry:
         for entry in self._everywhere(kind):
             if isinstance(entry, Plugin) and entry.kind != kind:
                 continue
-            if isinstance(entry, Plugin) and (fault := unusable(entry)):
+            if isinstance(entry, Plugin) and (fault := _unusable(entry)):
                 entry = Broken(entry.name, fault)
             other = found.get(entry.name)
             if other is not None and _where(other) != _where(entry):
@@ -197,6 +200,32 @@ def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ")
     if Path(f"{name}.py").is_file():
         return UnknownPluginError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py", kind)
     return UnknownPluginError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}", kind)
+
+
+def _unusable(plugin: Plugin) -> str:
+    """Why a plugin's options cannot be configured; empty when they can."""
+    try:
+        hints = get_type_hints(plugin.cls)
+    except ANY_FAULT as fault:
+        return f"its annotations do not resolve, {one_line(fault)}"
+    for option in fields(plugin.cls):
+        if option.init and option.name in _RESERVED:
+            return f"option '{option.name}' has a reserved name"
+        if option.init and not _is_plain(hints[option.name]):
+            return (
+                f"option '{option.name}' is {hints[option.name]}; use numbers, strings, paths, Literal words or tuples"
+            )
+    return ""
+
+
+def _is_plain(annotation: Any) -> bool:
+    """Whether Hydra can hold an option of this type."""
+    origin, args = get_origin(annotation), get_args(annotation)
+    if origin is Literal:
+        return all(isinstance(word, str) for word in args)
+    if origin in (Union, UnionType, tuple, list):
+        return all(_is_plain(arg) for arg in args if arg not in (type(None), Ellipsis))
+    return annotation in (int, float, str, bool, Path)
 
 
 def _where(plugin: Plugin | Broken) -> str:

@@ -24,7 +24,7 @@ from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwa
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.imaging.charts.patches import measure
-from sucre_bench.plugins.creation import create
+from sucre_bench.plugins.options import create
 from sucre_bench.plugins.registry import find
 from sucre_bench.scene import Scene, View
 

@@ -18,8 +18,7 @@ from typing import Any, Literal
 
 from sucre_bench import plugins
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SucreBenchError, one_line
-from sucre_bench.plugins.creation import create
-from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
 Level = Literal["breach", "doubt", "note"]

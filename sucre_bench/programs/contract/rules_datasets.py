@@ -15,10 +15,9 @@ from sucre_bench.engine.select_views import open_scenes
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.imaging.charts.patches import check_corners
-from sucre_bench.jobs.job import Choice
 from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.plural import counted
-from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
 from sucre_bench.programs.contract.process_state import watched
 from sucre_bench.scene import Arrays, Encoding, Scene, View

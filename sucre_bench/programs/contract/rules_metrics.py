@@ -10,7 +10,8 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.once import locked
-from sucre_bench.jobs.job import Choice, MetricChoice
+from sucre_bench.jobs.job import MetricChoice
+from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, note, rule
 from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, wall

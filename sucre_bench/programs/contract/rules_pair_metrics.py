@@ -11,8 +11,9 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine.score import scorers
 from sucre_bench.engine.score_pairs import Entrant, pair_rows
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.job import Choice, MetricChoice
+from sucre_bench.jobs.job import MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
+from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, rule
 from sucre_bench.programs.contract.made_scenes import HARD, least, submerged, wall
