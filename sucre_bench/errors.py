@@ -217,7 +217,7 @@ def did_you_mean(word: str, known: Iterable[str]) -> str:
 
 def unknown_name(place: str, name: str, known: Iterable[str], what: str = "option") -> InputError:
     """Return the error for an unknown name; it suggests the nearest known name. place: as the user typed it."""
-    return InputError(f"{place}: no {what} '{name}'; {did_you_mean(name, known)}")
+    return InputError(f"no {what} '{name}'", place, did_you_mean(name, known))
 
 
 def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
@@ -236,7 +236,7 @@ def is_number_in(interval: str, value: Any, whole: bool = False) -> bool:
 def check_number(place: str, value: Any, interval: str) -> None:
     """Raise InputError unless a value is a number in an interval, see `is_number_in`. place: as the user typed it."""
     if not is_number_in(interval, value):
-        raise InputError(f"{place}: {value!r}; give a number in {interval}")
+        raise InputError(f"{value!r}", place, f"give a number in {interval}")
 
 
 def in_one_line(text: object) -> str:

@@ -43,13 +43,13 @@ def degraded(scene: Scene, degradation: Degradation | None = None, target: str =
     True
     """
     if degradation is not None and options:
-        raise InputError(f"degraded: options {', '.join(options)} beside a Degradation; give them when making it")
+        raise InputError(f"options {', '.join(options)} beside a Degradation", "degraded", "give them when making it")
     degradation = Degradation.of(options) if degradation is None else degradation
     whole = degraded_whole(scene, degradation)
     if target:
         return around(whole, whole[target], degradation)
     if degradation.chooses_views:
-        raise InputError("degrade: within and keep choose views around one; give target=NAME")
+        raise InputError("within and keep choose views around one", "degrade", "give target=NAME")
     return whole
 
 
@@ -63,7 +63,7 @@ def degraded_whole(scene: Scene, degradation: Degradation) -> Scene:
         return scene
     for option, needed in degradation.needs():
         if needed not in scene.has:
-            raise InputError(f"degrade.{option}: scene '{scene.name}' has no {needed}; leave it out")
+            raise InputError(f"scene '{scene.name}' has no {needed}", f"degrade.{option}", "leave it out")
     added = {"reference", "truth"} if degradation.water else set()
     return dataclasses.replace(
         scene,
@@ -140,18 +140,18 @@ class _Degraded:
         dry = self.view.pixels.load("reference" if self.has_references else "rgb")
         if dry is None:
             raise InputError(
-                f"{self.view.name}: has no reference to add water to, but other views have one; leave the view out"
+                "has no reference to add water to, but other views have one", self.view.name, "leave the view out"
             )
         return dry
 
     def _wet(self) -> Array:
         depth, water, camera = self.view.pixels.load("depth"), self.degradation.water, self.view.camera
         if depth is None or not (depth > 0).any():
-            raise InputError(f"{self.view.name}: has no depth, which added water needs; leave the view out")
+            raise InputError("has no depth, which added water needs", self.view.name, "leave the view out")
         assert water is not None
         if (water.encoding or self.view.encoding) != self.view.encoding:
             fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
-            raise InputError(f"{self.view.name}: {fault}; give water of the view's encoding")
+            raise InputError(f"{fault}", self.view.name, "give water of the view's encoding")
         return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
 
     def _scaled(self, plane: Array | None) -> Array | None:

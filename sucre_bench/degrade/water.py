@@ -33,10 +33,10 @@ def read_water(given: Any, place: str = _PLACE) -> Water:
         numbers = np.empty(0)
     if numbers.shape != (3, 3):
         raise InputError(
-            f"{place}: not a water; give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three"
+            "not a water", place, "give nine numbers, [B, beta, gamma] each RGB, or a JSON file with those three"
         )
     if not (np.isfinite(numbers).all() and (numbers >= 0).all() and (numbers[0] <= 1).all()):
-        raise InputError(f"{place}: no water has these values; B is in [0, 1], beta and gamma are at least 0 per metre")
+        raise InputError("no water has these values", place, "B is in [0, 1], beta and gamma are at least 0 per metre")
     B, beta, gamma = numbers
     return Water(B, beta, gamma, encoding)
 
@@ -48,9 +48,9 @@ def _from_file(path: Path) -> Water:
     try:
         water = in_file(path)
     except FileNotFoundError:
-        raise InputError(f"{path}: no such file; {remedy}") from None
+        raise InputError("no such file", path, remedy) from None
     if water is None:
-        raise InputError(f"{path}: no B, beta and gamma in it; {remedy}")
+        raise InputError("no B, beta and gamma in it", path, remedy)
     return water
 
 

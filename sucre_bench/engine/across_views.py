@@ -158,7 +158,7 @@ def _shown(out: Path, task: Task, base: Row) -> Array:
     mask = stored_mask(out, task.place, base)
     if not picture.shape[:2] == mask.shape == task.view.rgb.shape[:2]:
         path = task.place.restored(out, base.method)
-        raise InputError(f"{path}: is not of the size of its view; repeat its run's command with overwrite=always")
+        raise InputError("is not of the size of its view", path, "repeat its run's command with overwrite=always")
     return masked(picture.astype(np.float32) / np.float32(255), mask)
 
 

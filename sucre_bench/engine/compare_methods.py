@@ -90,7 +90,7 @@ class Compared:
         shown, metric = self.scene[view], metric or self._main_metric()
         unknown = [label for label in labels if label not in self.labels]
         if unknown:
-            raise InputError(f"labels: no method '{unknown[0]}'; there are {', '.join(self.labels)}")
+            raise InputError(f"no method '{unknown[0]}'", "labels", f"there are {', '.join(self.labels)}")
         made = {label: self.pictures.get((shown.name, label)) for label in labels or self.labels}
         panels = {"photograph": _eight_bit(shown, shown.rgb)}
         panels |= {self._title(shown.name, name, metric): each for name, each in made.items() if each is not None}
@@ -167,12 +167,12 @@ def compare_methods(
 def _made(methods: Methods) -> dict[str, Any]:
     """Choices and method objects by label. InputError for an unknown name or option, or a label that is there twice."""
     if isinstance(methods, str):
-        raise InputError(f"methods: '{methods}' is one word; give a list, ['{methods}']")
+        raise InputError(f"'{methods}' is one word", "methods", f"give a list, ['{methods}']")
     given = methods.items() if isinstance(methods, Mapping) else ((_name(each), each) for each in methods)
     made: dict[str, Any] = {}
     for label, what in given:
         if label in made:
-            raise InputError(f"methods: '{label}' is there twice; give a mapping from labels to methods")
+            raise InputError(f"'{label}' is there twice", "methods", "give a mapping from labels to methods")
         options = dict(what) if isinstance(what, Mapping) else {"name": what}
         name = options.pop("name", label)
         made[label] = _checked(method_choice(name, options)) if isinstance(name, str) else name

@@ -220,7 +220,7 @@ def _views_of_a_pixel(job: Job, scene: Scene, view: View) -> float:
         return 1.0
     surface = lift(view)
     if not len(surface.pixels):
-        raise InputError(f"{view.name}: no pixel has depth")
+        raise InputError("no pixel has depth", view.name)
     return float(np.sum(visible_pixels(surface, scene.views))) / len(surface.pixels)
 
 

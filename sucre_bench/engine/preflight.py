@@ -90,7 +90,7 @@ def _made(choice: Choice, command: Command) -> None:
         raise InputError(_as_typed(str(fault), choice, command)) from fault
     except BaseException as fault:
         raise_if_stop(fault)
-        raise InputError(f"{choice.plugin.name}: {one_line(fault)}; mend its options") from fault
+        raise InputError(one_line(fault), choice.plugin.name, "mend its options") from fault
 
 
 def _as_typed(text: str, choice: Choice, command: Command) -> str:

@@ -66,7 +66,7 @@ class Restored(Restoration):
         elif path.suffix.lower() in SUFFIXES:
             write_image(path, to_8bit(self.picture)[..., ::-1])
         else:
-            raise InputError(f"{path}: cannot be written as '{path.suffix}'; end it in .npz or {', '.join(SUFFIXES)}")
+            raise InputError(f"cannot be written as '{path.suffix}'", path, f"end it in .npz or {', '.join(SUFFIXES)}")
 
     def show(self) -> None:
         """Show the restored image in the notebook, or in the system's viewer."""
@@ -125,10 +125,10 @@ def restore(method: str | Any, scene: Scene, view: View | str | int, **options: 
     if isinstance(method, Choice):
         method, label, how = method.make(), method.label, method.display
     if options:
-        raise InputError(f"{type(method).__name__}: options given beside a method object; give them when making it")
+        raise InputError("options given beside a method object", type(method).__name__, "give them when making it")
     plugin: plugins.Plugin = method.__plugin__
     if absent := plugins.missing_needs(plugin, scene.has):
-        raise InputError(f"{plugin.name}: {absent}; choose another method or dataset")
+        raise InputError(absent, plugin.name, "choose another method or dataset")
     how = how or plugin.display
     if is_of_scene(how):
         raise InputError(f"display '{how}': needs all views; leave out @scene, or use `sucre-bench run ... save=full`")

@@ -48,7 +48,7 @@ class Frame:
         if restored.shape != rgb.shape:
             sizes = f"{restored.shape[1]}x{restored.shape[0]}, its view {rgb.shape[1]}x{rgb.shape[0]}"
             path = self.place.restored(self.out, method)
-            raise InputError(f"{path}: is {sizes}; repeat the run's command with overwrite=always")
+            raise InputError(f"is {sizes}", path, "repeat the run's command with overwrite=always")
         return restored
 
 
@@ -90,7 +90,7 @@ def revisit(out: Path, methods: Sequence[str], dataset: str = "", scene: str = "
     restored = _restored(rows, methods)
     frames = [Frame(task.view, task.place, out) for task in opened if task.view.name in restored]
     if not frames:
-        raise InputError(f"{out}: no view of '{scene}' was restored by {' and '.join(methods)}; run them on the same")
+        raise InputError(f"no view of '{scene}' was restored by {' and '.join(methods)}", out, "run them on the same")
     chosen = rows["method"].isin(methods) if set(methods) - {INPUT} else slice(None)
     if stale := set(rows.loc[chosen, "data_id"]) - {task.base.data_id for task in opened}:
         raise InputError(
@@ -124,7 +124,7 @@ def _only(what: str, known: Sequence[str], given: str, out: Path) -> str:
         raise InputError(f"{what} '{given}': not in {out} with these methods; {did_you_mean(given, known)}")
     if len(known) != 1:
         hint = f"choose one: --{what} {' or '.join(known)}" if known else f"run these methods on the same {what}"
-        raise InputError(f"{out}: {len(known) or 'no'} {what}s have results of these methods; {hint}")
+        raise InputError(f"{len(known) or 'no'} {what}s have results of these methods", out, hint)
     return known[0]
 
 

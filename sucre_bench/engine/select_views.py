@@ -10,7 +10,15 @@ from pathlib import Path
 
 from sucre_bench import results
 from sucre_bench.degrade import Degradation, around, degraded_whole
-from sucre_bench.errors import InputError, PluginError, SucreBenchError, did_you_mean, one_line, raise_if_stop
+from sucre_bench.errors import (
+    InputError,
+    PluginError,
+    SucreBenchError,
+    did_you_mean,
+    file_error,
+    one_line,
+    raise_if_stop,
+)
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine.current_step import step
 from sucre_bench.machine.files import is_want_of_room, not_writable
@@ -98,7 +106,7 @@ def _open(dataset: Choice) -> list[Scene]:
             if is_want_of_room(fault):
                 raise not_writable(Path(os.fsdecode(fault.filename)), fault) from fault
             remedy = "let this user read it, or give another path"
-            raise InputError(f"{os.fsdecode(fault.filename)}: {fault.strerror}; {remedy}") from fault
+            raise file_error(os.fsdecode(fault.filename), fault, remedy) from fault
         reason = f"dataset '{dataset.label}': {one_line(fault)}"
         raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
     except BaseException as fault:
@@ -142,7 +150,7 @@ def _selected(scenes: Sequence[Scene], job: Job) -> Sequence[tuple[Scene, View]]
         unknown = [name for name in job.views if name not in names]
         if unknown:
             hint = did_you_mean(unknown[0], names) if len(names) < 20 else f"there are {len(names)} others"
-            raise InputError(f"views: no view is called '{unknown[0]}'; {hint}")
+            raise InputError(f"no view is called '{unknown[0]}'", "views", hint)
         chosen = set(job.views)
         everything = [(scene, view) for scene, view in everything if view.name in chosen]
     return job.shard.of(everything[:: job.every][: job.first])

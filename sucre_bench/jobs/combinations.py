@@ -8,23 +8,36 @@ from __future__ import annotations
 
 import itertools
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError, unknown_name
-from sucre_bench.jobs.explain_mistakes import check_names, unknown_word
+from sucre_bench.jobs.explain_mistakes import check_names, not_an_override, unknown_word
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp
 from sucre_bench.jobs.metric_words import words_for_hydra
 from sucre_bench.jobs.presets import default_choice, option_names, plugin_of
 from sucre_bench.jobs.quoting import value_of
 from sucre_bench.jobs.recognise_dataset import is_path, recognised
-from sucre_bench.jobs.sort_words import parse
 from sucre_bench.plugins.options import options_of
 
 if TYPE_CHECKING:
     from hydra.core.override_parser.types import Override
+
+
+def parse(texts: Iterable[str]) -> list[Override]:
+    """Read overrides. Raises InputError for one that Hydra's grammar does not have, with how to write it."""
+    from hydra.core.override_parser.overrides_parser import OverridesParser
+    from hydra.errors import HydraException
+
+    parser, parsed = OverridesParser.create(), []
+    for text in texts:
+        try:
+            parsed.append(parser.parse_override(text))
+        except HydraException as fault:
+            raise not_an_override(text, fault) from fault
+    return parsed
 
 
 @dataclass(frozen=True)
@@ -172,7 +185,7 @@ def _option(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_up: Li
     fitting = [option for option in owned if any(map(option.is_for, entries[option.kind]))]
     if len(fitting) > 1:
         either = " or ".join(f"{option.key}=" for option in fitting)
-        raise InputError(f"{word.input_line}: '{head}' is a dataset and a method here; write {either}")
+        raise InputError(f"'{head}' is a dataset and a method here", word.input_line, f"write {either}")
     if owned:
         return (fitting or owned)[0]
     if fault := unknown_word(word, entries, line_up):
@@ -212,7 +225,7 @@ def _texts(word: Override) -> list[str]:
     if not word.is_sweep_override():
         return [word.input_line or ""]
     if not word.is_discrete_sweep():
-        raise InputError(f"{word.input_line}: no list of values; list them, or write range(start,stop,step)")
+        raise InputError("no list of values", word.input_line, "list them, or write range(start,stop,step)")
     return [f"{word.get_key_element()}={value}" for value in word.sweep_string_iterator()]
 
 

@@ -10,21 +10,26 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, in_one_line
-from sucre_bench.jobs.combinations import combinations
+from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError
+from sucre_bench.jobs.combinations import combinations, parse
 from sucre_bench.jobs.explain_mistakes import in_our_words
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import LineUp
-from sucre_bench.jobs.presets import default_choice, plugin_of
-from sucre_bench.jobs.quoting import quoted
 from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
+from sucre_bench.jobs.refuse_words import (
+    is_bare,
+    refuse_bare_words,
+    refuse_foreign,
+    refuse_line_breaks,
+    refuse_options_of_no_dataset,
+    refuse_same_place,
+    refuse_several_values,
+)
 from sucre_bench.jobs.run_options import CONF, register
-from sucre_bench.jobs.sort_words import expand_home, line_up_file, parse, refuse_bare_words
-from sucre_bench.plugins.options import options_of
-from sucre_bench.results.layout import file_name
+from sucre_bench.machine.files import expanded
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
@@ -65,16 +70,16 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
     a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
-    _refuse_line_breaks(words)
-    words = [expand_home(text) for text in words]
-    file = line_up_file(words)
+    refuse_line_breaks(words)
+    words = [_expand_home(text) for text in words]
+    file = _line_up_file(words)
     overrides = [word for word in words if "=" in word or Path(word) != file]
     refuse_bare_words(overrides)
     line_up, parsed = _with_line_up(file, parse(overrides))
-    _refuse_options_of_no_dataset(parsed, line_up)
+    refuse_options_of_no_dataset(parsed, line_up)
     with _hydra():
         composed = _compose_jobs(parsed, line_up, multirun)
-    _refuse_same_place(composed.jobs)
+    refuse_same_place(composed.jobs)
     shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(composed.jobs) else ""
     return Command(
         jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in composed.jobs),
@@ -85,10 +90,19 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     )
 
 
-def _refuse_line_breaks(words: Sequence[str]) -> None:
-    for word in words:
-        if word.splitlines() not in ([], [word]):
-            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
+def _expand_home(override: str) -> str:
+    """Expand a leading ~ of the value; the shell does so only at the start of a word."""
+    key, equals, value = override.partition("=")
+    bare = value.strip("'\"")
+    return f"{key}='{expanded(bare)}'" if equals and bare.startswith("~/") else override
+
+
+def _line_up_file(words: Sequence[str]) -> Path | None:
+    """Return the line-up among the words, None where there is none. Raises InputError for two."""
+    files = [word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
+    if len(files) > 1:
+        raise InputError("a second line-up", files[1], "run one at a time")
+    return expanded(files[0]) if files else None
 
 
 @dataclass(frozen=True)
@@ -108,7 +122,7 @@ def _with_line_up(file: Path | None, parsed: list[Override]) -> tuple[LineUp, li
     for plugin_file in files:  # before its plugins can be chosen
         plugins.load_file(plugin_file)
     if len(experiments) + (file is not None) > 1:
-        raise InputError(f"{experiments[-1].input_line}: beside another experiment or line-up; run one at a time")
+        raise InputError("beside another experiment or line-up", experiments[-1].input_line, "run one at a time")
     if file is not None:
         line_up = read_line_up(file)
     else:
@@ -126,24 +140,8 @@ def _listed(value: object) -> list[object]:
 def _only_name(experiment: Override) -> str:
     name = None if experiment.is_sweep_override() else experiment.value()
     if not isinstance(name, str):
-        raise InputError(f"{experiment.input_line}: one experiment at a time; give experiment=NAME")
+        raise InputError("one experiment at a time", experiment.input_line, "give experiment=NAME")
     return name
-
-
-def _refuse_options_of_no_dataset(parsed: Sequence[Override], line_up: LineUp) -> None:
-    """Raise InputError for a dataset's option where no dataset is named: the built-in one would take it.
-
-    A line-up may leave the dataset open or name several; where the data are needs a dataset in the words.
-    """
-    if any(override.key_or_group == "dataset" for override in parsed):
-        return
-    plugin = plugin_of("dataset", default_choice("dataset"))
-    paths = {o.name for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type))} if plugin else set()
-    for override in parsed:
-        head, _, option = override.key_or_group.partition(".")
-        if head == "dataset" and (option in paths or not line_up.place):
-            word = override.input_line
-            raise InputError(f"{word}: no dataset is named; add dataset=NAME, for example dataset=colmap {word}")
 
 
 def _texts(overrides: Sequence[Override]) -> list[str]:
@@ -159,11 +157,11 @@ def _compose_jobs(parsed: list[Override], line_up: LineUp, multirun: bool) -> _C
     is_sweep = multirun or bool(line_up.place)
     if settings:
         base = _compose(_texts(settings))
-        _refuse_foreign(base)
+        refuse_foreign(base)
         is_sweep = is_sweep or base.hydra.mode == RunMode.MULTIRUN
         params = base.hydra.sweeper.get("params") or {}
         others = [*parse(f"{key}={value}" for key, value in params.items()), *others]
-    _refuse_several_values(parsed, is_sweep)
+    refuse_several_values(parsed, is_sweep)
     try:
         every = combinations(others, line_up)
     except InputError as fault:
@@ -179,51 +177,18 @@ def _compose_jobs(parsed: list[Override], line_up: LineUp, multirun: bool) -> _C
     return _Composed(planned, configurations[0], is_sweep)
 
 
-def _refuse_foreign(base: DictConfig) -> None:
-    """Raise InputError for what Hydra has and a command here does not follow."""
-    if base.hydra.job.chdir:
-        raise InputError("hydra.job.chdir=true: paths are relative to the folder where you are; leave it false")
-    if base.hydra.callbacks:
-        raise InputError("hydra.callbacks: sucre-bench calls none; leave them out")
-    if not base.hydra.sweeper["_target_"].endswith(".BasicSweeper"):
-        name = base.hydra.runtime.choices["hydra/sweeper"]
-        raise InputError(
-            f"hydra/sweeper={name}: chooses values during a run, but all jobs are checked before; use basic"
-        )
-
-
-def _refuse_several_values(parsed: Sequence[Override], is_sweep: bool) -> None:
-    """Raise InputError for several values where no sweep was asked for, and for a path that has a comma."""
-    for override in parsed:
-        word, key = override.input_line, override.key_or_group
-        if override.is_sweep_override():
-            value = override.get_value_string()
-            if Path(value).exists():
-                raise InputError(
-                    f'{word}: is one path with a comma; write "{key}={quoted(value)}" with both kinds of quotes'
-                )
-            if key in ("metrics", "views") and not value.startswith("["):
-                raise InputError(f"{word}: several values; write {key}=[{value}]")
-            if not is_sweep:
-                raise InputError(
-                    f'{word}: several values; add -m to run them all, or write "{key}={quoted(value)}" for a comma'
-                )
-        elif key == "hydra/launcher" and not is_sweep:
-            raise InputError(f"{word}: hands out the jobs of a sweep; add -m")
-
-
 def _at_its_place(
     fault: SucreBenchError, typed_keys: Mapping[str, str], line_up: LineUp, typed: Sequence[Override]
 ) -> InputError:
     """The fault with the key as it was typed, or with the line-up that it comes from."""
-    key, colon, rest = str(fault).partition(":")
-    if key in typed_keys:
-        key, fault = typed_keys[key], InputError(f"{typed_keys[key]}{colon}{rest}")
+    if fault.place in typed_keys:
+        fault = InputError(fault.fault, typed_keys[fault.place], fault.remedy)
     keys = {text for word in typed for text in (word.key_or_group, word.input_line)}
     # The names in a line-up were checked when it was read.
     is_typed_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in keys)
-    is_typed = key in keys or is_typed_name
-    return InputError(str(fault) if is_typed or not line_up.place else f"{line_up.place}: {fault}")
+    if fault.place in keys or is_typed_name or not line_up.place:
+        return InputError(fault.fault, fault.place, fault.remedy)
+    return InputError(str(fault), line_up.place)
 
 
 def _compose(overrides: Sequence[str]) -> DictConfig:
@@ -238,20 +203,6 @@ def _compose(overrides: Sequence[str]) -> DictConfig:
         raise in_our_words(fault, overrides) from fault
     assert isinstance(config, DictConfig)
     return config
-
-
-def _refuse_same_place(planned: Sequence[Job]) -> None:
-    """Raise InputError if two jobs would write to one place."""
-    seen: dict[tuple[str, str, int, int, int], Job] = {}
-    for job in planned:
-        part = (job.replicate, job.shard.index, job.shard.count)
-        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
-        if other is not job:
-            name = f"{job.dataset.label} / {job.method.label}"
-            if (other.method, other.dataset) != (job.method, job.dataset):
-                of = "method" if other.dataset == job.dataset else "dataset"
-                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
-            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")
 
 
 def _can_share_pairs(planned: Sequence[Job]) -> bool:

@@ -37,7 +37,7 @@ def read_config(path: Path) -> Iterator[Job]:
         for name in ("sweep", "sharing"):
             told.pop(name, None)
     except (OSError, ValueError, AttributeError, RecursionError, yaml.YAMLError) as fault:
-        raise InputError(f"{path}: cannot be read as a run's configuration; repeat the run's command") from fault
+        raise InputError("cannot be read as a run's configuration", path, "repeat the run's command") from fault
     for file in told.get("plugins") or ():
         plugins.load_file(file)
     for one in each:

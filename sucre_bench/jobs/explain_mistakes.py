@@ -28,8 +28,8 @@ def not_an_override(text: str, fault: Exception) -> InputError:
     """Say what cannot be read as key=value."""
     key, equals, value = text.partition("=")
     if equals and key and value and (value[0] not in "'\"[{$" or "}" in value[1:-1]):
-        return InputError(f'{text}: special characters need quotes; write "{key}={quoted(value)}", both kinds')
-    return InputError(f"{text}: {_first_line(fault)}; an override reads key=value")
+        return InputError("special characters need quotes", text, f'write "{key}={quoted(value)}", both kinds')
+    return InputError(_first_line(fault), text, "an override reads key=value")
 
 
 def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_up: LineUp) -> InputError | None:
@@ -47,14 +47,14 @@ def unknown_word(word: Override, entries: Mapping[Kind, Sequence[Entry]], line_u
         owners = dict.fromkeys(entry.name for entry in chosen if key in option_names(kind, entry.name))
         if owners:
             before = [kind] if len(chosen) == 1 else [*owners]
-            return InputError(f"{text}: is an option of a {kind}; write {' or '.join(f'{b}.{text}' for b in before)}")
+            return InputError(f"is an option of a {kind}", text, f"write {' or '.join(f'{b}.{text}' for b in before)}")
         if dot and plugin_of(kind, head):
-            return InputError(f"{text}: '{head}' is not among the {kind}s; add it: -m {kind}={names},{head}")
+            return InputError(f"'{head}' is not among the {kind}s", text, f"add it: -m {kind}={names},{head}")
         if dot and head in {entry.label for entry in line_up.entries(kind)}:
             given = f"{kind}={names}"
-            return InputError(f"{text}: '{head}' is not among the {kind}s of this run; leave out {given} or {key}")
+            return InputError(f"'{head}' is not among the {kind}s of this run", text, f"leave out {given} or {key}")
     if dot and plugin_of("metric", head):
-        return InputError(f"{text}: is an option of a metric; write metrics.{text}")
+        return InputError("is an option of a metric", text, f"write metrics.{text}")
     owners_there = (name for chosen in entries.values() for entry in chosen for name in (entry.name, entry.label))
     return unknown_name(key, head, {*known, *filter(None, owners_there)})
 
@@ -76,7 +76,7 @@ def in_our_words(fault: Exception, overrides: Sequence[str]) -> SucreBenchError:
             return unknown
     cause = fault.__cause__ or fault
     key = re.search(r"full_key: (\S+)", str(cause))
-    return InputError(f"{key[1] + ': ' if key else ''}{_refusal(_first_line(cause))}")
+    return InputError(_refusal(_first_line(cause)), key[1] if key else "")
 
 
 def _refusal(said: str) -> str:
@@ -89,7 +89,7 @@ def _refusal(said: str) -> str:
 
 def check_names(group: str, value: Any) -> None:
     if group in _SINGLE and (isinstance(value, list) or value is None):
-        raise InputError(f"{group}={value}: one name at a time; -m {group}=a,b runs several")
+        raise InputError("one name at a time", f"{group}={value}", f"-m {group}=a,b runs several")
     names = [str(n) for n in (value if isinstance(value, list) else [value])]
     presets = _presets(group)
     for name in names:

@@ -159,7 +159,7 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
     if kind == "method":
         check_display(display)
     if label and not str(label).strip():
-        raise InputError(f"{kind}.label: is blank; write a name, or leave it out")
+        raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
     types = {o.name: o.type for o in options_of(plugin.cls)}
     given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
     options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
@@ -171,9 +171,9 @@ def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
 def _check_scene_display(display: str, run: RunConfig) -> None:
     """Raise InputError where views are to be shown alike, and not all restorations will be there."""
     if is_of_scene(display) and run.save != "full":
-        raise InputError(f"method.display: {display} reads all stored restorations of a scene; add save=full")
+        raise InputError(f"{display} reads all stored restorations of a scene", "method.display", "add save=full")
     if is_of_scene(display) and run.shard.count > 1:
-        raise InputError(f"method.display: {display} needs all views of a scene in one job; leave out shard.count")
+        raise InputError(f"{display} needs all views of a scene in one job", "method.display", "leave out shard.count")
 
 
 def _plain_tree(value: Any) -> Any:
@@ -238,9 +238,9 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
             lines = regular(path).read_text(encoding="utf-8-sig").splitlines()
             names = [line.strip() for line in lines if line.strip()]
         except FileNotFoundError:
-            raise InputError(f"{path}: no such list of views; give a text file with one view name a line") from None
+            raise InputError("no such list of views", path, "give a text file with one view name a line") from None
         except (OSError, UnicodeDecodeError) as fault:
-            raise InputError(f"{path}: not a list of views, {one_line(fault)}; save it as UTF-8 text") from fault
+            raise InputError(f"not a list of views, {one_line(fault)}", path, "save it as UTF-8 text") from fault
     if not names:
-        raise InputError("views: an empty list; name some views, or leave views= out for all of them")
+        raise InputError("an empty list", "views", "name some views, or leave views= out for all of them")
     return tuple(names)

@@ -63,7 +63,7 @@ def line_up_of(out: Path, folder: Path) -> Found:
     older = {one.key: one for one in _of_rows(rows) if one.key not in last}
     made = [*older.values(), *last.values()]
     if not made:
-        raise InputError(f"{out}: its rows do not say which options made them; run again with this version")
+        raise InputError("its rows do not say which options made them", out, "run again with this version")
     seed = jobs[0].seed if jobs else 0
     line_up = LineUp(
         datasets=_entries("dataset", made, seed, folder),

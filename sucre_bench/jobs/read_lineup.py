@@ -43,7 +43,7 @@ def read_line_up(path: Path) -> LineUp:
     try:
         return _line_up(content, path)
     except SucreBenchError as fault:
-        raise InputError(f"{path}: {fault}") from fault
+        raise InputError(str(fault), path) from fault
 
 
 def _line_up(content: Mapping[str, Any], path: Path) -> LineUp:
@@ -83,20 +83,20 @@ def _content(path: Path) -> dict[str, Any]:
     import yaml
 
     if fault := fault_of(path):
-        raise InputError(f"{path}: {fault}; give a line-up, `sucre-bench lineup RESULTS` writes one")
+        raise InputError(fault, path, "give a line-up, `sucre-bench lineup RESULTS` writes one")
     try:
         text = path.read_text(encoding="utf-8-sig")
         _refuse_bombs(text)
         content = yaml.load(text, _loader())
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
-        raise InputError(f"{path}: line {line}: is no plain YAML, {error.problem}; mend the line") from error
+        raise InputError(f"line {line}: is no plain YAML, {error.problem}", path, "mend the line") from error
     except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(f"{path}: cannot be read, {one_line(error)}; save it as YAML in UTF-8") from error
+        raise InputError(f"cannot be read, {one_line(error)}", path, "save it as YAML in UTF-8") from error
     if content is None:
-        raise InputError(f"{path}: is empty; list methods: [NAME, ...]")
+        raise InputError("is empty", path, "list methods: [NAME, ...]")
     if not isinstance(content, dict):
-        raise InputError(f"{path}: holds no keys; write methods: [NAME, ...]")
+        raise InputError("holds no keys", path, "write methods: [NAME, ...]")
     for key in content:
         if key not in (*_LISTS, *_SETTINGS):
             raise unknown_name(str(path), str(key), (*_LISTS, *_SETTINGS), "key")
@@ -129,7 +129,7 @@ def _list(key: str, content: Mapping[str, Any]) -> Sequence[Any]:
         return ()
     given = [given] if isinstance(given, (str, dict)) else given
     if not isinstance(given, list) or not given:
-        raise InputError(f"{key}: is no list of names; write {key}: [NAME, ...]")
+        raise InputError("is no list of names", key, f"write {key}: [NAME, ...]")
     return given
 
 
@@ -139,7 +139,7 @@ def _entry(key: str, given: Any) -> Entry:
         return Entry(name, {str(option): value for option, value in given.items() if option != "name"})
     if isinstance(given, str):
         return Entry(given)
-    raise InputError(f"{key}: {given!r} has no name; write NAME, or {{name: NAME, OPTION: VALUE}}")
+    raise InputError(f"{given!r} has no name", key, "write NAME, or {name: NAME, OPTION: VALUE}")
 
 
 def _entries(kind: Kind, content: Mapping[str, Any], folder: Path) -> tuple[Entry, ...]:
@@ -148,7 +148,7 @@ def _entries(kind: Kind, content: Mapping[str, Any], folder: Path) -> tuple[Entr
     labelled = Counter((entry.label, repr(entry.options.get("degrade"))) for entry in entries if entry.label)
     for (label, _), times in labelled.items():
         if times > 1:
-            raise InputError(f"{key}: {times} have the label '{label}'; give each a label of its own")
+            raise InputError(f"{times} have the label '{label}'", key, "give each a label of its own")
     return tuple(entries)
 
 
@@ -175,21 +175,21 @@ def _checked(kind: Kind, entry: Entry, folder: Path) -> Entry:
 
 def _sweep(given: Any) -> dict[str, list[Any]]:
     if not isinstance(given, dict):
-        raise InputError("sweep: is no mapping; write sweep: {OPTION: [VALUE, ...]}")
+        raise InputError("is no mapping", "sweep", "write sweep: {OPTION: [VALUE, ...]}")
     for key, values in given.items():
         head, dot, _ = str(key).partition(".")
         is_word = re.fullmatch(r"[A-Za-z_][\w-]*(\.\w+)*", str(key))
         if not is_word or (head in _NOT_SWEPT and not (head in KINDS and dot)):
-            raise InputError(f"sweep.{key}: cannot be swept; list datasets and methods, sweep their options")
+            raise InputError("cannot be swept", f"sweep.{key}", "list datasets and methods, sweep their options")
         if not isinstance(values, list) or not values:
-            raise InputError(f"sweep.{key}: is no list of values; write {key}: [VALUE, ...]")
+            raise InputError("is no list of values", f"sweep.{key}", f"write {key}: [VALUE, ...]")
     return {str(key): values for key, values in given.items()}
 
 
 def _plugin_files(given: Any, folder: Path) -> list[str]:
     files = [given] if isinstance(given, str) else given
     if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
-        raise InputError(f"plugins: {given!r} is no list of files; write plugins: [FILE, ...]")
+        raise InputError(f"{given!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
     return [str(Path(_moved(file, folder)).resolve()) for file in files]
 
 
@@ -198,9 +198,9 @@ def _settled(key: str, value: Any, folder: Path) -> Any:
     is_nested = key in ("degrade", "study", "shard")
     if is_nested != isinstance(value, dict):
         expected = f"{{OPTION: VALUE}} below {key}:" if is_nested else "one value"
-        raise InputError(f"{key}: {value!r} does not fit; write {expected}")
+        raise InputError(f"{value!r} does not fit", key, f"write {expected}")
     if isinstance(value, list) and key != "views":
-        raise InputError(f"{key}: {value} are several values; write one, or sweep: {{{key}: {value}}}")
+        raise InputError(f"{value} are several values", key, f"write one, or sweep: {{{key}: {value}}}")
     if key == "degrade" and isinstance(value.get("add_water"), str):
         return {**value, "add_water": _moved(value["add_water"], folder)}
     return _moved(value, folder) if key == "views" and str(value).endswith(".txt") else value

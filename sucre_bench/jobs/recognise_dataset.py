@@ -39,14 +39,14 @@ def recognised(folder: Path) -> Entry:
     place = f"dataset={_typed(folder)}"
     if not folder.is_dir():
         fault = "is a file; give its folder" if folder.exists() else "no such folder; correct the path"
-        raise InputError(f"{place}: {fault}")
+        raise InputError(fault, place)
     fits = _likely(folder)
     root = f"dataset.root={quoted(str(folder))}"
     if len(fits) > 1:
         either = " or ".join(f"{fit.command} (for {fit.sign.relative_to(folder)})" for fit in fits)
-        raise InputError(f"{place}: fits several datasets; give {root} and {either}")
+        raise InputError("fits several datasets", place, f"give {root} and {either}")
     if not fits:
-        raise InputError(f"{place}: {_nothing_in(folder)}")
+        raise InputError(_nothing_in(folder), place)
     (fit,) = fits
     progress.say(f"{folder} is {fit.command} {root}, for it holds {fit.sign.relative_to(folder)}")
     return Entry(fit.plugin.name, {"root": str(folder)})

@@ -199,7 +199,7 @@ class RunConfig:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
         check_ranges(self, "", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
         if not self.out.strip():
-            raise InputError("out: is empty; name a folder, for example out=results")
+            raise InputError("is empty", "out", "name a folder, for example out=results")
 
     @classmethod
     def of(cls, values: Mapping[str, Any]) -> RunConfig:

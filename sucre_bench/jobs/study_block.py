@@ -58,7 +58,7 @@ class Study:
         options: dict[str, Any] = {"name": "", **given, **lists}
         study = cls(**options)
         if not study.name or file_name(study.name) != study.name:
-            raise InputError(f"study.name: '{study.name}' is no name for files; give study.name=WORD")
+            raise InputError(f"'{study.name}' is no name for files", "study.name", "give study.name=WORD")
         for metric in study.metrics:
             _check_metric(metric)
         for figure in study.figures:
@@ -71,7 +71,7 @@ class Study:
 def _words(key: str, given: Any) -> tuple[str, ...]:
     words = [given] if isinstance(given, str) else given
     if not isinstance(words, (list, tuple)) or not all(isinstance(word, str) for word in words):
-        raise InputError(f"study.{key}: {given!r} is not a list of words; write study.{key}=[a,b]")
+        raise InputError(f"{given!r} is not a list of words", f"study.{key}", f"write study.{key}=[a,b]")
     return tuple(dict.fromkeys(words))
 
 
@@ -82,7 +82,7 @@ def _check_metric(text: str) -> None:
     try:
         plugin = plugins.find("metric", name)
     except InputError as fault:
-        raise InputError(f"study.metrics: {fault}") from fault
+        raise InputError(str(fault), "study.metrics") from fault
     if variant:
         _known("study.metrics", split_variant(variant)[0], plugin.variants, f"variant of {name}")
 
@@ -90,7 +90,7 @@ def _check_metric(text: str) -> None:
 def _check_along(along: str) -> None:
     group, dot, option = along.partition(".")
     if not (dot and option and group in ("degrade", "dataset", "method")):
-        raise InputError(f"study.along: '{along}' is no option; give degrade.NAME, dataset.NAME or method.NAME")
+        raise InputError(f"'{along}' is no option", "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
     if group == "degrade":
         _known("study.along", option, [f.name for f in fields(Degradation)], "option of degrade")
 

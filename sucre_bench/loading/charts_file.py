@@ -44,7 +44,7 @@ def read_charts(path: Path, sizes: Mapping[str, tuple[int, int]]) -> dict[str, t
         if name not in sizes:
             near = difflib.get_close_matches(name, sizes, n=1, cutoff=0)
             raise InputError(
-                f"{path}: '{in_one_line(name)}' is not an image of the scene; write names as there, like '{near[0]}'"
+                f"'{in_one_line(name)}' is not an image of the scene", path, f"write names as there, like '{near[0]}'"
             )
     usual, found = content.get("kind", "dgk"), {}
     for name, charts in images.items():
@@ -68,18 +68,18 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
     try:
         chart_kind(kind)
     except InputError as fault:
-        raise InputError(f"{place}: {fault}") from fault
+        raise InputError(str(fault), place) from fault
     try:
         corners = np.array(entry, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):
         corners = np.empty(0)
     if corners.shape != (4, 2) or not np.isfinite(corners).all():
-        raise InputError(f"{place}: not four corners; give [x, y] of top left, top right, bottom right, bottom left")
+        raise InputError("not four corners", place, "give [x, y] of top left, top right, bottom right, bottom left")
     if (corners < 0).any() or (corners > size).any():
-        raise InputError(f"{place}: a corner is outside of the image of {size[0]}x{size[1]}; give pixels of that image")
+        raise InputError(f"a corner is outside of the image of {size[0]}x{size[1]}", place, "give pixels of that image")
     try:
         check_corners(name, corners)
     except InputError as fault:
         remedy = "give top left, top right, bottom right, bottom left"
-        raise InputError(f"{place}: corners are out of order; {remedy}") from fault
+        raise InputError("corners are out of order", place, remedy) from fault
     return Chart(name, kind, corners)

@@ -82,7 +82,7 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
         camera, distortion = cameras[number]
         posed[name] = Posed(name, camera, _rigid(pose, place), distortion)
     if not posed:
-        raise InputError(f"{images_file}: no image is registered; run 'colmap mapper' on more, overlapping images")
+        raise InputError("no image is registered", images_file, "run 'colmap mapper' on more, overlapping images")
     return [posed[name] for name in sorted(posed)]
 
 
@@ -115,7 +115,7 @@ def _find(sparse: Path) -> tuple[Path, Path]:
             if all(path.is_file() for path in both):
                 return both
     fault = "holds no COLMAP model" if sparse.is_dir() else "no such folder"
-    raise InputError(f"{sparse}: {fault}; put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
+    raise InputError(fault, sparse, "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
 
 
 def _intrinsics(parameters: tuple[float, ...], inner: int, width: int, height: int, place: str) -> Array:
@@ -148,9 +148,9 @@ def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
     try:
         yield from read(path)
     except OSError as fault:
-        raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+        raise InputError(f"cannot be read, {fault.strerror}", path, "check its permissions") from fault
     except (struct.error, ValueError) as fault:
-        raise InputError(f"{path}: breaks off or is not a COLMAP file ({fault}); {_REMEDY}") from fault
+        raise InputError(f"breaks off or is not a COLMAP file ({fault})", path, _REMEDY) from fault
 
 
 # -- binary: little-endian, no padding ---------------------------------------------------------------------

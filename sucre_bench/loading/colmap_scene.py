@@ -39,7 +39,7 @@ def registered_scene(
     missing = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
     first = paths[names[0]]
     if len(missing) == len(names):
-        raise InputError(f"{first}: none of the model's {len(names)} images is there; copy them there")
+        raise InputError(f"none of the model's {len(names)} images is there", first, "copy them there")
     sizes = {
         posed.name: image_size(paths[posed.name]) or (posed.camera.width, posed.camera.height)
         for posed in track(model, "image sizes")

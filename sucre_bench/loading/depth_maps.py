@@ -37,7 +37,7 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
                 nearest.setdefault(name, stem)
     if there and not claims:
         example = f"depth_{PurePosixPath(names[0]).stem}.png"
-        raise InputError(f"{folder}: no depth map is named after an image; name them like {example}")
+        raise InputError("no depth map is named after an image", folder, f"name them like {example}")
 
     found, faults = {}, {}
     for name, stem in nearest.items():
@@ -88,12 +88,12 @@ def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
 
     depth = np.where(np.isfinite(metres), metres, 0).astype(np.float32)
     if (depth < 0).any():
-        raise InputError(f"{path}: depth {depth.min():g} m is negative; write 0 where there is no depth")
+        raise InputError(f"depth {depth.min():g} m is negative", path, "write 0 where there is no depth")
     farthest = depth.max(initial=0)
     if farthest == 0:
-        raise InputError(f"{path}: no pixel has a depth; make the map again, or remove it")
+        raise InputError("no pixel has a depth", path, "make the map again, or remove it")
     if farthest > _FARTHEST_M:
-        raise InputError(f"{path}: depth up to {farthest:.0f} m, it looks like millimetres; divide by 1000")
+        raise InputError(f"depth up to {farthest:.0f} m, it looks like millimetres", path, "divide by 1000")
     height, width = depth.shape
     if (width, height) == size:
         return depth
@@ -110,7 +110,7 @@ def check_header(path: Path, size: tuple[int, int]) -> None:
 def _check_shape(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
     if not same_shape(found, size):
         fault = f"is {found[0]}x{found[1]}, a size that cannot match its image's {size[0]}x{size[1]}"
-        raise InputError(f"{path}: {fault}; make it from the undistorted image")
+        raise InputError(fault, path, "make it from the undistorted image")
 
 
 def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
@@ -119,7 +119,7 @@ def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
 
     values = decode(path, cv2.IMREAD_UNCHANGED)
     if values.dtype != np.uint16 or values.ndim != 2:
-        raise InputError(f"{path}: is {_kind(values)}; expected 16-bit {of} in one channel")
+        raise InputError(f"is {_kind(values)}", path, f"expected 16-bit {of} in one channel")
     return values
 
 
@@ -149,7 +149,7 @@ def _read_npy(path: Path) -> Array:
 
 def _metres(values: np.ndarray, path: Path) -> Array:
     if values.dtype.kind != "f" or values.ndim != 2:
-        raise InputError(f"{path}: is {_kind(values)}; expected float metres in one channel (16-bit millimetres: .png)")
+        raise InputError(f"is {_kind(values)}", path, "expected float metres in one channel (16-bit millimetres: .png)")
     return values.astype(np.float32)
 
 

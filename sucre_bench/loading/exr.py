@@ -24,7 +24,7 @@ def read_exr(path: Path) -> Array:
     try:
         exr = importlib.import_module("OpenEXR")
     except ImportError as fault:
-        raise InputError(f"{path}: OpenEXR files need a package of their own; pip install OpenEXR") from fault
+        raise InputError("OpenEXR files need a package of their own", path, "pip install OpenEXR") from fault
     try:
         with exr.File(str(regular(path)), separate_channels=True, header_only=True) as file:
             least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
@@ -41,5 +41,5 @@ def read_exr(path: Path) -> Array:
         raise DamagedFileError("cannot be read, cut short or not an OpenEXR file", path, "copy it again") from fault
     name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
-        raise InputError(f"{path}: has channels {', '.join(channels)}; write float depth into one channel, Z")
+        raise InputError(f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z")
     return np.asarray(channels[name], dtype=np.float32)

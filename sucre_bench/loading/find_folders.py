@@ -39,7 +39,7 @@ def check_chosen(dataset: object, folders: Sequence[Path], option: str, kind: Li
     if places and given != getattr(type(dataset), option) and not is_there:
         fault = f"is no {kind}" if places[0].exists() else f"no such {kind}"
         others = f", in none of {len(places)} folders" * (len(places) > 1)
-        raise InputError(f"{places[0]}: {fault}{others}; correct or drop dataset.{option}={given}")
+        raise InputError(f"{fault}{others}", places[0], f"correct or drop dataset.{option}={given}")
 
 
 def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:

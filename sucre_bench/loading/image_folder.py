@@ -44,7 +44,7 @@ def image_folder_scene(
     """
     names = image_names(folder, subfolders, but=references)
     if not names:
-        raise InputError(f"{folder}: holds no image ({' '.join(SUFFIXES)}); copy the images there")
+        raise InputError(f"holds no image ({' '.join(SUFFIXES)})", folder, "copy the images there")
     found = {} if references is None else _references(names, references, subfolders)
     sizes = {image: image_size(folder / image) for image in track(names, "image sizes")}
     # An image that cannot be read has no size to check corners against; decoding it will say what is wrong.
@@ -86,7 +86,7 @@ def _references(images: Iterable[str], folder: Path, subfolders: bool) -> dict[s
         else:
             found[image] = f"{folder / image}: no such file; copy it there"
     if not any(_stem(image) in by_stem for image in found):
-        raise InputError(f"{folder}: no file is named like an image; name them like {next(iter(found))}")
+        raise InputError("no file is named like an image", folder, f"name them like {next(iter(found))}")
     return found
 
 

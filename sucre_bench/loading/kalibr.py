@@ -61,7 +61,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
     except (OSError, yaml.YAMLError, KeyError, AttributeError, TypeError, ValueError, RecursionError) as fault:
         reason = " ".join(str(fault).split())
         expected = "a camchain, or a report on camera and IMU, as Kalibr writes them"
-        raise InputError(f"{path}: is no camera ({type(fault).__name__}: {reason}); expected {expected}") from fault
+        raise InputError(f"is no camera ({type(fault).__name__}: {reason})", path, f"expected {expected}") from fault
     while coefficients and coefficients[-1] == 0:
         coefficients.pop()
     K = np.array([[focal_x, 0, x + 0.5], [0, focal_y, y + 0.5], [0, 0, 1]], dtype=np.float64)

@@ -51,9 +51,9 @@ def read_header(path: Path) -> Header:
         with regular(path).open("rb") as file:
             return _header(file)
     except OSError as fault:
-        raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+        raise InputError(f"cannot be read, {fault.strerror}", path, "check its permissions") from fault
     except (struct.error, ValueError) as fault:
-        raise InputError(f"{path}: breaks off or is not a .dmap ({fault}); {_REMEDY}") from fault
+        raise InputError(f"breaks off or is not a .dmap ({fault})", path, _REMEDY) from fault
 
 
 def read_dmap_depth(path: Path) -> Array:
@@ -63,7 +63,7 @@ def read_dmap_depth(path: Path) -> Array:
     with path.open("rb") as file:
         there = os.fstat(file.fileno()).st_size - header.offset
         if there < count * header.dtype.itemsize:  # before memory of that size is allocated
-            raise InputError(f"{path}: cut short, its depths need {count * header.dtype.itemsize} bytes; {_REMEDY}")
+            raise InputError(f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY)
         file.seek(header.offset)
         stored = np.fromfile(file, header.dtype, count).reshape(header.shape)
     return np.asarray(stored.astype(np.float32) * np.float32(header.factor))

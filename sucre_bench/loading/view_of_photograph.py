@@ -58,7 +58,7 @@ def view_of(photograph: Photograph, image_scale: float = 1.0, encoding: Encoding
     lens, image, faults = photograph.lens, photograph.image, dict(photograph.faults)
     distorts = lens is not None and (bool(lens.coefficients) or lens.model == "fisheye")
     if lens is not None and distorts and lens.fault:
-        raise InputError(f"{image}: {lens.fault} (coefficients {lens.coefficients}); undistort the images before")
+        raise InputError(f"{lens.fault} (coefficients {lens.coefficients})", image, "undistort the images before")
     straight = None if lens is None else lens.pinhole if distorts else lens.camera
     undistorted = None if straight is None else (straight.width, straight.height)
     # If the header cannot be read, decoding gives the reason.
@@ -126,7 +126,7 @@ class _Resampled:
         of, to = self.lens.camera, self.camera
         if not same_shape((width, height), (of.width, of.height)):
             fault = f"is {width}x{height}, a size that cannot match its camera's {of.width}x{of.height}"
-            raise InputError(f"{path}: {fault}; make it again of this camera")
+            raise InputError(fault, path, "make it again of this camera")
         # Nearest: no depth lies between a diver and the seabed behind.
         return self.lens.resampled(metres, to, nearest=True)
 

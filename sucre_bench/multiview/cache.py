@@ -91,7 +91,7 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
                 kept = _make(entry, scene, target, options)
     except OSError as fault:
         reason = fault.strerror or fault
-        raise InputError(f"{entry.parent}: cannot keep observations there, {reason}; name another folder") from fault
+        raise InputError(f"cannot keep observations there, {reason}", entry.parent, "name another folder") from fault
     return kept if with_view else dataclasses.replace(kept, view=None)
 
 

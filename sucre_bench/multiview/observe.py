@@ -140,9 +140,9 @@ class _Reading:
 def _check(rule: str, tolerance: float, encoding: str) -> None:
     for option, value, known in (("rule", rule, get_args(Rule)), ("encoding", encoding, get_args(Kept))):
         if value not in known:
-            raise InputError(f"{option}={value}: unknown; {did_you_mean(str(value), known)}")
+            raise InputError("unknown", f"{option}={value}", did_you_mean(str(value), known))
     if not 0 < tolerance < 1:
-        raise InputError(f"tolerance={tolerance}: not a share of the depth between 0 and 1; give 0.03 for 3 %")
+        raise InputError("not a share of the depth between 0 and 1", f"tolerance={tolerance}", "give 0.03 for 3 %")
 
 
 def _timed(load: Callable[[], T]) -> tuple[T, float]:
@@ -180,7 +180,7 @@ def _see(
     assert view.camera is not None
     if rgb.shape[:2] != (view.camera.height, view.camera.width):
         sizes = f"{rgb.shape[1]}x{rgb.shape[0]}, the camera's {view.camera.width}x{view.camera.height}"
-        raise InputError(f"{view.name}: the image is {sizes}; use the images that the cameras belong to")
+        raise InputError(f"the image is {sizes}", view.name, "use the images that the cameras belong to")
     matches, colour = colours_at(matches, rgb, encoding == "linear" and view.encoding == "gamma")
     if not len(colour):
         return None, read_s + seconds

@@ -86,7 +86,7 @@ def lift(view: View, tile_px: int = _TILE_PX) -> Surface:
     Raises InputError if the view has no camera, pose or depth map, or if the map's size is not the camera's.
     """
     if view.camera is None or view.cam_from_world is None:
-        raise InputError(f"{view.name}: the view has no camera pose; pairing needs one, choose a registered view")
+        raise InputError("the view has no camera pose", view.name, "pairing needs one, choose a registered view")
     depth = _depth(view, view.camera)
     height, width = depth.shape
     index = np.arange(height * width, dtype=np.int32).reshape(height, width)
@@ -121,7 +121,7 @@ def _depth(view: View, camera: Camera) -> Array:
     depth = view.depth
     if depth.shape != (camera.height, camera.width):
         sizes = f"{depth.shape[1]}x{depth.shape[0]}, the camera's image {camera.width}x{camera.height}"
-        raise InputError(f"{view.name}: the depth map is {sizes}; resample it to the image's size")
+        raise InputError(f"the depth map is {sizes}", view.name, "resample it to the image's size")
     return depth
 
 

@@ -15,13 +15,13 @@ _C = TypeVar("_C", bound=type[Any])
 def _decorator(kind: Kind, name: str, needs: Iterable[str], **about: Any) -> Callable[[_C], _C]:
     needs, known = frozenset(needs), NEEDS if kind == "metric" else NEEDS - {"restoration", "restored_views"}
     if needs - known:
-        raise PluginError(f"{kind}: unknown needs {sorted(needs - known)}; {did_you_mean(min(needs - known), known)}")
+        raise PluginError(f"unknown needs {sorted(needs - known)}", kind, did_you_mean(min(needs - known), known))
 
     def attach(cls: _C) -> _C:
         if not is_dataclass(cls) or not cls.__dataclass_params__.frozen:  # type: ignore[attr-defined]
-            raise PluginError(f"{cls.__qualname__}: not a frozen dataclass; put @dataclass(frozen=True) under @{kind}")
+            raise PluginError("not a frozen dataclass", cls.__qualname__, f"put @dataclass(frozen=True) under @{kind}")
         if kind == "metric" and not hasattr(cls, wanted := "score_pair" if "restored_views" in needs else "score"):
-            raise PluginError(f"{cls.__qualname__}: has no {wanted}(); see docs/plugins.md, A metric")
+            raise PluginError(f"has no {wanted}()", cls.__qualname__, "see docs/plugins.md, A metric")
         cls.__plugin__ = Plugin(  # type: ignore[attr-defined]
             kind, name or snake_case(cls.__name__), cls, needs, **about
         )
@@ -74,7 +74,7 @@ def method(
     check_display(display)
     needs = frozenset(needs)
     if encoding == "gamma" and "poses" in needs:
-        raise PluginError("method: encoding=gamma is for methods of one view; other views are given as they are")
+        raise PluginError("encoding=gamma is for methods of one view", "method", "other views are given as they are")
     about: dict[str, Any] = {"display": display, "encoding": encoding, "reads": tuple(reads)}
     about["is_photograph"] = is_photograph
     return _decorator("method", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
@@ -168,9 +168,9 @@ def metric(
     ('mean',)
     """
     if better not in get_args(Better):
-        raise PluginError(f"metric: better='{better}'; it is 'higher', 'lower' or 'none'")
+        raise PluginError(f"better='{better}'", "metric", "it is 'higher', 'lower' or 'none'")
     if role not in get_args(Role):
-        raise PluginError(f"metric: unknown role '{role}'; {did_you_mean(role, get_args(Role))}")
+        raise PluginError(f"unknown role '{role}'", "metric", did_you_mean(role, get_args(Role)))
     chosen = tuple(default) or tuple(variants)[:1]
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
     about |= {"default": chosen, "role": role, "symbol": symbol}

@@ -92,7 +92,7 @@ def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
     if missing:
         name = missing[0]
         value = "FOLDER" if name == "root" else "VALUE"
-        raise InputError(f"{plugin.name}.{name}: must be given; add {plugin.kind}.{name}={value}")
+        raise InputError("must be given", f"{plugin.name}.{name}", f"add {plugin.kind}.{name}={value}")
 
 
 _NOUNS = {bool: "true or false", int: "a whole number", float: "a number", str: "a word"}
@@ -110,11 +110,11 @@ def check_values(place: str, options: Iterable[Option], values: Mapping[str, Any
             raise unknown_name(where, name, known)
         if not _fits(known[name].type, value):
             of = _NOUNS.get(known[name].type, known[name].type)
-            raise InputError(f"{where}: {value!r} is not {of}; {remedy}")
+            raise InputError(f"{value!r} is not {of}", where, remedy)
         if not _finite(value):
-            raise InputError(f"{where}: {value} is not a finite number; give one")
+            raise InputError(f"{value} is not a finite number", where, "give one")
         if known[name].is_closed and value not in known[name].choices:
-            raise InputError(f"{where}: '{value}' is not a choice; {did_you_mean(str(value), known[name].choices)}")
+            raise InputError(f"'{value}' is not a choice", where, did_you_mean(str(value), known[name].choices))
 
 
 def _fits(annotation: Any, value: Any) -> bool:
@@ -234,7 +234,7 @@ def _check_paths(plugin: Plugin, values: Mapping[str, Any], out: Path | None) ->
             continue
         if (fault := fault_of(path)) and not path.is_dir():
             words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
-            raise InputError(f"{path}: {fault}; give a path that exists in {plugin.kind}.{option.name}{words}")
+            raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
 
 
 def _may_be_made_in(out: Path, path: Path) -> bool:

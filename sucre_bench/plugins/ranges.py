@@ -19,7 +19,7 @@ def check_ranges(options: Any, place: str | None = None, /, **ranges: str) -> No
         if not _fits(value, kind, interval):
             before = type(options).__plugin__.name if place is None else place
             name = f"{before}.{option}" if before else option
-            raise InputError(f"{name}: {value!r}; give {_noun(kind)} in {interval}{' or none' * _is_optional(kind)}")
+            raise InputError(f"{value!r}", name, f"give {_noun(kind)} in {interval}{' or none' * _is_optional(kind)}")
 
 
 def _fits(value: Any, kind: Any, interval: str) -> bool:

@@ -151,11 +151,11 @@ def _installed(search_path: tuple[str, ...]) -> importlib.metadata.EntryPoints:
 def _module_of(path: Path) -> ModuleType:
     """Import a plugin file. PluginError if it does not exist, does not import or holds no plugin."""
     if not path.is_file():
-        raise PluginError(f"{path}: no such plugin file; give the path of a .py file")
+        raise PluginError("no such plugin file", path, "give the path of a .py file")
     of = hashlib.blake2b(str(path).encode(), digest_size=4).hexdigest()  # two files may have one name
     spec = importlib.util.spec_from_file_location(f"sucre_bench_plugin_{path.stem}_{of}", path)
     if spec is None or spec.loader is None:
-        raise PluginError(f"{path}: not a Python file; give the path of a .py file")
+        raise PluginError("not a Python file", path, "give the path of a .py file")
     module = importlib.util.module_from_spec(spec)
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
@@ -167,9 +167,9 @@ def _module_of(path: Path) -> ModuleType:
     except BaseException as fault:
         raise_if_stop(fault)
         del sys.modules[module.__name__]
-        raise PluginError(f"{path}: does not import, {one_line(fault)}; mend the file") from fault
+        raise PluginError(f"does not import, {one_line(fault)}", path, "mend the file") from fault
     if not _plugins_in(module):
-        raise PluginError(f"{path}: holds no plugin; decorate a class with @method, @dataset or @metric")
+        raise PluginError("holds no plugin", path, "decorate a class with @method, @dataset or @metric")
     return module
 
 

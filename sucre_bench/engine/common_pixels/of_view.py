@@ -233,4 +233,4 @@ def _scores(
 
 def _other_size(what: str, found: Mask | Picture, expected: Mask) -> InputError:
     sizes = [f"{w}x{h}" for h, w in (found.shape[:2], expected.shape)]
-    return InputError(f"{what}: is {sizes[0]}, others are {sizes[1]}; run that method again with overwrite=always")
+    return InputError(f"is {sizes[0]}, others are {sizes[1]}", what, "run that method again with overwrite=always")

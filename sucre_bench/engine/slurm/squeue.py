@@ -30,9 +30,9 @@ _CANCEL_S = 15.0  # SLURM's own patience with what it ends is 30 s (KillWait)
 def check_is_there() -> None:
     """Raise InputError where there is no SLURM to talk to."""
     if not all(shutil.which(name) for name in ("sbatch", "squeue", "scancel", "srun")):
-        raise InputError("hydra/launcher=slurm: no sbatch here; give the command on a login node of the cluster")
+        raise InputError("no sbatch here", "hydra/launcher=slurm", "give the command on a login node of the cluster")
     if states() is None:
-        raise InputError("hydra/launcher=slurm: squeue gets no answer from the controller; try again when it runs")
+        raise InputError("squeue gets no answer from the controller", "hydra/launcher=slurm", "try again when it runs")
 
 
 def states() -> dict[str, str] | None:
