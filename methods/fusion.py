@@ -15,7 +15,7 @@ import numpy as np
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters.bilateral import denoised
-from sucre_bench.imaging.filters.lab import equalised
+from sucre_bench.imaging.filters.clahe import equalised
 from sucre_bench.imaging.filters.luma import luma
 from sucre_bench.imaging.filters.pyramid import blended, most_levels
 from sucre_bench.imaging.filters.saliency import binomial, saliency

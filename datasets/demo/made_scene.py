@@ -8,8 +8,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
-from sucre_bench.datasets.demo.boards import SITES, place_board
 from sucre_bench.datasets.demo.camera_path import make_camera, make_path
+from sucre_bench.datasets.demo.chart_boards import SITES, place_board
 from sucre_bench.datasets.demo.noise import Grid, Noise
 from sucre_bench.datasets.demo.render import Surfaces, build, render, visible_charts
 from sucre_bench.datasets.demo.seabed import paint_seabed

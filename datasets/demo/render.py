@@ -12,7 +12,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays, project
-from sucre_bench.datasets.demo.boards import Board
+from sucre_bench.datasets.demo.chart_boards import Board
 from sucre_bench.datasets.demo.terrain import Terrain, triangles
 from sucre_bench.datasets.demo.texture import Texture, sample
 from sucre_bench.errors import InputError

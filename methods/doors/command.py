@@ -32,9 +32,9 @@ from sucre_bench.machine.progress import track
 from sucre_bench.methods.doors.full_disk import full_disk_named, want_of_room
 from sucre_bench.methods.doors.handover import DepthFormat, Handover, names_for
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder, check_pattern
+from sucre_bench.methods.doors.placeholders import placeholders
 from sucre_bench.methods.doors.process import Ended, run_program
 from sucre_bench.methods.doors.read_picture import FileEncoding, Holes, Reading, water_beside
-from sucre_bench.methods.doors.template import placeholders
 
 _PER_SCENE = ("input", "depth", "distance", "output")
 _PER_VIEW = (*_PER_SCENE, "name", "width", "height")

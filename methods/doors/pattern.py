@@ -15,7 +15,7 @@ from pathlib import Path, PurePosixPath
 
 from sucre_bench.errors import InputError, NotApplicableError
 from sucre_bench.imaging import image_files
-from sucre_bench.methods.doors.template import placeholders
+from sucre_bench.methods.doors.placeholders import placeholders
 
 _ByName = dict[str, list[PurePosixPath]]
 

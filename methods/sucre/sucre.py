@@ -155,7 +155,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
     def observe(self, scene: Scene, view: View, known: Observations | None = None) -> Observations:
         """Return the observations of a view; known: the same without `view`, to be paired again with it."""
-        from sucre_bench.multiview.cache import paired
+        from sucre_bench.multiview.stored_pairs import paired
 
         if known is not None and known.view is not None:
             return known
@@ -163,7 +163,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
     def observe_with_rays(self, scene: Scene, view: View) -> Observations:
         """Return the observations of a view with views and rays."""
-        from sucre_bench.multiview.cache import paired
+        from sucre_bench.multiview.stored_pairs import paired
 
         return paired(scene, view, self.pairs, **self.pairing_with(view=True, ray=True))
 

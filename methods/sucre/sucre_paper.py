@@ -56,7 +56,7 @@ class SucrePaper(FillOption):
         from sucre_bench.methods.sucre.fill_without_depth import guessed
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
-        from sucre_bench.multiview.cache import paired
+        from sucre_bench.multiview.stored_pairs import paired
 
         observations = paired(scene, view)
         started = time.perf_counter()

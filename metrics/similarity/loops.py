@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.once import locked
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.machine.cores import usable_cores
 
 Image = npt.NDArray[Any]

@@ -12,7 +12,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.eight_bit import eight_bit
 from sucre_bench.imaging.once import once
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 
 Plane = npt.NDArray[np.uint8]
 

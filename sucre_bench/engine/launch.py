@@ -1,4 +1,4 @@
-"""Hands the jobs of a command to its launcher, and runs jobs again that were lost when another job crashed.
+"""Hands the jobs of a command to its launcher.
 
 A launcher is the class that `hydra.launcher` names: `OneByOne`, the one for SLURM, or any of Hydra's. Hydra's own
 launchers get each job as text and run `run_text` with it in another process.
@@ -9,29 +9,20 @@ from __future__ import annotations
 import errno
 import logging
 import warnings
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
-from dataclasses import dataclass, replace
+from contextlib import contextmanager
+from dataclasses import dataclass
 from enum import Enum
-from multiprocessing import get_context
-from pathlib import Path
-from types import MappingProxyType
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sucre_bench import results
-from sucre_bench.engine.failed_rows import failed_row
-from sucre_bench.engine.preflight import Planned, states
-from sucre_bench.engine.run_job import run_job
-from sucre_bench.errors import DiskFullError, PluginError, SucreBenchError, one_line
+from sucre_bench.engine.job_process import run_said, run_text
+from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import progress, progress_display
-from sucre_bench.machine.current_step import Note, NoteFile, at_work
-from sucre_bench.machine.supervisor import how_it_ended
+from sucre_bench.machine import progress
 from sucre_bench.machine.traceback_log import keep_traceback
-from sucre_bench.results.layout import at_work_path, file_name, log_path
-from sucre_bench.results.table import FLUSH_S
+from sucre_bench.results.layout import log_path
 
 if TYPE_CHECKING:
     from hydra.plugins.launcher import Launcher as HydraLauncher
@@ -102,13 +93,13 @@ class OneByOne:
     def launch(self, jobs: Sequence[Job], restorations: int) -> None:
         """Run the jobs. A fault that ends one of them is raised when all have run."""
         if len(jobs) == 1:
-            _run(jobs[0])
+            run_said(jobs[0])
             return
         faults: list[Exception] = []
         with progress.line(f"{len(jobs)} jobs", restorations) as step:
             for job in jobs:
                 try:
-                    _run(job, step)
+                    run_said(job, step)
                 except DiskFullError:
                     raise
                 except Exception as fault:
@@ -179,95 +170,3 @@ def _task(settings: DictConfig) -> DiskFullError | None:
     except DiskFullError as fault:
         return fault
     return None
-
-
-def run_text(
-    config: str,
-    shared_pairs: str = "",
-    flush_s: float = FLUSH_S,
-    deaths: Mapping[str, str] = MappingProxyType({}),
-    start: str = "",
-) -> None:
-    """Run a job in a process of its own, which shows no progress. config, shared_pairs: of a `Job`.
-
-    The process notes its steps in a file of the output folder, which stays if it dies. deaths, start: see
-    `machine.current_step.at_work`.
-    """
-    with progress_display.plain():
-        job = replace(Job.read(config), shared_pairs=shared_pairs)
-        path = at_work_path(job.out, config)
-        file = NoteFile.at(path)
-        try:
-            with at_work(file, deaths, start):
-                _run(job, flush_s=flush_s)
-        finally:
-            file.close()
-            _remove_note(path)
-
-
-def _run(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float = FLUSH_S) -> None:
-    try:
-        run_job(job, after_view, flush_s)
-    except DiskFullError:
-        raise
-    except SucreBenchError as fault:
-        progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}", is_fault=True)
-
-
-def rescue(planned: Sequence[Planned], started: str) -> None:
-    """Run what is left undone after a worker of this machine died, each job in a process of its own.
-
-    A view or score that ends its process again gets a row that says so, and the job goes on in the next process.
-    """
-    for plan in planned:  # all workers end with one: the notes of the others say nothing
-        _remove_note(at_work_path(plan.job.out, plan.job.config))
-    progress.say("a worker process died; its unfinished jobs run again, each in a process of its own")
-    for plan in planned:
-        rows = results.merge(plan.job.out)
-        if all(state.status != "missing" for state in states(rows, plan, started)):
-            continue
-        _run_alone(plan.job, started)
-
-
-def _run_alone(job: Job, started: str) -> None:
-    """Run a job in a process of its own; if that dies at a step, in the next, without the step."""
-    path, deaths = at_work_path(job.out, job.config), dict[str, str]()
-    while (status := _status_of(job, deaths, started)) != 0:
-        note = _left_note(path)
-        how = how_it_ended(status, note)
-        if not note.step or note.step in deaths:
-            fault = PluginError(f"the job's process died ({how}); try smaller images")
-            results.write_rows(job.out, file_name(job.method.label), [failed_row(job, fault)])
-            return
-        deaths[note.step] = how
-
-
-def _status_of(job: Job, deaths: dict[str, str], started: str) -> int:
-    """Run a job in a new process; return its exit code, or minus the number of the signal that ended it."""
-    # Every view is written at once: the next one may end the process.
-    arguments = (job.config, job.shared_pairs, 0.0, deaths, started)
-    process = get_context("spawn").Process(target=run_text, args=arguments)
-    process.start()
-    try:
-        process.join()
-    finally:
-        if process.is_alive():
-            process.terminate()
-            process.join()
-    assert process.exitcode is not None
-    return process.exitcode
-
-
-def _left_note(path: Path) -> Note:
-    """Take the note that a process has left."""
-    file = NoteFile.at(path)
-    note = file.read()
-    file.close()
-    _remove_note(path)
-    return note
-
-
-def _remove_note(path: Path) -> None:
-    path.unlink(missing_ok=True)
-    with suppress(OSError):  # another job is at work
-        path.parent.rmdir()

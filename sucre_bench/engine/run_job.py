@@ -25,7 +25,7 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.clock import now
 from sucre_bench.machine.current_step import earlier_start, step
 from sucre_bench.machine.files import remove
-from sucre_bench.multiview.cache import sharing
+from sucre_bench.multiview.stored_pairs import sharing
 from sucre_bench.plugins.call_method import shown_with, with_truth
 from sucre_bench.results.layout import file_name, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures

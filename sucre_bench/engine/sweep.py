@@ -9,9 +9,10 @@ from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels.of_run import score_on_common_pixels
-from sucre_bench.engine.launch import Ended, launch, rescue
+from sucre_bench.engine.launch import Ended, launch
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, states
+from sucre_bench.engine.rescue_jobs import rescue
 from sucre_bench.engine.select_views import opening_once
 from sucre_bench.engine.share_decoded import remove_decoded, share_decoded
 from sucre_bench.jobs import compose_jobs as config

@@ -30,7 +30,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.percentiles import channel_percentiles
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.scene import Encoding, Restoration, Water
 
 # Before the name of a normalisation that takes the veil's place.

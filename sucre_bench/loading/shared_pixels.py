@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine import array_store
 from sucre_bench.machine.code_digests import engine_hash
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.scene import Plane, Scene
 
 _FULL = np.float32(255)

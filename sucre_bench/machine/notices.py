@@ -1,4 +1,4 @@
-"""Lines on stderr, in colour: what went wrong, and notes."""
+"""Notices: lines on stderr, in colour, about faults and what a user should know."""
 
 
 def say(text: str, colour: str) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 
 _CHUNK = 2048
 

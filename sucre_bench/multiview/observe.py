@@ -23,10 +23,10 @@ import psutil
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.progress import say, track
+from sucre_bench.multiview.interpolate_colours import colours_at, rays_at
 from sucre_bench.multiview.mapped_files import Spool, new_file
 from sucre_bench.multiview.observations import Observations, Seen, arrange, in_memory
 from sucre_bench.multiview.pairing import Rule, Surface, lift, match, own_matches, visible_pixels
-from sucre_bench.multiview.sampling import colours_at, rays_at
 from sucre_bench.scene import View
 
 T = TypeVar("T")

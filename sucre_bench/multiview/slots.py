@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.imaging.once import locked
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.machine.cores import usable_cores
 
 # Observations that are worth a thread.

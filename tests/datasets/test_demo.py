@@ -12,8 +12,8 @@ import pytest
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.datasets.demo import Demo
-from sucre_bench.datasets.demo.boards import SITES, place_board
 from sucre_bench.datasets.demo.camera_path import make_camera
+from sucre_bench.datasets.demo.chart_boards import SITES, place_board
 from sucre_bench.datasets.demo.made_scene import MadeScene, make
 from sucre_bench.datasets.demo.noise import Grid, Noise
 from sucre_bench.datasets.demo.render import build, render

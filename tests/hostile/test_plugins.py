@@ -12,7 +12,7 @@ from support.command_line import Done, forks, run_here, run_program
 from support.places import ROOT, TOYS
 
 from sucre_bench import results
-from sucre_bench.engine.launch import run_text
+from sucre_bench.engine.job_process import run_text
 from sucre_bench.errors import Death
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.machine.clock import now

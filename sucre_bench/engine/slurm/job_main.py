@@ -14,7 +14,7 @@ class _TimeIsUp(StopRequest):
 def work(run: Callable[[str, str], None], config: str, shared_pairs: str) -> str:
     """Run one job of a sweep in a job of the queue; return why it stopped early, if it did.
 
-    run: see `engine.launch.run_text`; config, shared_pairs: of a `Job`.
+    run: see `engine.job_process.run_text`; config, shared_pairs: of a `Job`.
 
     Both of SLURM's signals end the work as Ctrl-C would, with every row written. The warning before the time limit
     gives a result that says so. SIGTERM gives none, since it may also mean that the job will start again.

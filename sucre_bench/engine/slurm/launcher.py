@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
 from sucre_bench.engine.failed_rows import row_without_value
-from sucre_bench.engine.launch import run_text
+from sucre_bench.engine.job_process import run_text
 from sucre_bench.engine.select_views import base_row
 from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.job_main import work

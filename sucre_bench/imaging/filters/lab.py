@@ -1,4 +1,4 @@
-"""CIE L*a*b* of gamma-encoded sRGB (D65), and contrast-limited histogram equalisation of its lightness."""
+"""CIE L*a*b* of gamma-encoded sRGB (D65), by OpenCV. Lab of colour charts (D50) is in `imaging.cielab`."""
 
 import numpy as np
 
@@ -17,17 +17,3 @@ def from_lab(lab: Array) -> Array:
     import cv2
 
     return np.asarray(cv2.cvtColor(np.ascontiguousarray(lab, dtype=np.float32), cv2.COLOR_Lab2RGB)).clip(0, 1)
-
-
-def equalised(rgb: Array, clip: float, tiles: int) -> Array:
-    """Equalise the lightness within tiles, its slope limited (CLAHE, Zuiderveld 1994), hue and chroma kept.
-
-    rgb: (H, W, 3), [0, 1]; clip: limit of the histogram, in multiples of its mean; tiles: how many along each side.
-    Lightness is taken at 256 levels, for which published values of `clip` are meant.
-    """
-    import cv2
-
-    lab = to_lab(rgb)
-    lightness = np.rint(lab[..., 0] * 2.55).astype(np.uint8)
-    lab[..., 0] = cv2.createCLAHE(clip, (tiles, tiles)).apply(lightness) / np.float32(2.55)
-    return from_lab(lab)

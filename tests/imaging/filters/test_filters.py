@@ -6,9 +6,10 @@ import numpy as np
 import pytest
 
 from sucre_bench.imaging.filters.bilateral import denoised
+from sucre_bench.imaging.filters.clahe import equalised
 from sucre_bench.imaging.filters.dark_channel import dark_channel, window_max
 from sucre_bench.imaging.filters.guided_filter import box_mean, guided_filter
-from sucre_bench.imaging.filters.lab import equalised, from_lab, to_lab
+from sucre_bench.imaging.filters.lab import from_lab, to_lab
 from sucre_bench.imaging.filters.luma import luma
 from sucre_bench.imaging.filters.white_balance import (
     gray_world,

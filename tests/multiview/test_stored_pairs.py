@@ -14,11 +14,11 @@ from support.made_scene import make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.machine.progress import watched_by
-from sucre_bench.multiview import cache as store
 from sucre_bench.multiview import mapped_files as mapped
-from sucre_bench.multiview.cache import paired, sharing
+from sucre_bench.multiview import stored_pairs as store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
+from sucre_bench.multiview.stored_pairs import paired, sharing
 
 FIELDS = ("pixels", "counts", "starts", "distance", "colour", "weight", "view", "ray")
 
@@ -264,5 +264,5 @@ def test_an_entry_is_named_after_its_target(tmp_path: Path) -> None:
 
 
 def test_importing_the_store_imports_no_compiler() -> None:
-    code = "import sys, sucre_bench.multiview.cache; sys.exit('numba' in sys.modules or 'torch' in sys.modules)"
+    code = "import sys, sucre_bench.multiview.stored_pairs; sys.exit('numba' in sys.modules or 'torch' in sys.modules)"
     assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0

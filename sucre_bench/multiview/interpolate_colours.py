@@ -12,7 +12,7 @@ from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.imaging.once import locked
-from sucre_bench.machine.compiling import compiled
+from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.multiview.observations import compact
 from sucre_bench.multiview.pairing import Matches
 
