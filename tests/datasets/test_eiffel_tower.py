@@ -66,20 +66,20 @@ def test_a_missing_or_damaged_photograph_harms_its_view_only(tmp_path: Path) -> 
     assert scene[NAMES[1]].rgb.max() > 0.5
     with pytest.raises(InputError) as fault:
         _ = scene[NAMES[0]].rgb
-    check_message(str(fault.value), str(images / NAMES[0]), "1 of the model's 2 images are missing")
+    check_message(str(fault.value), str(images / NAMES[0]), "1 of", "2 images")
 
 
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
-    for change, options, words in [
-        (lambda: None, {}, "holds no folder 2015"),
-        (lambda: write_year(tmp_path), {"year": "2016"}, "2016/sfm: no such folder"),
-        (lambda: None, {"depths": "maps"}, "2015/maps: no such folder"),
-        (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, f"2015/images/{NAMES[0]}: none of the model's"),
+    for change, options, parts in [
+        (lambda: None, {}, ["folder 2015"]),
+        (lambda: write_year(tmp_path), {"year": "2016"}, ["2016/sfm: ", "folder"]),
+        (lambda: None, {"depths": "maps"}, ["2015/maps: ", "folder"]),
+        (lambda: shutil.rmtree(tmp_path / "2015" / "images"), {}, [f"2015/images/{NAMES[0]}: ", "2 images"]),
     ]:
         change()
         with pytest.raises(InputError) as fault:
             load(tmp_path, **options)
-        check_message(str(fault.value), words)
+        check_message(str(fault.value), *parts)
     with pytest.raises(InputError, match=r"eiffel_tower\.image_scale"):
         EiffelTower(tmp_path, image_scale=0)
     with pytest.raises(InputError, match=r"dataset\.root=DIR"):

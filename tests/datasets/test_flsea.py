@@ -112,7 +112,7 @@ def test_what_is_missing_or_damaged_is_named(tmp_path: Path) -> None:
     maps[1].rename(dive / "depth" / "other.tif")
     with pytest.raises(InputError) as fault:
         load(tmp_path)
-    check_message(str(fault.value), f"expected names like {FRAMES[0]}_SeaErra_abs_depth.tif")
+    check_message(str(fault.value), f"{FRAMES[0]}_SeaErra_abs_depth.tif")
     (tmp_path / "canyons" / "calibration" / "seaErra-kalibr-results-imucam.txt").write_text(REPORT[:200])
     (dive / "depth" / "other.tif").unlink()
     with pytest.raises(InputError, match=r"imucam\.txt: "):

@@ -200,25 +200,25 @@ SCENE: dict[str, tuple[Change, list[str]]] = {
     "no document": (lambda root: (root / "cameras.xml").unlink(), ["no cameras.xml, .psx or .psz"]),
     "two documents": (lambda root: shutil.copy(root / "cameras.xml", root / "b.xml"), ["b.xml, cameras.xml are there"]),
     "cut": (lambda root: cut(root / "cameras.xml"), ["cameras.xml: breaks off", "Export Cameras"]),
-    "another XML": (lambda root: (root / "cameras.xml").write_text("<x/>"), ["cameras.xml: holds no chunk"]),
+    "another XML": (lambda root: (root / "cameras.xml").write_text("<x/>"), ["cameras.xml: ", "chunk"]),
     "nothing aligned": (text("<transform>", "<other>"), ["cameras.xml"]),
     "a damaged pose": (text(" 0.0 0.0 0.0 1.0</transform>", "</transform>"), ["cameras.xml", "reshape"]),
     "a scaled pose": (text("0.0 0.0 0.0 1.0</transform>", "0.0 0.0 0.0 2.0</transform>"), ["DSC_0.JPG", "not rigid"]),
-    "a number that is none": (text("<f>150.0</f>", "<f>wide</f>"), ["cameras.xml: is not what Metashape writes"]),
+    "a number that is none": (text("<f>150.0</f>", "<f>wide</f>"), ["cameras.xml: ", "Metashape"]),
     "no focal length": (text("<f>150.0</f>", "<f>-1</f>"), ["sensor 'GoPro'", "f = -1"]),
     "a spherical sensor": (text('type="frame"', 'type="spherical"'), ["sensor 'GoPro' is spherical"]),
-    "a scale that is none": (text("<scale>2.5", "<scale>0"), ["a transform with rotation", "scale 0"]),
-    "no calibration": (text("calibration", "other"), ["sensor 'GoPro' has no calibration"]),
-    "no sensor": (text('sensor_id="0"', 'sensor_id="5"'), ["has no sensor 5"]),
-    "one image twice": (text('label="DSC_1"', 'label="dsc_0"'), ["two cameras have the image DSC_0.png"]),
-    "no image folder": (lambda root: shutil.rmtree(root / "images"), ["images: no such folder", "dataset.images"]),
+    "a scale that is none": (text("<scale>2.5", "<scale>0"), ["a transform", "scale 0"]),
+    "no calibration": (text("calibration", "other"), ["sensor 'GoPro'", "no calibration"]),
+    "no sensor": (text('sensor_id="0"', 'sensor_id="5"'), ["no sensor 5"]),
+    "one image twice": (text('label="DSC_1"', 'label="dsc_0"'), ["two cameras", "DSC_0.png"]),
+    "no image folder": (lambda root: shutil.rmtree(root / "images"), ["images: ", "folder", "dataset.images"]),
     "no images": (
         lambda root: [path.unlink() for path in root.glob("images/*")],
         ["images: no image", "'DSC_0.JPG' of cameras.xml"],
     ),
     "others' depth maps": (
         lambda root: [path.rename(path.with_name(f"x{path.name}")) for path in root.glob("depths/*")],
-        ["no depth map is named after an image"],
+        ["depths: ", "depth map"],
     ),
 }
 
@@ -251,7 +251,7 @@ def test_a_project_names_no_part_outside_of_its_folder(tmp_path: Path, name: str
         archive(root / name, f'<document><chunks active_id="3"><chunk id="3" path="{path}"/></chunks></document>')
     with pytest.raises(InputError) as fault:
         load(root)
-    check_message(str(fault.value), f"dive.psx: names '{path}' as a part, outside of {root}")
+    check_message(str(fault.value), "dive.psx: ", f"'{path}'", f"outside of {root}")
 
 
 def test_xml_of_more_than_256_mebibytes_is_not_read(tmp_path: Path) -> None:

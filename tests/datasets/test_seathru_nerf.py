@@ -56,7 +56,7 @@ def test_every_eighth_image_from_the_first_is_the_test(tmp_path: Path) -> None:
 def test_what_is_missing_is_named(tmp_path: Path) -> None:
     with pytest.raises(InputError) as fault:
         load(tmp_path)
-    check_message(str(fault.value), "holds no folder images_wb or images")
+    check_message(str(fault.value), str(tmp_path), "images_wb or images")
     place = write_reef(tmp_path / "Panama")
     (place / "images_wb" / NAMES[0]).unlink()
     with pytest.raises(InputError, match=r"MTN_1\.png: .*\(1 .* 2 images"):

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from support.made_scene import WATER, make_camera, make_pose, make_view
+from support.messages import names
 from support.scenes_to_degrade import NINE, many, of, photo
 
 from sucre_bench import Camera, InputError, Scene, Water
@@ -79,20 +80,20 @@ def test_water_is_given_as_numbers_or_a_file_or_itself(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"),
+    ("content", "named"),
     [
-        ("{", "does not hold B, beta and gamma"),
-        ("[1]", "no B, beta and gamma in it"),
-        ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', "no water has these values"),
-        ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', "B must be three numbers"),
-        ('{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}', "no water has these values"),
+        ("{", {"hold", "B", "beta", "gamma"}),
+        ("[1]", {"B", "beta", "gamma"}),
+        ('{"B": [1, 1, 1], "beta": [1, 1, 1]}', {"values", "B", "[0, 1]", "beta", "gamma"}),
+        ('{"B": 1, "beta": [1, 1, 1], "gamma": [1, 1, 1]}', {"B", "three"}),
+        ('{"B": [1, 1, 1], "beta": [1, 1, null], "gamma": [1, 1, 1]}', {"values", "B", "[0, 1]", "beta"}),
     ],
 )
-def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, said: str):
+def test_a_water_file_that_is_none_is_named(tmp_path: Path, content: str, named: set[str]):
     (tmp_path / "w.json").write_text(content)
-    with pytest.raises(InputError, match=said) as fault:
+    with pytest.raises(InputError) as fault:
         Degradation(add_water=tmp_path / "w.json")
-    assert str(fault.value).startswith(str(tmp_path / "w.json"))
+    assert {str(tmp_path / "w.json"), *named} <= names(fault.value)
 
 
 def test_a_water_that_a_run_left_is_added_again_to_intensities_that_it_explains(tmp_path: Path):

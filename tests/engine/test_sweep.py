@@ -14,6 +14,7 @@ import numpy as np
 import pandas as pd
 import pytest
 from support.command_line import Started
+from support.messages import names
 from support.toy_runs import calls, run
 
 import sucre_bench as sb
@@ -189,22 +190,22 @@ def test_an_unknown_view_is_named_before_any_work(out: Path):
 
 
 @pytest.mark.parametrize(
-    ("fault", "reason"),
+    ("fault", "named"),
     [
-        ("raise", "ValueError: boom over two lines"),
-        ("shape", "returned an image (20, 60, 3) float32; it must be (40, 60, 3)"),
-        ("nan", "gave no pixel of v1.png a colour"),
-        ("none", "returned NoneType; a method returns a Restoration"),
-        ("mutate", "ValueError: assignment destination is read-only"),
-        ("exit", "SystemExit: 0"),
+        ("raise", {"ValueError", "boom", "lines"}),
+        ("shape", {"(20, 60, 3)", "(40, 60, 3)"}),
+        ("nan", {"v1.png", "colour"}),
+        ("none", {"NoneType", "Restoration"}),
+        ("mutate", {"ValueError", "read-only"}),
+        ("exit", {"SystemExit", "0"}),
     ],
 )
-def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str, reason: str):
+def test_a_fault_on_one_view_is_a_row_and_the_others_go_on(out: Path, fault: str, named: set[str]):
     outcome = run(out, "method=faulty", f"method.fault={fault}")
     assert (outcome.ok, len(outcome.failed), outcome.exit_code) == (2, 1, 1)
     failed = outcome.rows[outcome.rows["status"] == "failed"]
     assert list(failed["view"]) == ["v1.png"]
-    assert reason in failed["reason"].item()
+    assert named <= names(failed["reason"].item())
     assert "\n" not in failed["reason"].item()
     assert "Traceback" in (out / "logs" / "failures.log").read_text() or fault in ("shape", "nan", "none")
 

@@ -28,12 +28,12 @@ FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
         "run dataset=photos dataset.root=dive/images method=gray_world out=x",
         r"dive/images: Permission denied; ",
     ),
-    "enter a folder of photos": ("dive/images", 0o600, "prepare dive/images x", r"a\.png cannot be read, Permission"),
+    "enter a folder of photos": ("dive/images", 0o600, "prepare dive/images x", r"\ba\.png .*Permission"),
     "read a score table": ("results/scores.parquet", 0o200, "compare results", r"parquet: .*Permission denied; let"),
     "read the score table of a run": ("results/scores.parquet", 0o200, RESULTS, r"parquet: .*Permission denied; let"),
     "enter a results folder": ("results", 0o600, "compare results", r"results/.*: Permission denied; "),
-    "write into a results folder": ("results", 0o500, RESULTS, r"results/.*: cannot be written .*; "),
-    "write a plugin": ("full", 0o500, "new method mine --package full", r"full/.*: cannot be written .*; "),
+    "write into a results folder": ("results", 0o500, RESULTS, r"results/.*: .*written.*; "),
+    "write a plugin": ("full", 0o500, "new method mine --package full", r"full/.*: .*written.*; "),
 }
 
 
@@ -73,7 +73,7 @@ def test_stored_restorations_that_cannot_be_replaced_keep_their_rows(place: Path
     finally:
         folder.chmod(0o700)
     assert done.returncode != 0
-    assert re.search(r"gray_world/a\.\w+: cannot be written .*; ", done.stdout + done.stderr)
+    assert re.search(r"gray_world/a\.\w+: .*written.*; ", done.stdout + done.stderr)
     of_method = before[before["method"] == "gray_world"]
     after = results.read(place / "results")
     assert after[after["method"] == "gray_world"].reset_index(drop=True).equals(of_method.reset_index(drop=True))

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import pytest
 from support.colmap_folder import picture, write_dive, write_image
+from support.messages import names
 
 from sucre_bench import InputError, plugins
 from sucre_bench.jobs import compose_jobs
@@ -61,22 +62,22 @@ def test_a_folder_that_fits_several_datasets_is_the_users_choice(tmp_path: Path)
 
 
 @pytest.mark.parametrize(
-    ("word", "said"),
+    ("word", "named"),
     [
-        ("dataset=./empty", "sparse/cameras.* (colmap)"),
-        ("dataset=./above", "give dataset=above/photos"),
-        ("dataset=./nowhere", "no such folder"),
-        ("dataset=./file", "is a file"),
-        ("dataset=empty", "write dataset=./empty"),
+        ("dataset=./empty", {"sparse/cameras.*", "colmap"}),
+        ("dataset=./above", {"dataset=above/photos"}),
+        ("dataset=./nowhere", {"folder", "path"}),
+        ("dataset=./file", {"file", "folder"}),
+        ("dataset=empty", {"dataset=./empty"}),
     ],
 )
-def test_a_folder_that_fits_nothing_is_one_line(bench, tmp_path: Path, word: str, said: str):
+def test_a_folder_that_fits_nothing_is_one_line(bench, tmp_path: Path, word: str, named: set[str]):
     (tmp_path / "empty").mkdir()
     (tmp_path / "file").touch()
     write_image(tmp_path / "above" / "photos" / "a.png", picture(1))
     for done in (bench("run", word, "method=gray_world"), bench("describe", word.partition("=")[2])):
         assert (done.returncode, len(done.errors)) == (2, 1)
-        assert said in done.stderr
+        assert named <= names(done.stderr)
 
 
 def test_what_a_folder_is_is_said_in_a_line(bench, tmp_path: Path):

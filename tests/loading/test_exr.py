@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from support.spots import check_message
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError
 from sucre_bench.loading.exr import read_exr
 
 METRES = np.random.default_rng(0).uniform(0.5, 9, (30, 40)).astype(np.float32)
@@ -41,9 +41,9 @@ def test_a_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
     whole = path.read_bytes()
     for length in (0, 3, 50, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
-        with pytest.raises(InputError) as fault:
+        with pytest.raises(DamagedFileError) as fault:
             read_exr(path)
-        check_message(str(fault.value), "a.exr: cannot be read", "copy")
+        check_message(str(fault.value), "a.exr: ", "copy")
 
 
 def test_channels_without_a_depth_are_named(tmp_path: Path) -> None:

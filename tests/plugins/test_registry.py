@@ -1,13 +1,13 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
 import pytest
+from support.messages import names
 
 import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
@@ -66,21 +66,21 @@ def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("text", "said"),
+    ("text", "named"),
     [
-        ("import nonexistent_package_xyz\n", "ModuleNotFoundError: No module named 'nonexistent_package_xyz'"),
-        ("def broken(:\n", "SyntaxError"),
-        ("raise RuntimeError('two\\nlines')\n", "RuntimeError: two lines"),
-        ("import sys; sys.exit(0)\n", "SystemExit: 0"),
+        ("import nonexistent_package_xyz\n", {"ModuleNotFoundError", "'nonexistent_package_xyz'"}),
+        ("def broken(:\n", {"SyntaxError"}),
+        ("raise RuntimeError('two\\nlines')\n", {"RuntimeError", "two", "lines"}),
+        ("import sys; sys.exit(0)\n", {"SystemExit", "0"}),
     ],
 )
-def test_a_file_that_does_not_import_is_one_line_with_the_reason(tmp_path: Path, text: str, said: str):
+def test_a_file_that_does_not_import_is_one_line_with_the_reason(tmp_path: Path, text: str, named: set[str]):
     path = tmp_path / "broken.py"
     path.write_text(text)
     with pytest.raises(PluginError) as fault:
         load_file(path)
     assert str(path) in str(fault.value)
-    assert said in str(fault.value)
+    assert named <= names(fault.value)
     assert "\n" not in str(fault.value)
 
 
@@ -129,16 +129,16 @@ def test_a_broken_package_is_listed_with_its_reason_and_harms_nobody(tmp_path: P
 
 
 @pytest.mark.parametrize(
-    ("field", "said"),
+    ("field", "named"),
     [
-        ("weights: dict[str, float] = None", "option 'weights' is dict[str, float]"),
-        ("kernel: 'np.ndarray' = None", "annotations do not resolve, NameError"),
-        ("level: Literal[1, 2] = 1", "option 'level' is typing.Literal[1, 2]"),
-        ("label: str = ''", "option 'label' has a reserved name"),
-        ("count: int = None", "cannot be used"),
+        ("weights: dict[str, float] = None", {"'weights'", "dict[str", "float"}),
+        ("kernel: 'np.ndarray' = None", {"annotations", "NameError"}),
+        ("level: Literal[1, 2] = 1", {"'level'", "typing.Literal[1", "2"}),
+        ("label: str = ''", {"'label'", "reserved"}),
+        ("count: int = None", {"odd", "None", "count"}),
     ],
 )
-def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path: Path, field: str, said: str):
+def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path: Path, field: str, named: set[str]):
     path = write(tmp_path, "Odd")
     path.write_text(
         path.read_text()
@@ -147,8 +147,9 @@ def test_an_option_that_cannot_be_configured_breaks_only_its_own_plugin(tmp_path
     )
     load_file(path)
     assert jobs(["dataset=demo", "method=underwater"], multirun=False)
-    with pytest.raises(PluginError, match=re.escape(said)):
+    with pytest.raises(PluginError) as fault:
         find("method", "odd")
+    assert named <= names(fault.value)
 
 
 def test_two_files_of_one_name_are_two_modules(tmp_path: Path):

@@ -11,6 +11,7 @@ import cv2
 import numpy as np
 import pytest
 from support.command_line import Done
+from support.messages import names
 from support.published import published
 
 import sucre_bench as sb
@@ -154,25 +155,25 @@ def test_fewer_rows_and_rows_of_other_images_are_warnings(bench: Bench, folder: 
 
 
 @pytest.mark.parametrize(
-    ("headers", "rows", "fault"),
+    ("headers", "rows", "named"),
     [
-        ("image,uciqe", [("a.png", 1), ("b.png", 2)], "names none of the 6 images"),
-        ("uciqe,uiqm", [(1, 2), (3, 4)], "names none of the 6 images"),
-        ("image,sharpness", [("ours/0.png", 1)], "no column is a metric, of image, sharpness"),
-        ("image,psi", [("ours/0.png", 1)], "column 'psi' needs charts"),
-        ("image,uciqe", [("ours/0.png", "high")], "holds no number"),
-        ("image,uciqe", [], "has no rows"),
-        ("image,uciqe", [("ours/0.png", 1), ("ours/0.png", 2)], "several rows name ours/0.png"),
+        ("image,uciqe", [("a.png", 1), ("b.png", 2)], {"none", "6", "ours/0.png"}),
+        ("uciqe,uiqm", [(1, 2), (3, 4)], {"none", "6", "ours/0.png"}),
+        ("image,sharpness", [("ours/0.png", 1)], {"metric", "image", "sharpness"}),
+        ("image,psi", [("ours/0.png", 1)], {"'psi'", "charts"}),
+        ("image,uciqe", [("ours/0.png", "high")], {"number"}),
+        ("image,uciqe", [], {"rows", "headers"}),
+        ("image,uciqe", [("ours/0.png", 1), ("ours/0.png", 2)], {"several", "ours/0.png"}),
     ],
 )
 def test_a_table_that_cannot_be_compared_is_one_line(
-    bench: Bench, folder: Path, tmp_path: Path, headers: str, rows: list[tuple[object, ...]], fault: str
+    bench: Bench, folder: Path, tmp_path: Path, headers: str, rows: list[tuple[object, ...]], named: set[str]
 ) -> None:
     done = bench("score", str(folder), "--like", table(tmp_path / "t.csv", headers, rows))
     assert done.returncode == 2
     (line,) = done.errors
     assert line.startswith(f"error: {tmp_path / 't.csv'}: ")
-    assert fault in line
+    assert named <= names(line)
 
 
 def test_a_missing_or_binary_table_is_one_line(bench: Bench, folder: Path, tmp_path: Path) -> None:

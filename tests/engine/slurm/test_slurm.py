@@ -19,6 +19,7 @@ from typing import Any
 import pandas as pd
 import pytest
 from support import slurm_cluster
+from support.messages import names
 from support.places import TOYS
 
 from sucre_bench import results
@@ -278,19 +279,19 @@ def leaves(job: Submitted, outcome: object) -> Callable[[], object]:
 
 
 @pytest.mark.parametrize(
-    ("states", "reason"),
+    ("states", "named"),
     [
-        (["RUNNING", "OUT_OF_MEMORY"], "ran out of memory; give more with hydra.launcher.mem_gb= (OUT_OF_MEMORY)"),
-        (["RUNNING", "FAILED"], "was killed (FAILED, execve(): python: No such file or directory)"),
-        (["RUNNING", "TIMEOUT", ""], "reached its time limit"),  # listed for a while only
-        (["RUNNING", ""], "is not known to SLURM any more; log"),
-        (["PENDING", "CANCELLED"], "was cancelled (CANCELLED)"),
+        (["RUNNING", "OUT_OF_MEMORY"], {"hydra.launcher.mem_gb=", "OUT_OF_MEMORY"}),
+        (["RUNNING", "FAILED"], {"killed", "FAILED", "execve"}),
+        (["RUNNING", "TIMEOUT", ""], {"hydra.launcher.timeout_min="}),  # listed for a while only
+        (["RUNNING", ""], {"SLURM", "known"}),
+        (["PENDING", "CANCELLED"], {"cancelled", "CANCELLED"}),
     ],
 )
-def test_a_job_that_ended_without_a_result_is_lost(job: Submitted, states: list[str], reason: str):
+def test_a_job_that_ended_without_a_result_is_lost(job: Submitted, states: list[str], named: set[str]):
     ((ended, fault),) = wait([job], answers(*states), latency_s=0.05, **OFTEN)
     assert ended is job
-    assert reason in fault
+    assert named <= names(fault)
     assert fault.endswith(f"; log: {job.stderr}")
 
 

@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import json
-import re
 from pathlib import Path
 
 import numpy as np
 import pytest
+from support.messages import names
 from support.painted_charts import TILTED, painted
 
 from sucre_bench.arrays import Array
@@ -209,23 +209,24 @@ def test_given_srgb_is_taken_and_the_loader_finds_the_file_beside_its_own(tmp_pa
 
 
 @pytest.mark.parametrize(
-    ("change", "fault"),
+    ("change", "named"),
     [
-        (("# illuminant: {illuminant}\n", ""), "does not say illuminant and frame"),
-        (("{illuminant}", "D51"), "illuminant 'D51': unknown; did you mean"),
-        (("60,0,120,40", "60,0,130,40"), "line 5: the patch is not inside the frame"),
-        (("32.30", "dark"), "line 6: L is 'dark', not a number"),
-        (("32.30", "nan"), "line 6: L is 'nan', not a number"),
-        (("120 x 80", "1.2.3 x 4"), "does not say illuminant and frame"),
-        (("blue,", '"blue,'), "a line ends within quotes"),
-        ((",L,a,b", ",X,Y,Z"), "no column 'L'"),
+        (("# illuminant: {illuminant}\n", ""), {"illuminant", "frame"}),
+        (("{illuminant}", "D51"), {"illuminant", "'D51'", "D50"}),
+        (("60,0,120,40", "60,0,130,40"), {"line", "5", "patch", "frame"}),
+        (("32.30", "dark"), {"line", "6", "L", "'dark'", "number"}),
+        (("32.30", "nan"), {"line", "6", "L", "'nan'", "number"}),
+        (("120 x 80", "1.2.3 x 4"), {"illuminant", "frame"}),
+        (("blue,", '"blue,'), {"line", "quotes"}),
+        ((",L,a,b", ",X,Y,Z"), {"column", "'L'"}),
     ],
 )
-def test_a_description_that_is_none_is_refused_by_line(tmp_path: Path, change: tuple[str, str], fault: str) -> None:
+def test_no_description_is_refused_by_line(tmp_path: Path, change: tuple[str, str], named: set[str]) -> None:
     path = tmp_path / "own.csv"
     path.write_text(OWN.replace(*change).replace("{illuminant}", "D65"))
-    with pytest.raises(InputError, match=r"own.csv: .*" + re.escape(fault)):
+    with pytest.raises(InputError, match=r"own\.csv: ") as fault:
         chart_kind(str(path))
+    assert named <= names(fault.value)
 
 
 def test_a_description_that_is_not_there_names_the_file() -> None:

@@ -8,10 +8,11 @@ from pathlib import Path
 
 import pytest
 from click.testing import CliRunner, Result
+from support.messages import names
 from support.places import TOYS
 from support.tried_plugins import HEAD, JUDGED, METHOD, METRIC, write
 
-from sucre_bench import InputError
+from sucre_bench import InputError, PluginError
 from sucre_bench.commands.check import check as command
 from sucre_bench.plugins.registry import find, load_file
 from sucre_bench.programs.contract import Subject, check, rules
@@ -79,19 +80,19 @@ def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> N
 
 
 @pytest.mark.parametrize(
-    ("arguments", "said"),
+    ("arguments", "named"),
     [
-        (("gray_wrld",), "no plugin is called 'gray_wrld'; did you mean 'gray_world'"),
-        (("gray_world", "--kind", "metric"), "no metric is called 'gray_world'"),
-        (("gray_world", "--on", "dmo"), "no dataset is called 'dmo'; did you mean 'demo'"),
-        (("gray_world", "method.gain=2"), "no option 'gain'"),
-        (("nowhere.py",), "no such plugin file"),
+        (("gray_wrld",), {"plugin", "'gray_wrld'", "'gray_world'"}),
+        (("gray_world", "--kind", "metric"), {"metric", "'gray_world'"}),
+        (("gray_world", "--on", "dmo"), {"dataset", "'dmo'", "'demo'"}),
+        (("gray_world", "method.gain=2"), {"option", "'gain'"}),
+        (("nowhere.py",), {"nowhere.py", "file"}),
     ],
 )
-def test_the_command_refuses_what_is_not_there(arguments: tuple[str, ...], said: str) -> None:
+def test_the_command_refuses_what_is_not_there(arguments: tuple[str, ...], named: set[str]) -> None:
     fault = run(*arguments).exception
-    assert said in str(fault)
-    assert isinstance(fault, (InputError, Exception))
+    assert isinstance(fault, PluginError if "nowhere.py" in named else InputError)
+    assert named <= names(fault)
 
 
 def test_a_name_that_two_kinds_have_is_asked_about(tmp_path: Path) -> None:

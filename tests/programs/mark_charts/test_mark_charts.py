@@ -19,6 +19,7 @@ import pytest
 from click.testing import CliRunner
 from support.colmap_folder import write_image
 from support.made_scene import make_camera, make_pose
+from support.messages import names
 from support.painted_charts import TILTED, painted
 
 import sucre_bench as sb
@@ -360,23 +361,20 @@ def test_charts_of_ones_own_kind_are_carried_over_and_accepted(tmp_path: Path) -
 
 
 @pytest.mark.parametrize(
-    ("words", "fault"),
+    ("words", "named"),
     [
-        (["dataset=demo", "--kind", "nosuch.csv"], "nosuch.csv: no such file; give the path"),
-        (["nowhere/images/a.png"], "no such image"),
-        ([], "no view; give images"),
-        (["dataset=demo", "dataset.image_scale=0.5"], "corners are kept in pixels"),
-        (["dataset=demo", "--kind", "dkg"], "did you mean 'dgk'"),
-        (
-            ["dataset=demo", "dataset.width=64", "dataset.height=48"],
-            "dataset 'demo' has no charts.json in its root; use colmap",
-        ),
+        (["dataset=demo", "--kind", "nosuch.csv"], {"nosuch.csv", "file"}),
+        (["nowhere/images/a.png"], {"nowhere/images/a.png", "image"}),
+        ([], {"view", "images"}),
+        (["dataset=demo", "dataset.image_scale=0.5"], {"dataset.image_scale=0.5", "corners"}),
+        (["dataset=demo", "--kind", "dkg"], {"'dkg'", "'dgk'"}),
+        (["dataset=demo", "dataset.width=64", "dataset.height=48"], {"'demo'", "charts.json", "colmap"}),
     ],
 )
-def test_what_cannot_be_marked_is_said(words: list[str], fault: str) -> None:
+def test_what_cannot_be_marked_is_said(words: list[str], named: set[str]) -> None:
     result = CliRunner().invoke(charts, words)
     assert isinstance(result.exception, InputError)
-    assert fault in str(result.exception)
+    assert named <= names(result.exception)
 
 
 def test_a_charts_file_that_its_loader_does_not_look_for_is_not_made(tmp_path: Path) -> None:
@@ -394,9 +392,7 @@ def test_corners_are_not_marked_in_undistorted_images(tmp_path: Path) -> None:
     words = ["dataset=colmap", f"dataset.root={tmp_path}", "dataset.undistort=true", "--accept"]
     result = CliRunner().invoke(charts, words)
     assert isinstance(result.exception, InputError)
-    assert "dataset.undistort=true: corners are kept in pixels of the images as they are stored" in str(
-        result.exception
-    )
+    assert {"dataset.undistort=true", "corners"} <= names(result.exception)
 
 
 def test_a_chart_of_the_one_view_that_is_named_is_carried_to_all(tmp_path: Path) -> None:

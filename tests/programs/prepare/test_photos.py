@@ -22,15 +22,12 @@ from sucre_bench.programs.prepare.pipeline import Options, prepare
 @pytest.mark.parametrize(
     ("names", "message"),
     [
-        ((), "holds no photos; put two"),
-        (("a.png",), "holds one photo; put two"),
-        (("a.png", "text.jpg"), r"holds one photo that can be read \(text\.jpg cannot be read, .*not an image\); put"),
-        (
-            ("cut.jpg", "text.png"),
-            r"holds no photos .*\(cut\.jpg cannot be read, .*truncated.*; text\.png cannot .*\);",
-        ),
-        (("a.png", "cut.png"), r"holds one photo that can be read \(cut\.png cannot be read, cut short\); put"),
-        (("cut.png", "cut.jpg", "cut 2.jpg"), r"holds no photos that can be read \(cut 2\.jpg .*; cut\.png .*\); put"),
+        ((), r"no photos; .*two"),
+        (("a.png",), r"one photo; .*two"),
+        (("a.png", "text.jpg"), r"one photo .*\(text\.jpg .*image\); .*two"),
+        (("cut.jpg", "text.png"), r"no photos .*\(cut\.jpg .*truncated.*; text\.png .*\); .*two"),
+        (("a.png", "cut.png"), r"one photo .*\(cut\.png .*cut.*\); .*two"),
+        (("cut.png", "cut.jpg", "cut 2.jpg"), r"no photos .*\(cut 2\.jpg .*; cut\.png .*\); .*two"),
     ],
 )
 def test_too_few_photos_are_an_error_that_names_the_damaged(tmp_path: Path, names: tuple[str, ...], message: str):

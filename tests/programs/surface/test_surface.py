@@ -14,6 +14,7 @@ import pytest
 from click.testing import CliRunner
 from support.made_frames import make_frame, plain, wall_view
 from support.made_scene import BOX, PLANE, make_camera, make_pose, make_view
+from support.messages import names
 from support.places import TOYS
 from support.registries import registry
 
@@ -218,18 +219,19 @@ def test_the_command_writes_a_surface_and_a_picture_of_what_a_run_left(results: 
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "named"),
     [
-        (["s.obj", "--method", "gain,gain=1"], "s.obj: .* end it in .ply or .glb"),
-        (["s.ply", "--method", "gain", "--picture", "p.jpg"], "p.jpg: .* end it in .png"),
-        (["s.ply", "--method", "gain,gain=2"], "method 'gain,gain=2': no results of it; did you mean 'gain,gain=1"),
-        (["s.ply", "--method", "input", "--dataset", "toi"], "dataset 'toi': .* known: toy"),
-        (["s.ply", "--method", "input", "--scene", "x"], "scene 'x': .* known: toy"),
+        (["s.obj", "--method", "gain,gain=1"], {"s.obj", ".ply", ".glb"}),
+        (["s.ply", "--method", "gain", "--picture", "p.jpg"], {"p.jpg", ".png"}),
+        (["s.ply", "--method", "gain,gain=2"], {"method", "'gain,gain=2'", "'gain,gain=1.0'"}),
+        (["s.ply", "--method", "input", "--dataset", "toi"], {"dataset", "'toi'", "toy"}),
+        (["s.ply", "--method", "input", "--scene", "x"], {"scene", "'x'", "toy"}),
     ],
 )
-def test_wrong_words_are_named_in_one_line(results: Path, words: list[str], message: str):
-    with pytest.raises(InputError, match=message) as fault:
+def test_wrong_words_are_named_in_one_line(results: Path, words: list[str], named: set[str]):
+    with pytest.raises(InputError) as fault:
         CliRunner().invoke(texture, [str(results), *words], catch_exceptions=False)
+    assert named <= names(fault.value)
     assert "\n" not in str(fault.value)
 
 

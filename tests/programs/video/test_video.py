@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 from support.made_frames import make_frame, plain, wall_view
+from support.messages import names
 from support.places import TOYS
 from support.registries import registry
 
@@ -222,13 +223,14 @@ def test_labels_are_parted_by_commas_though_they_may_hold_some(results: Path, tm
 
 
 @pytest.mark.parametrize(
-    ("words", "message"),
+    ("words", "named"),
     [
-        (["v.avi", "--methods", "same"], "v.avi: .* end it in .mp4 or .webm"),
-        (["v.mp4", "--methods", "sane"], "method 'sane': no results of it; did you mean 'same'"),
-        (["v.mp4", "--methods", ","], "--methods: no label"),
+        (["v.avi", "--methods", "same"], {"v.avi", ".mp4", ".webm"}),
+        (["v.mp4", "--methods", "sane"], {"method", "'sane'", "'same'"}),
+        (["v.mp4", "--methods", ","], {"--methods", "label"}),
     ],
 )
-def test_wrong_words_are_named_in_one_line(results: Path, words: list[str], message: str):
-    with pytest.raises(InputError, match=message):
+def test_wrong_words_are_named_in_one_line(results: Path, words: list[str], named: set[str]):
+    with pytest.raises(InputError) as fault:
         CliRunner().invoke(video, [str(results), *words], catch_exceptions=False)
+    assert named <= names(fault.value)
