@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import ast
 import builtins
+import functools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 
 import pytest
 from support.places import ROOT
@@ -43,9 +44,9 @@ def seeks(node: ast.Call) -> bool:
     return called(node) in SEEKING or called(node).startswith("check_")
 
 
-def compared(tree: ast.AST) -> Iterator[ast.expr]:
-    """What a file's tests compare with something, or look for."""
-    for node in ast.walk(tree):
+def compared(nodes: Iterable[ast.AST]) -> Iterator[ast.expr]:
+    """What the tests among the nodes compare with something, or look for."""
+    for node in nodes:
         if isinstance(node, ast.Assert):
             for part in ast.walk(node.test):
                 if isinstance(part, ast.Compare) and all(isinstance(op, COMPARING) for op in part.ops):
@@ -58,20 +59,23 @@ def compared(tree: ast.AST) -> Iterator[ast.expr]:
             yield from node.value.args
 
 
-def sought(tree: ast.AST) -> Iterator[ast.Constant]:
+def sought(nodes: list[ast.AST]) -> Iterator[ast.Constant]:
     """The strings that a file's tests look for, where they look or in a table of cases."""
-    for node in compared(tree):
+    for node in compared(nodes):
         yield from texts(node)
     assigned = {
         ast.unparse(target): node.value
-        for node in ast.walk(tree)
+        for node in nodes
         if isinstance(node, ast.Assign | ast.AnnAssign) and node.value
         for target in (node.targets if isinstance(node, ast.Assign) else [node.target])
+        if isinstance(target, ast.Name)
     }
-    for function in ast.walk(tree):
+    for function in nodes:
         if isinstance(function, Function):
-            names = looked_for(function)
-            for columns, table in tables(function, assigned):
+            within = list(ast.walk(function))
+            cases = list(tables(function, within, assigned))
+            names = looked_for(within) if cases else set()
+            for columns, table in cases:
                 for column, cell in cells(columns, table):
                     if column in names:
                         yield from texts(cell)
@@ -92,26 +96,28 @@ def is_of_python(node: ast.Call) -> bool:
     return seeks(node) or hasattr(builtins, called(node)) or called(node) in ("escape", "raises", "names", "format")
 
 
-def looked_for(function: Function) -> set[str]:
+def looked_for(nodes: list[ast.AST]) -> set[str]:
     """The names whose values a test compares, and does not hand to the code."""
-    names = {name for node in compared(function) for name in names_in(node)}
-    steps = [(node.target, node.iter) for node in ast.walk(function) if isinstance(node, ast.For | ast.comprehension)]
-    steps += [(node.targets[0], node.value) for node in ast.walk(function) if isinstance(node, ast.Assign)]
+    names = {name for node in compared(nodes) for name in names_in(node)}
+    steps = [(node.target, node.iter) for node in nodes if isinstance(node, ast.For | ast.comprehension)]
+    steps += [(node.targets[0], node.value) for node in nodes if isinstance(node, ast.Assign)]
     for target, source in steps * 2:  # a name may be given on twice
         if names & set(names_in(target)):
             names |= set(names_in(source))
-    calls = [node for node in ast.walk(function) if isinstance(node, ast.Call) and not is_of_python(node)]
+    calls = [node for node in nodes if isinstance(node, ast.Call) and not is_of_python(node)]
     return names - {argument.id for call in calls for argument in call.args if isinstance(argument, ast.Name)}
 
 
-def tables(function: Function, assigned: dict[str, ast.expr]) -> Iterator[tuple[list[str], ast.expr]]:
+def tables(
+    function: Function, within: list[ast.AST], assigned: dict[str, ast.expr]
+) -> Iterator[tuple[list[str], ast.expr]]:
     """The tables of cases that a test gets or goes through, with the names of their columns."""
     for node in function.decorator_list:
         if isinstance(node, ast.Call) and called(node) == "parametrize":
             columns = ast.literal_eval(node.args[0])
             names = columns.replace(" ", "").split(",") if isinstance(columns, str) else list(columns)
             yield names, written_out(node.args[1], assigned)
-    for loop in ast.walk(function):
+    for loop in within:
         if isinstance(loop, ast.For):
             yield list(names_in(loop.target)), written_out(loop.iter, assigned)
 
@@ -136,20 +142,22 @@ def cells(columns: list[str], table: ast.expr) -> Iterator[tuple[str, ast.expr]]
         yield from zip(columns, parts if len(parts) == len(columns) else [row] * len(columns), strict=True)
 
 
-def written(tree: ast.AST) -> str:
-    """All strings of a file but those that its tests look for: what it hands to the code."""
-    looked_for = {id(text) for text in sought(tree)}
-    strings = (n for n in ast.walk(tree) if isinstance(n, ast.Constant) and isinstance(n.value, str))
-    return "\n".join(str(one.value) for one in strings if id(one) not in looked_for)
+@functools.cache
+def read(source: str) -> tuple[list[ast.Constant], str]:
+    """The strings that a file's tests look for; all its other strings: what it hands to the code."""
+    nodes = list(ast.walk(ast.parse(source)))
+    looked_for = list(sought(nodes))
+    known = {id(text) for text in looked_for}
+    strings = (n for n in nodes if isinstance(n, ast.Constant) and isinstance(n.value, str) and id(n) not in known)
+    return looked_for, "\n".join(str(one.value) for one in strings)
 
 
 def prose(source: str, shared: str = "") -> Iterator[str]:
     """Each sought string of three words or more that neither the file nor the shared helpers hand to the code."""
-    tree = ast.parse(source)
-    handed = f"{shared}\n{written(tree)}"
-    for text in sought(tree):
+    looked_for, handed = read(source)
+    for text in looked_for:
         said = WORDS.search(str(text.value))
-        if said and said[0] not in handed:
+        if said and said[0] not in handed and said[0] not in shared:
             yield f"line {text.lineno}: {text.value!r}"
 
 
@@ -160,12 +168,14 @@ def enumerated() -> str:
 
 
 def test_no_test_asserts_prose() -> None:
-    files = sorted((ROOT / "tests").rglob("*.py"))
-    assert len(files) > 100
-    shared = "\n".join(written(ast.parse(path.read_text("utf-8"))) for path in files if "support" in path.parts)
-    shared = f"{shared}\n{enumerated()}"
-    found = [f"{path.relative_to(ROOT)}, {text}" for path in files for text in prose(path.read_text("utf-8"), shared)]
+    sources = {path: path.read_text("utf-8") for path in sorted((ROOT / "tests").rglob("*.py"))}
+    assert len(sources) > 100
+    shared = "\n".join([enumerated(), *(read(text)[1] for path, text in sources.items() if "support" in path.parts)])
+    found = [f"{path.relative_to(ROOT)}, {text}" for path in sources for text in prose(sources[path], shared)]
     assert not found, "\n".join(["assert the class, the field or the names in the message, no words:", *found])
+
+
+CASES = "@pytest.mark.parametrize(('word', 'said'), {})\ndef test(word, said):\n    {}"
 
 
 @pytest.mark.parametrize(
@@ -180,6 +190,15 @@ def test_no_test_asserts_prose() -> None:
         "assert said.startswith('no pixel is seen')",
         "with pytest.raises(InputError, match=r'is no camera'): pass",
         "with pytest.raises(InputError, match=f'{name}: cannot be read'): pass",
+        "assert {'nothing', 'is not there'} <= names(fault.value)",
+        "check_message(str(fault.value), 'has no depth')",
+        CASES.format("[('a', 'no such file')]", "assert said in str(fault.value)"),
+        CASES.format("[pytest.param('a', 'no such file')]", "assert said in str(fault.value)"),
+        CASES.format("[('a', ['file', 'no such file'])]", "assert all(one in message for one in said)"),
+        CASES.format("[('a', 'no such file')]", "text = said.format(word)\n    assert re.search(text, message)"),
+        CASES.format("[('a', 'no such file')]", "with pytest.raises(InputError, match=said): pass"),
+        "MADE = {'a': ('a', 'no such file')}\n" + CASES.format("MADE.values()", "assert said in message"),
+        "def test():\n    for word, said in [('a', 'no such file')]:\n        assert said in run(word)",
     ],
 )
 def test_prose_is_found(source: str) -> None:
@@ -198,6 +217,10 @@ def test_prose_is_found(source: str) -> None:
         "assert page.ask('#scores-sheet tbody tr') == 3",
         "assert re.search('camera, pose and depth', said)",
         "assert said.endswith('pip install onnx')",
+        CASES.format("[('a', {'file', 'a.png'})]", "assert said <= names(fault.value)"),
+        CASES.format("[('no such file', 'a')]", "assert said in run(word)"),
+        CASES.format("[('a', 'no such file')]", "assert reason_of(said) == said"),
+        "MADE = {'no such file': ('a', 'b')}\n" + CASES.format("MADE.values()", "assert said in message"),
     ],
 )
 def test_data_are_none(source: str) -> None:
