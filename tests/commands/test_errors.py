@@ -1,4 +1,4 @@
-"""A typical mistake with each command, word for word: golden/<command>.txt holds its error line.
+"""A typical mistake with each command, word for word: golden_errors/<command>.txt holds its error line.
 
 The text of every --help is held by docs/cli.md, which `make check` compares. After a change that is meant, write the
 files anew: `GOLDEN=write python -m pytest tests/commands/test_errors.py`.
@@ -14,7 +14,7 @@ from pathlib import Path
 import pytest
 from support.command_line import Done, commands
 
-GOLDEN = Path(__file__).with_name("golden")
+GOLDEN = Path(__file__).with_name("golden_errors")
 MISTAKES = {
     "run": ["method=grey_world"],
     "lineup": ["nowhere"],

@@ -1,6 +1,6 @@
 """Tests assert data: classes, fields, names and numbers. What a message says in words may change at any time.
 
-Whole outputs of commands are compared in one place, with the files of tests/commands/golden.
+Whole error lines are compared in one place, one for each command: tests/commands/test_errors.py.
 """
 
 from __future__ import annotations
