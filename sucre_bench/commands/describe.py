@@ -16,7 +16,7 @@ from sucre_bench.commands.shared_options import json_option, plugin_option, refu
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.depth_and_poses import Overlap
     from sucre_bench.programs.describe.description import Described
-    from sucre_bench.programs.describe.exposure import Exposure
+    from sucre_bench.programs.describe.exposure import Exposure, NoExposure
     from sucre_bench.programs.describe.view_facts import ViewFacts
     from sucre_bench.scene import Water
 
@@ -176,9 +176,11 @@ def _travel(facts: Sequence[ViewFacts], unit: str) -> str:
     return f"{np.linalg.norm(np.ptp(places, axis=0)):.2f} {unit} between the outermost of {len(places)} cameras"
 
 
-def _exposure(exposure: Exposure | None) -> str:
-    if exposure is None:
-        return "not known: no two views see points at like distances"
+def _exposure(exposure: Exposure | NoExposure) -> str:
+    from sucre_bench.programs.describe.exposure import NoExposure
+
+    if isinstance(exposure, NoExposure):
+        return f"not known: {exposure.value}"
     if exposure.falls_off:
         light = f"light falls off across the images, to {exposure.least:.0%} of its peak, as from a lamp on the camera"
         return f"gains of views not known: {light}; sucre removes it with lamp=auto, its default"

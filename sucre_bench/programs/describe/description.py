@@ -10,7 +10,7 @@ from sucre_bench.arrays import evenly
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.programs.describe.contact_sheet import contact_sheet
 from sucre_bench.programs.describe.depth_and_poses import Overlap, overlaps
-from sucre_bench.programs.describe.exposure import Exposure, estimate_exposure
+from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
 from sucre_bench.programs.describe.faults import Fault, find_faults
 from sucre_bench.programs.describe.scale_note import ScaleNote
 from sucre_bench.programs.describe.view_facts import Look, ViewFacts, look_at
@@ -23,10 +23,9 @@ _BINS = 12
 class Described:
     """The description of a scene: facts and overlaps of its views, their exposure, and faults.
 
-    n_views: number of views in the scene, also those that are not described; exposure: None if no two views see points
-    at like distances; scale: the note of `prepare`, or None if
-    there is none (lengths then count as metres); edges (B + 1,), counts (B,): histogram of distances over all views'
-    pixels with depth, as shares.
+    n_views: number of views in the scene, also those that are not described; exposure: or why it is not known; scale:
+    the note of `prepare`, or None if there is none (lengths then count as metres); edges (B + 1,), counts (B,):
+    histogram of distances over all views' pixels with depth, as shares.
     """
 
     dataset: str
@@ -40,7 +39,7 @@ class Described:
     edges: tuple[float, ...]
     counts: tuple[float, ...]
     looks: tuple[Look, ...]
-    exposure: Exposure | None
+    exposure: Exposure | NoExposure
     scale: ScaleNote | None = None
 
     @property
@@ -108,7 +107,8 @@ def _plain_scene(one: Described) -> dict[str, Any]:
         "water": water,
         "views": [asdict(view) for view in one.facts],
         "overlaps": [asdict(overlap) for overlap in one.overlaps],
-        "exposure": None if one.exposure is None else _plain_exposure(one.exposure),
+        "exposure": _plain_exposure(one.exposure) if isinstance(one.exposure, Exposure) else None,
+        "exposure_unknown": one.exposure.name.lower() if isinstance(one.exposure, NoExposure) else None,
         "distances": {"edges": list(one.edges), "shares": list(one.counts)},
         "faults": [{**asdict(fault), "text": str(fault)} for fault in one.faults],
     }

@@ -13,6 +13,7 @@ pairs. How well the pairs agree tells what is chance.
 
 from __future__ import annotations
 
+import enum
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -71,12 +72,23 @@ class Exposure:
         return not self.falls_off and span > max(math.log1p(_DIFFERENT), _SURE * self.error)
 
 
-def estimate_exposure(looks: Sequence[Look]) -> Exposure | None:
-    """Return the exposure of the largest group of views that see points at like distances; None if no two do."""
+class NoExposure(enum.Enum):
+    """Why the exposure of views is not known."""
+
+    FEW_VIEWS = "fewer than two views have an image, depth, a camera and a pose"
+    NO_OVERLAP = "no two views see the same points"
+    UNLIKE = "views see the same points only at unlike distances, or too dark or bright"
+
+
+def estimate_exposure(looks: Sequence[Look]) -> Exposure | NoExposure:
+    """Return the exposure of the largest group of views that see points at like distances; why not if no two do."""
     views = [_small(look) for look in looks if _is_usable(look)]
-    pairs = [pair for k in evenly(len(views), _TARGETS) for pair in _pairs_of(k, views)]
+    if len(views) < 2:
+        return NoExposure.FEW_VIEWS
+    tried = [pair for k in evenly(len(views), _TARGETS) for pair in _pairs_of(k, views)]
+    pairs = [pair for pair in tried if isinstance(pair, _Pair)]
     if not pairs:
-        return None
+        return NoExposure.UNLIKE if NoExposure.UNLIKE in tried else NoExposure.NO_OVERLAP
     light = _Light.of(pairs)
     group = _largest_group(pairs, len(views))
     within = [pair for pair in pairs if pair.first in group]
@@ -184,20 +196,22 @@ def _small(look: Look) -> View:
     return replace(look.view, pixels=Arrays(rgb, look.depth), camera=look.camera)
 
 
-def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair]:
-    """Return the pairs of a view with others that may see it, the nearest in the order of the scene first."""
+def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair | NoExposure]:
+    """Return the pairs of a view with others that may see it, the nearest in the order of the scene first; or why not.
+
+    At most `_PARTNERS` are pairs.
+    """
     most = visible_pixels(lift(views[k]), views)
     others = sorted((j for j in range(len(views)) if j != k and most[j]), key=lambda j: abs(j - k))
-    pairs = []
+    tried: list[_Pair | NoExposure] = []
     for j in others[: 3 * _PARTNERS]:
-        if (pair := _pair(k, j, views)) is not None:
-            pairs.append(pair)
-        if len(pairs) == _PARTNERS:
+        tried.append(_pair(k, j, views))
+        if sum(isinstance(pair, _Pair) for pair in tried) == _PARTNERS:
             break
-    return pairs
+    return tried
 
 
-def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | None:
+def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | NoExposure:
     view, other = views[first], views[second]
     assert view.camera is not None
     assert view.cam_from_world is not None
@@ -218,9 +232,10 @@ def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | None:
     I, I_other = view.rgb[v, u], other.rgb[row, column]  # noqa: E741
     levels = np.concatenate([I, I_other], axis=1)
     is_lit = ((levels > _LIT[0]) & (levels < _LIT[1])).all(axis=1)
-    seen = inside & is_lit & (np.abs(other.depth[row, column] - depth) < _AGREES * depth) & (np.abs(further) < _ALIKE)
+    is_shared = inside & (np.abs(other.depth[row, column] - depth) < _AGREES * depth)
+    seen = is_shared & is_lit & (np.abs(further) < _ALIKE)
     if seen.sum() < _FEWEST:
-        return None
+        return NoExposure.UNLIKE if is_shared.sum() >= _FEWEST else NoExposure.NO_OVERLAP
     place = np.stack([points[seen, :2] / points[seen, 2:], there[seen, :2] / there[seen, 2:]], axis=1)
     ratio = np.log(I_other[seen].astype(np.float64) / I[seen])
     return _Pair(first, second, ratio, place, further[seen])

@@ -10,7 +10,7 @@ from support.made_ground import WATERS
 from support.made_survey import make_survey
 
 from sucre_bench import Arrays, Scene
-from sucre_bench.programs.describe.exposure import Exposure, estimate_exposure
+from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
 from sucre_bench.programs.describe.view_facts import look_at
 
 GAINS = np.array([0.75, 1.2, 0.9, 1.0, 1.25, 0.7, 1.1, 0.85])
@@ -24,7 +24,7 @@ def exposure_of(scene: Scene, gains: np.ndarray | None = None) -> Exposure:
             for view, gain in zip(views, gains, strict=True)
         ]
     found = estimate_exposure([look for _, look in look_at(views, False)])
-    assert found is not None
+    assert isinstance(found, Exposure)
     return found
 
 
@@ -45,6 +45,15 @@ def test_the_falloff_of_a_strobe_is_no_difference_of_exposure() -> None:
     assert not found.differs
 
 
-def test_views_that_share_nothing_have_no_exposure() -> None:
-    views = [next(iter(make_survey(WATERS["coast"], views=1, strobe=False)))]
-    assert estimate_exposure([look for _, look in look_at(views, False)]) is None
+def test_the_reason_why_an_exposure_is_not_known_is_data() -> None:
+    first, second, *_ = make_survey(WATERS["coast"], strobe=False)
+    assert first.cam_from_world is not None
+    elsewhere = first.cam_from_world.copy()
+    elsewhere[0, 3] += 1000
+    dark = [replace(view, pixels=Arrays(view.rgb * 0.01, view.depth)) for view in (first, second)]
+    for views, why in (
+        ([first], NoExposure.FEW_VIEWS),
+        ([first, replace(second, cam_from_world=elsewhere)], NoExposure.NO_OVERLAP),
+        (dark, NoExposure.UNLIKE),
+    ):
+        assert estimate_exposure([look for _, look in look_at(views, False)]) is why
