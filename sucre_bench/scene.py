@@ -169,6 +169,13 @@ class View:
         return levels() if levels is not None else None
 
     @property
+    def is_jpeg(self) -> bool:
+        """Whether the image comes from a JPEG file, which stores colours at half size. Where its source does not say
+        so, its name does."""
+        said = getattr(self.pixels, "is_jpeg", None)
+        return self.name.lower().endswith((".jpg", ".jpeg")) if said is None else bool(said)
+
+    @property
     def has_depth(self) -> bool:
         """Whether the view has a depth map. Reads the map."""
         return _plane(self.pixels, "depth") is not None

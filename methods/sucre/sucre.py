@@ -12,6 +12,7 @@ import numpy as np
 
 from sucre_bench import Arrays, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.display import normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.fill import FillOption
 from sucre_bench.methods.sucre.known_water import KnownWater, check_file, check_source, water_by, water_of
@@ -81,7 +82,6 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             UNKNOWN_VEIL,
             has_unknown_veil,
             is_in_air,
-            removes_offsets,
             without_darkest,
         )
 
@@ -95,7 +95,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             elif (
                 has_unknown_veil(solution)
                 and not is_in_air(observations, solution)
-                and not removes_offsets(display_of(self))
+                and not normalisation(display_of(self)).removes_offsets
             ):
                 solution = solution.with_limits([UNKNOWN_VEIL])
             if self.residuals:

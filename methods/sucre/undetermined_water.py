@@ -76,11 +76,6 @@ def is_in_air(observations: Observations, solution: Solution) -> bool:
     return bool((solution.water.beta * far < _CLEAR).all() and known.any() and (error[known] < _CLEAR).all())
 
 
-def removes_offsets(display: str) -> bool:
-    """Return whether a display normalisation subtracts a black from each channel."""
-    return display.removeprefix("linear-").startswith("stretch-")
-
-
 def gains_may_explain(matched: Observations, target: str, without: WaterParameters, *, seed: int = 0) -> bool:
     """Return whether one linear step towards gains of views promises half of what makes them count.
 

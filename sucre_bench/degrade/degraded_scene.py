@@ -100,6 +100,11 @@ class _Degraded:
     degradation: Degradation
     has_references: bool
 
+    @property
+    def is_jpeg(self) -> bool:
+        """Whether the image was a JPEG file, or is passed through one."""
+        return self.degradation.jpeg_quality is not None or self.view.is_jpeg
+
     def load(self, plane: Plane) -> Array | None:
         """Return a degraded plane. Raises InputError if there is no image to add water to."""
         match plane:

@@ -20,8 +20,11 @@ With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means
 that mosaics and videos have one tone.
 """
 
+import functools
 import re
 from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 
@@ -33,8 +36,55 @@ from sucre_bench.imaging.percentiles import channel_percentiles
 from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.scene import Encoding, Restoration, Water
 
-# Before the name of a normalisation that takes the veil's place.
-_VEIL_OR = "veil-or-"
+_Kind = Literal["none", "gray-world", "white", "stretch", "black-white", "veil"]
+_P = r"(\d+(?:\.\d+)?)"  # a percentile
+_FORMS: dict[_Kind, str] = {
+    "none": "none",
+    "gray-world": "gray-world",
+    "white": f"white-{_P}",
+    "stretch": f"(?:linear-)?stretch-{_P}-{_P}",
+    "black-white": f"black-{_P}-white-{_P}",
+    "veil": "linear-white-veil",
+}
+_KNOWN = (
+    "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
+    "black-1-white-99, linear-white-veil, veil-or-white-99; @scene behind it takes all views of a scene"
+)
+
+
+@dataclass(frozen=True)
+class Normalisation:
+    """What the name of a display normalisation says.
+
+    low, high: the percentiles that become 0 and 1; is_linear: whether it works in linear light; is_veil_first: whether
+    the veil's colour takes its place where there is a veil; is_of_scene: whether percentiles and means are those of all
+    views of a scene.
+    """
+
+    kind: _Kind
+    low: float
+    high: float
+    is_linear: bool
+    is_veil_first: bool
+    is_of_scene: bool
+
+    @property
+    def removes_offsets(self) -> bool:
+        """Whether it subtracts a black of its own from each channel, whatever the water."""
+        return self.kind == "stretch" and not self.is_veil_first
+
+
+@functools.cache
+def normalisation(how: str) -> Normalisation:
+    """Return what the name of a display normalisation says. Raises InputError for a name that none has."""
+    after_veil = how.removesuffix("@scene")
+    name = after_veil.removeprefix("veil-or-")
+    for kind, form in _FORMS.items():
+        if found := re.fullmatch(form, name):
+            low, high = (0.0, *([float(text) for text in found.groups()] or [100.0]))[-2:]
+            if 0 <= low < high <= 100:
+                return Normalisation(kind, low, high, name.startswith("linear-"), name != after_veil, after_veil != how)
+    raise InputError("unknown", f"display '{how}'", f"use {_KNOWN}")
 
 
 def display(
@@ -50,16 +100,15 @@ def display(
 
     Raises InputError for an unknown name, for "linear-white-veil" without a water, and for "@scene" without `over`.
     """
-    check_display(how)
-    name, _, scope = how.partition("@")
-    name = _veil_or_other(name, water, encoding)
-    if scope and over is None:
+    chosen = normalisation(how)
+    by_veil = chosen.kind == "veil" or (chosen.is_veil_first and _has_linear_veil(water, encoding))
+    if chosen.is_of_scene and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
     over = image if over is None else over
-    if name.startswith("linear-") and encoding == "gamma":
+    if (chosen.is_linear or by_veil) and encoding == "gamma":
         image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
     shown = np.empty(image.shape, dtype=np.float32)
-    limits = _veil_limits(over, water) if name == "linear-white-veil" else _limits(over, name)
+    limits = _veil_limits(over, water) if by_veil else _limits(over, chosen)
     compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
 
@@ -77,15 +126,12 @@ def displayed(
 
 def is_of_scene(how: str) -> bool:
     """Return whether a normalisation takes percentiles and means over all views of a scene."""
-    return how.endswith("@scene")
+    return normalisation(how).is_of_scene
 
 
-def _veil_or_other(name: str, water: Water | None, encoding: Encoding) -> str:
-    """Return the normalisation that "veil-or-NAME" stands for, other names as they are."""
-    if not name.startswith(_VEIL_OR):
-        return name
-    is_linear = water is not None and (water.encoding or encoding) == "linear"
-    return "linear-white-veil" if is_linear and _gains(water) is not None else name.removeprefix(_VEIL_OR)
+def _has_linear_veil(water: Water | None, encoding: Encoding) -> bool:
+    """Whether a water was fitted in linear light and has a veil in every channel."""
+    return water is not None and (water.encoding or encoding) == "linear" and _gains(water) is not None
 
 
 def _gains(water: Water | None) -> Array | None:
@@ -105,23 +151,22 @@ def _veil_limits(image: Array, water: Water | None) -> tuple[Array, Array]:
     return np.zeros(3), np.asarray((top if top > 1e-6 else 1.0) / gain)
 
 
-def _limits(image: Array, how: str) -> tuple[Array, Array]:
+def _limits(image: Array, chosen: Normalisation) -> tuple[Array, Array]:
     """Return what to subtract from each channel (3,), and what to divide it by then."""
     nothing, one = np.zeros(3), np.ones(3)
     valid = coloured(image)
-    if how == "none" or not valid.any():
+    if chosen.kind == "none" or not valid.any():
         return nothing, one
-    if how.startswith("black-"):
-        _, black, _, white = how.split("-")
-        (top,) = channel_percentiles(image, [float(white)], valid)
-        lowest = float(np.percentile(image[valid], float(black)))
+    if chosen.kind == "black-white":
+        (top,) = channel_percentiles(image, [chosen.high], valid)
+        lowest = float(np.percentile(image[valid], chosen.low))
         return np.full(3, lowest), np.where(top - lowest > 1e-6, top - lowest, 1)
-    if how == "gray-world":
+    if chosen.kind == "gray-world":
         return nothing, 1 / _gain_of_means(np.array([image[valid, c].mean(dtype=np.float64) for c in range(3)]))
-    if how.startswith("white-"):
-        (top,) = channel_percentiles(image, [float(how.split("-")[1])], valid)
+    if chosen.kind == "white":
+        (top,) = channel_percentiles(image, [chosen.high], valid)
         return nothing, np.where(top > 1e-6, top, 1)
-    low, high = channel_percentiles(image, [float(p) for p in how.split("-")[-2:]], valid)
+    low, high = channel_percentiles(image, [chosen.low, chosen.high], valid)
     flat = high - low < 1e-6
     return np.where(flat, 0, low), np.where(flat, 1, high - low)
 
@@ -149,20 +194,7 @@ def _by_rows(curve: Callable[[Array], Array], image: Array, rows: int = 64) -> A
 
 def check_display(how: str) -> None:
     """Raise InputError unless `how` names a display normalisation."""
-    name = how.removesuffix("@scene").removeprefix(_VEIL_OR)
-    white = re.fullmatch(r"white-(\d+(?:\.\d+)?)", name)
-    if white and 0 < float(white[1]) <= 100:
-        return
-    number = r"(\d+(?:\.\d+)?)"
-    parts = re.fullmatch(rf"(?:linear-)?stretch-{number}-{number}|black-{number}-white-{number}", name)
-    low, high = (float(part) for part in parts.groups() if part) if parts else (0.0, 0.0)
-    if name in ("none", "gray-world", "linear-white-veil") or 0 <= low < high <= 100:
-        return
-    known = (
-        "none, gray-world or stretch-LOW-HIGH such as stretch-1-99, linear-stretch-1-99 in linear light, white-99, "
-        "black-1-white-99, linear-white-veil, veil-or-white-99; @scene behind it takes all views of a scene"
-    )
-    raise InputError(f"display '{how}': unknown; use {known}")
+    normalisation(how)
 
 
 def stretch(image: Array, low: float = 1, high: float = 99, over: Array | None = None) -> Array:

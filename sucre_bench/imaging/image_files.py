@@ -12,7 +12,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error
-from sucre_bench.imaging.image_header import Header, pillow, read_header, tiff_file
+from sucre_bench.imaging.image_header import Header, begins_like_jpeg, pillow, read_header, tiff_file
 from sucre_bench.imaging.image_notes import note_alpha, note_few_bits
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
 from sucre_bench.imaging.tiff_colours import Stored, read_stored
@@ -121,7 +121,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     check_pixels(place, header.size)
     if header.fault:
         raise InputError(header.fault, place)
-    if data.startswith(b"\xff\xd8"):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
+    if begins_like_jpeg(data):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
         try:
             with pillow().open(io.BytesIO(data)) as image:
                 if not flags & cv2.IMREAD_COLOR:  # a bit that is set in IMREAD_UNCHANGED, too

@@ -3,8 +3,12 @@
 import itertools
 import logging
 from dataclasses import dataclass
+from pathlib import Path
 from types import ModuleType
 from typing import IO, Any
+
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import regular
 
 _ANIMATED = ("PNG", "WEBP")  # a JPEG's further pictures are previews, or the second lens of a camera
 _REDUCED, _MASK = 1, 4  # bits of a TIFF page's NewSubfileType
@@ -44,6 +48,20 @@ def read_header(file: IO[bytes]) -> Header | None:
         return _of_tiff(file) if is_tiff else _of_other(file)
     except Exception:  # of any kind: each format has its own
         return None
+
+
+def begins_like_jpeg(content: bytes) -> bool:
+    """Whether a file's first bytes are those of a JPEG."""
+    return content.startswith(b"\xff\xd8")
+
+
+def is_jpeg(path: Path) -> bool:
+    """Whether a file is a JPEG, whatever its suffix; False where it cannot be read, which decoding will explain."""
+    try:
+        with regular(path).open("rb") as file:
+            return begins_like_jpeg(file.read(2))
+    except (OSError, InputError):
+        return False
 
 
 def tiff_file(file: IO[bytes]) -> Any:

@@ -27,6 +27,11 @@ class SharedPixels:
     files: Files
     key: str
 
+    @property
+    def is_jpeg(self) -> bool:
+        """Whether the image is a JPEG file."""
+        return self.files.is_jpeg
+
     def load(self, plane: Plane) -> Array | None:
         """Return a plane; of depth maps, the file's mapped values. Raises InputError for a file that is unreadable."""
         store = array_store.current()

@@ -7,6 +7,7 @@ from pathlib import Path
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.imaging.image_header import is_jpeg
 from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.scene import Plane
@@ -31,6 +32,11 @@ class Files:
     depth_lens: Lens | None = None
     read_image: Callable[[Path, tuple[int, int] | None], Array] = read_rgb
     faults: Mapping[Plane, str] = field(default_factory=dict)
+
+    @property
+    def is_jpeg(self) -> bool:
+        """Whether the image is a JPEG file, by its first bytes."""
+        return is_jpeg(self.image)
 
     def load(self, plane: Plane) -> Array | None:
         """Decode a plane. Raises InputError for an unreadable file or a known fault."""

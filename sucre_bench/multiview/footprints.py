@@ -45,7 +45,7 @@ _K = 1.0
 
 # JPEG files store colours at half size: the finest detail of red is that of brightness, mostly of green, and water does
 # not take it away. Where a view is such a file, the common Gaussian is wider than that detail.
-_JPEG, _K_JPEG = (".jpg", ".jpeg"), 3.0
+_K_JPEG = 3.0
 
 # Intensities from here on are cut off, and so are footprints that hold them, unless most of a channel is cut off.
 _WHITE, _MOSTLY = 253.5 / 255, 0.5
@@ -95,7 +95,7 @@ def matched_footprints(
     chosen = [views[k] for k in evenly(len(views), _VIEWS)]
     if all(view.name != target.name for view in chosen):
         chosen = [target, *chosen]
-    k = _K_JPEG if any(view.name.lower().endswith(_JPEG) for view in chosen) else _K
+    k = _K_JPEG if any(view.is_jpeg for view in chosen) else _K
     planes = _Planes.of(target, surface)
     place = np.full(surface.camera.width * surface.camera.height, -1, dtype=np.int32)
     place[surface.pixels] = np.arange(len(surface.pixels))

@@ -49,7 +49,7 @@ def restored(method: Any, scene: Scene, view: View) -> Restoration:
     PluginError when the result is not what a method must return, and what the method raises.
     """
     converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
-    given = replace(view, pixels=_Encoded(view.pixels), encoding="gamma") if converts else view
+    given = replace(view, pixels=_Encoded(view.pixels, view.is_jpeg), encoding="gamma") if converts else view
     restoration = method.restore(scene, given)
     if not isinstance(restoration, Restoration):
         raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
@@ -90,6 +90,7 @@ class _Encoded:
     """The pixels of a linear view, gamma-encoded."""
 
     pixels: Pixels
+    is_jpeg: bool
 
     def load(self, plane: Plane) -> Array | None:
         values = self.pixels.load(plane)

@@ -10,6 +10,7 @@ from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.python_api import score
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb
+from sucre_bench.imaging.image_header import is_jpeg
 from sucre_bench.jobs.job import metric_choices
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.machine import progress
@@ -126,16 +127,12 @@ def _is_in_folder_of(file: PurePosixPath, image: PurePosixPath) -> bool:
 
 def _say_lossy(files: Iterable[_Files]) -> None:
     """Say in one line that images without loss are compared with JPEG files."""
-    lossy = [one for one in files if one.compared_with and _is_jpeg(one.compared_with) and not _is_jpeg(one.image)]
-    if lossy:
+    references = (one.compared_with for one in files if one.compared_with and not is_jpeg(one.image))
+    if lossy := next(filter(is_jpeg, references), None):
         progress.say(
-            f"{lossy[0].compared_with}: a JPEG file, which has lost detail, so scores are not exact; "
+            f"{lossy}: a JPEG file, which has lost detail, so scores are not exact; "
             "for exact ones give the dataset's own references"
         )
-
-
-def _is_jpeg(file: Path) -> bool:
-    return file.suffix.lower() in (".jpg", ".jpeg")
 
 
 def _applicable(with_reference: bool) -> list[str]:

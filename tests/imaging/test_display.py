@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from sucre_bench import InputError
-from sucre_bench.imaging.display import display
+from sucre_bench.imaging.display import display, normalisation
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Water
 
@@ -99,3 +99,17 @@ def test_the_veil_is_white_only_where_it_was_fitted_to_linear_light() -> None:
     np.testing.assert_array_equal(display(IMAGE, "veil-or-white-99", water=linear), veil)
     for water in (stored, no_veil, None):
         np.testing.assert_array_equal(display(IMAGE, "veil-or-white-99", water=water), display(IMAGE, "white-99"))
+
+
+@pytest.mark.parametrize(
+    ("how", "removes"),
+    [
+        ("stretch-1-99", True),
+        ("linear-stretch-0.5-99.5@scene", True),
+        ("veil-or-stretch-1-99", False),  # not where there is a veil
+        ("black-1-white-99", False),  # one black for all channels
+        ("white-99", False),
+    ],
+)
+def test_only_a_stretch_of_each_channel_removes_offsets(how: str, removes: bool) -> None:
+    assert normalisation(how).removes_offsets is removes

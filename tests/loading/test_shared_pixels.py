@@ -8,8 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from sucre_bench import View
+from sucre_bench import Arrays, View
 from sucre_bench.camera import Camera
+from sucre_bench.degrade import degraded
 from sucre_bench.errors import InputError
 from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.loading.view_files import Files
@@ -85,3 +86,17 @@ def test_observations_are_the_same_with_a_store(tmp_path: Path, options: Options
     for name in ("pixels", "counts", "starts", "distance", "colour"):
         assert np.array_equal(getattr(plain, name), getattr(stored, name)), name
         assert getattr(plain, name).dtype == getattr(stored, name).dtype, name
+
+
+@pytest.mark.parametrize(("name", "suffix", "is_jpeg"), [("a.png", ".jpg", True), ("a.jpg", ".png", False)])
+def test_a_jpeg_is_known_by_its_content(tmp_path: Path, name: str, suffix: str, is_jpeg: bool):
+    content = cv2.imencode(suffix, np.zeros((H, W, 3), np.uint8))[1]
+    (tmp_path / name).write_bytes(bytes(content))
+    view = _shared(Files(tmp_path / name, (W, H)))
+    assert view.is_jpeg is is_jpeg
+    assert degraded(Scene("reef", [view], frozenset()), jpeg_quality=50)[0].is_jpeg
+
+
+@pytest.mark.parametrize(("name", "is_jpeg"), [("a.JPG", True), ("a.png", False)])
+def test_pixels_that_do_not_say_what_they_were_are_known_by_their_name(name: str, is_jpeg: bool):
+    assert View(name, Arrays(np.zeros((H, W, 3)))).is_jpeg is is_jpeg

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import io
 import json
 from collections.abc import Callable
 from dataclasses import fields, replace
@@ -11,11 +10,11 @@ from typing import Any
 
 import numpy as np
 import pytest
-from PIL import Image
 from support.made_ground import WATERS, make_ground
 from support.made_scene import make_scene
 
 from sucre_bench import Arrays, Restoration, Scene, View, Water
+from sucre_bench.degrade import degraded
 from sucre_bench.methods.sucre import Sucre, SucrePaper
 
 GROUND = {"width": 200, "height": 150, "heights_m": (1.5, 2.0, 2.7, 3.6, 4.8, 6.4, 8.5)}
@@ -69,15 +68,8 @@ def photographed(scene: Scene, stored: Callable[[np.ndarray], np.ndarray], suffi
 
 def test_colours_that_a_jpeg_stores_at_half_size_leave_the_water_right() -> None:
     """Its detail of red is that of brightness, which water does not take away: beta was 20 % too high."""
-
-    def as_jpeg(rgb: np.ndarray) -> np.ndarray:
-        file = io.BytesIO()
-        Image.fromarray(np.rint(rgb * 255).astype(np.uint8)).save(file, "JPEG", quality=95, subsampling="4:2:0")
-        return np.asarray(Image.open(file)) / 255
-
-    truth = WATERS["green"]
-    scene = photographed(make_ground(truth, width=160, height=120), as_jpeg, ".JPG")
-    assert np.abs(relative_error(Sucre().restore(scene, scene["3.JPG"]), truth)).max() < 0.1
+    scene = degraded(make_ground(WATERS["green"], width=160, height=120), jpeg_quality=95)
+    assert np.abs(relative_error(Sucre().restore(scene, scene["3.png"]), scene.water)).max() < 0.1
 
 
 def test_light_that_is_cut_off_at_white_leaves_the_water_right() -> None:
