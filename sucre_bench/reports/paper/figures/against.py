@@ -4,24 +4,19 @@ Values lie where their numbers are, on a logarithmic axis where they span more t
 "all" or "none", being without limit, follows the greatest. Values that are words stand side by side.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.figure import Figure
 
 from sucre_bench.compare import Column
 from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.figures import Drawn, style
 from sucre_bench.reports.paper.figures.scores import panels
 from sucre_bench.reports.paper.follow_option import Along, Value
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.figures import Drawn
-    from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper.study_results import StudyResults
 
 _LOG_FROM = 30  # greatest over least value
 

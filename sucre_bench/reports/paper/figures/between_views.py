@@ -4,20 +4,15 @@ What a perfect restorer leaves does not depend on the distance: a flat line. Nee
 change-with-distance; a dot is the mean over views, at the middle of a range of differences.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
+
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, metrics_of, symbol
 from sucre_bench.reports.paper.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper.study_results import StudyResults
 
 _RANGE = r"image/([\d.]+)-([\d.]+) m"
 

@@ -5,23 +5,17 @@ standard deviation of their patches to either side. Needs metrics of the roles c
 chart-error or colour-difference.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.plugins.plugin import Role
 from sucre_bench.reports.metric_roles import adding, metrics_of, symbol
 from sucre_bench.reports.paper.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper.study_results import StudyResults
 
 _ERRORS: tuple[Role, ...] = ("chart-error", "colour-difference")
 _CHART = ["dataset", "scene", "view", "chart"]

@@ -6,27 +6,22 @@ from below. Needs metrics of the roles patch-hue and
 chart-distance.
 """
 
-from __future__ import annotations
-
 import itertools
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.figures.charts import PLACES, seen_charts, with_places
+from sucre_bench.reports.paper.figures.style import Look
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.layout import file_name
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.figures.style import Look
-    from sucre_bench.reports.paper.study_results import StudyResults
 
 _PANELS = 24
 

@@ -4,25 +4,20 @@ At most four views, evenly spread; methods that do not fit beside each other go 
 cropped to the shape of the first, about their middle. Pixels without a colour are black, as in the methods' files.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
 from sucre_bench.results.rows import unreplicated
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.study_results import StudyResults
 
 _MOST_VIEWS = 4
 _MOST_COLUMNS = 8

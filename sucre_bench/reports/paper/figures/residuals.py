@@ -9,26 +9,21 @@ All is drawn from what methods tell as "residuals" (`sucre` and `sucre_paper` wi
 method, the two views with most observations are drawn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restorations
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.study_results import StudyResults
 
 # Views drawn of each dataset and method; points, and colours of the model's curves, in the figure over distance.
 _VIEWS, _POINTS, _CURVES = 2, 12, 6

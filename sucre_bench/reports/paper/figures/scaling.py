@@ -6,27 +6,21 @@ Axes are logarithmic, on which such a line bends towards a where n is small. Var
 same points for pairing; reading files, and degrading what is read, is part of it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
-from sucre_bench.arrays import DataFrame
+from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.restorations import read_record
 from sucre_bench.results.rows import restorations
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from sucre_bench.arrays import Array
-    from sucre_bench.reports.paper.study_results import StudyResults
 
 # What `times` has of each restoration, and the panels' titles.
 _STAGES = {"seconds": "whole restoration", "pair": "pairing", "solve": "solving"}

@@ -3,22 +3,18 @@
 A hollow dot is a method that is no different from the best by more than chance.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.figure import Figure
 
 from sucre_bench.compare import COSTS, Column, Comparison
 from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.jobs.study_block import Study
 from sucre_bench.reports.paper.figures import style
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper.study_results import StudyResults
 
 _LINE = 0.135  # inches a method takes
 _PAGE = 9.0  # inches a page has

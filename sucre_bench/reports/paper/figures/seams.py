@@ -6,13 +6,12 @@ enlarged, the window with most seams in any of them; and the steps. Distances ar
 with results: steps are looked for at all distances here, and without accounting for those. Scores are the metric's.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.image import AxesImage
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
@@ -20,13 +19,8 @@ from sucre_bench.imaging.filters.seams import Seams, find_seams
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results import layout
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-    from matplotlib.image import AxesImage
-
-    from sucre_bench.reports.paper.study_results import StudyResults
 
 # Views drawn of each dataset, and pictures of each: the photograph and so many methods.
 _VIEWS, _METHODS = 2, 5

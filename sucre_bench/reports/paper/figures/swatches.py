@@ -4,24 +4,18 @@ Each swatch is the measured colour above a strip of the expected one, of the sRG
 srgb, if it was scored. Needs metrics of the roles patch-colour, colour-difference and chart-distance.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, roles
-from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.figures import Drawn, style
 from sucre_bench.reports.paper.figures.charts import seen_charts
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.figures import Drawn
-    from sucre_bench.reports.paper.study_results import StudyResults
+from sucre_bench.reports.paper.study_results import StudyResults
 
 _CHANNELS = ["red", "green", "blue"]
 _PATCHES = 18  # no more are wide enough for their number

@@ -6,24 +6,20 @@ water that disagree at the left and agree at the right are the paper's case. Nee
 water-parameters and distance-variance.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.numbers import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
+from sucre_bench.reports.paper.study_results import StudyResults
 from sucre_bench.results.restorations import read_record
-
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
-    from sucre_bench.reports.paper.study_results import StudyResults
 
 # parameter, as variants begin with it: its name in a run's records, and as an axis says it
 _PARAMETERS = {
