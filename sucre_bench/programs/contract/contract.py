@@ -131,7 +131,7 @@ def rule(
 
 def rules(plugin: Plugin, lasting: bool = True) -> list[Rule]:
     """Return the rules for a plugin. lasting: include those that take seconds."""
-    for module in ("rules_every_plugin", "rules_methods", "rules_datasets", "rules_metrics", "rules_pair_metrics"):
+    for module in ("rules_every_plugin", "rules_methods", "rules_datasets", "rules_metrics"):
         importlib.import_module(f"sucre_bench.programs.contract.{module}")
     of_plugin = [one for one in _RULES if plugin.kind in one.kinds and one.applies(plugin)]
     return [one for one in of_plugin if lasting or not one.lasting]

@@ -1,50 +1,79 @@
-"""Rules for metrics: values in their range, none without anything to score, the best for a perfect result."""
+"""Rules for metrics: values in their range, none without anything to score, the best for a perfect result.
 
+A metric scores one restored view, or pairs of them. `_rows` tries either kind on a scene.
+"""
+
+import functools
 import math
-from collections.abc import Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.engine.score import score_rows, scorers
+from sucre_bench.engine.score_pairs import Entrant, pair_rows
+from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.once import locked
 from sucre_bench.jobs.job import MetricChoice
+from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Finding, Subject, breach, note, rule
-from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, wall
+from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, submerged, wall
 from sucre_bench.programs.contract.process_state import watched
+from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.restorations import Measured
 from sucre_bench.results.rows import Row
-from sucre_bench.scene import Chart, Restoration, View, Water
+from sucre_bench.scene import Chart, Restoration, Scene, Score, View, Water
 
 _JUDGED = frozenset({"reference", "charts", "truth"})  # needs that define a perfect restoration
 
 
-def _is_of_one_view(plugin: Plugin) -> bool:
-    """Metrics of pairs have rules of their own, rules_pair_metrics.py."""
-    return not plugin.is_of_pairs
+def _is_of_pairs(plugin: Plugin) -> bool:
+    return plugin.is_of_pairs
 
 
-def _rows(subject: Subject, image: Array, view: View, water: Water | None = WATER) -> list[Row]:
+def _rows(subject: Subject, scene: Scene, holes: float = 0.0, water: Water | None = WATER) -> list[Row]:
+    """The scores of a scene's images as restorations, by every variant. holes: share of pixels without a colour."""
+    drawn = np.random.default_rng(1)
+    images = {
+        view.name: np.where(drawn.random((*view.rgb.shape[:2], 1)) < holes, np.float32(np.nan), view.rgb)
+        for view in scene
+    }
+    if not subject.plugin.is_of_pairs:
+        return _rows_of(subject, images[TARGET], scene[TARGET], water)
+    bases = {name: Row(view=name) for name in images}
+    entrant = Entrant(bases, lambda name: _restored(scene[name], images[name]), scorers([_choice(subject)]))
+    return pair_rows(scene, [entrant])[0]
+
+
+def _rows_of(subject: Subject, image: Array, view: View, water: Water | None = WATER) -> list[Row]:
     """The scores of an image (H, W, 3) by every variant, as the engine stores them."""
-    subject.make()
-    choice = Choice(subject.plugin, subject.plugin.name, subject.options)
     restoration = Restoration(image, water, info={"true_water": WATER} if "truth" in subject.plugin.needs else {})
-    measured = Measured(restoration, 0.0, 0.0)
-    rows = score_rows(
-        measured,
-        display(image, "none", view.encoding),
-        view,
-        scorers([MetricChoice(choice, tuple(subject.plugin.variants))]),
-        Row(),
-    )
+    shown = display(image, "none", view.encoding)
+    rows = score_rows(Measured(restoration, 0.0, 0.0), shown, view, scorers([_choice(subject)]), Row())
     return [row for row in rows if row.metric == subject.plugin.name]
 
 
-def faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
+def _choice(subject: Subject) -> MetricChoice:
+    subject.make()
+    return MetricChoice(Choice(subject.plugin, subject.plugin.name, subject.options), tuple(subject.plugin.variants))
+
+
+def _restored(view: View, image: Array) -> RestoredView:
+    """A view whose restoration, and picture, is an image (H, W, 3)."""
+    return RestoredView(view, lambda: np.clip(image, 0, 1, dtype=np.float32), lambda: image.astype(np.float32))
+
+
+def _scene(subject: Subject) -> Scene:
+    """A scene of which any metric has scores: points in two views, or charts."""
+    return submerged() if subject.plugin.is_of_pairs else charted()
+
+
+def _faults(subject: Subject, rows: list[Row], where: str, heard: set[str] | None = None) -> Iterator[Finding]:
     """Yield the faults of rows. heard: faults already reported, which are not repeated; new ones are added."""
     low, high = subject.plugin.range
     heard = set() if heard is None else heard
@@ -70,39 +99,35 @@ def _remedy(reason: str) -> str:
     return "mend it; where there is nothing to score, yield nothing"
 
 
-@rule("stays in its range, whatever the image", "metric", applies=_is_of_one_view)
+@rule("stays in its range, whatever the image", "metric")
 def stays_in_range(subject: Subject) -> Iterator[Finding]:
     chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
-        holes = np.random.default_rng(1).random((*rgb.shape[:2], 1)) < 0.3
-        view = wall(rgb, charts=[chart])[TARGET]
-        yield from faults(subject, _rows(subject, np.where(holes, np.nan, rgb).astype(np.float32), view), name, heard)
+        yield from _faults(subject, _rows(subject, wall(rgb, charts=[chart]), holes=0.3), name, heard)
 
 
-@rule(
-    "gives no value where nothing has a colour", "metric", applies=lambda p: p.better != "none" and _is_of_one_view(p)
-)
+@rule("gives no value where nothing has a colour", "metric", applies=lambda p: p.better != "none" or p.is_of_pairs)
 def scores_no_holes(subject: Subject) -> Iterator[Finding]:
-    view = charted()[TARGET]
-    rows = _rows(subject, np.full_like(view.rgb, np.nan), view, water=None)
-    yield from faults(subject, rows, "all NaN")
+    rows = _rows(subject, charted(), holes=1.0, water=None)
+    yield from _faults(subject, rows, "all NaN")
     for row in rows:
-        if row.status == "ok" and not (row.n_pixels and row.coverage):
+        if row.status == "ok" and subject.plugin.better != "none" and not (row.n_pixels and row.coverage):
             yield breach(f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none")
 
 
-@rule("runs with no more than it says it needs", "metric", applies=_is_of_one_view)
+@rule("runs with no more than it says it needs", "metric")
 def runs_with_least(subject: Subject) -> Iterator[Finding]:
-    scene = least(charted(), subject.plugin.needs, cameras="depth" in subject.plugin.needs)
-    rows = _rows(subject, scene[TARGET].rgb, scene[TARGET])
-    yield from faults(subject, rows, f"a view with {' and '.join(sorted(subject.plugin.needs)) or 'an image'}")
-    is_of_a_method = "restoration" in subject.plugin.needs  # what that told of its work is not here
+    # Without depth and poses the engine finds no points that two views share.
+    needs = subject.plugin.needs | ({"depth", "poses"} if subject.plugin.is_of_pairs else set())
+    rows = _rows(subject, least(_scene(subject), needs, cameras="depth" in needs))
+    yield from _faults(subject, rows, f"a view with {' and '.join(sorted(needs)) or 'an image'}")
+    is_of_a_method = "restoration" in needs  # what that told of its work is not here
     if not is_of_a_method and not any(row.status == "ok" for row in rows):
         yield breach(f"no variant gives a score there, {rows[0].reason}; add what it uses to needs=")
 
 
 def _is_judged(plugin: Plugin) -> bool:
-    return plugin.better != "none" and bool(plugin.needs & _JUDGED) and _is_of_one_view(plugin)
+    return plugin.better != "none" and bool(plugin.needs & _JUDGED) and not plugin.is_of_pairs
 
 
 @rule("says truly which direction is better", "metric", applies=_is_judged)
@@ -112,8 +137,8 @@ def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
     reference = np.asarray(view.reference)
     cast = reference * np.array([0.3, 0.8, 1]) + 0.1 * np.random.default_rng(2).random(reference.shape)
     wrong = Water(WATER.veiling_light * 1.5, WATER.attenuation * 1.5, WATER.backscatter * 1.5)
-    perfect = _values(subject, _rows(subject, reference, view))
-    spoilt = _values(subject, _rows(subject, cast.astype(np.float32), view, wrong))
+    perfect = _values(subject, _rows_of(subject, reference, view))
+    spoilt = _values(subject, _rows_of(subject, cast.astype(np.float32), view, wrong))
     sign = 1 if subject.plugin.better == "higher" else -1
     for (variant, region), best in perfect.items():
         worse = spoilt.get((variant, region), math.nan)
@@ -130,19 +155,45 @@ def _values(subject: Subject, rows: list[Row]) -> dict[tuple[str, str], float]:
     return {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
 
 
-@rule("gives the same twice, and leaves its input and the process as they were", "metric", applies=_is_of_one_view)
+@rule("does not depend on which view is the first", "metric", applies=_is_of_pairs)
+def is_symmetric(subject: Subject) -> Iterator[Finding]:
+    metric = subject.make()
+    for variant in subject.plugin.variants:
+        one, other = (_pair_scores(metric, _pair(submerged(), turned), variant) for turned in (False, True))
+        if [score.region for score in one] != [score.region for score in other] or not all(map(_alike, one, other)):
+            yield breach(f"{variant}: another score when the views change places; a pair has no order")
+
+
+def _pair(scene: Scene, turned: bool = False) -> RestoredPair:
+    """The two views of a scene, their images as restorations."""
+    views = scene.views[::-1] if turned else scene.views
+    shared = SharedPoints(views)
+    points = shared.of(shared.overlaps()[0])
+    assert points is not None
+    here, there = (_restored(view, view.rgb) for view in views)
+    return RestoredPair(here, there, points)
+
+
+def _pair_scores(metric: Any, pair: RestoredPair, variant: str) -> list[Score]:
+    """The scores of a pair; none if the variant does not apply to it: other variants may."""
+    try:
+        return list(metric.score_pair(pair, variant))
+    except NotApplicableError:
+        return []
+
+
+def _alike(one: Score, other: Score) -> bool:
+    both_nan = math.isnan(one.value) and math.isnan(other.value)
+    return both_nan or math.isclose(one.value, other.value, rel_tol=1e-4, abs_tol=1e-6)
+
+
+@rule("gives the same twice, and leaves its input and the process as they were", "metric")
 def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
-    view = charted()[TARGET]
-    image = view.rgb.copy()
-    shown = display(image, "none")
-    restoration = Restoration(image, WATER, info={"true_water": WATER})
-    planes = [image, shown, *(np.asarray(p) for p in (view.rgb, view.depth, view.reference))]
-    kept, metric, shared = [plane.copy() for plane in planes], subject.make(), locked(shown)
+    planes, attempts = (_on_pair if subject.plugin.is_of_pairs else _on_view)(subject.make())
+    kept = [plane.copy() for plane in planes]
     with watched() as changes:
         for variant in subject.plugin.variants:
-            # Of a read-only picture metrics may remember what they compute, see `imaging.once`.
-            pictures = (shown, shared, shared)
-            given = [[repr(s) for s in metric.score(restoration, picture, view, variant)] for picture in pictures]
+            given = [[repr(score) for score in attempt(variant)] for attempt in attempts]
             if given[1:] != given[:-1]:
                 yield breach(f"{variant}: another score the second time; seed what is random")
     yield from changes
@@ -150,7 +201,30 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
         yield breach("writes into what it is given; work on a copy")
 
 
-@rule("scores images in linear light", "metric", applies=_is_of_one_view)
+_Attempts = list[Callable[[str], Iterable[Score]]]
+
+
+def _on_view(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
+    """What a metric of one view is given, and calls, by variant, that must give the same scores."""
+    view = charted()[TARGET]
+    image = view.rgb.copy()
+    shown = display(image, "none")
+    restoration, shared = Restoration(image, WATER, info={"true_water": WATER}), locked(shown)
+    # Of a read-only picture metrics may remember what they compute, see `imaging.once`.
+    calls = [functools.partial(metric.score, restoration, picture, view) for picture in (shown, shared, shared)]
+    return [image, shown, *(np.asarray(p) for p in (view.rgb, view.depth, view.reference))], [*calls]
+
+
+def _on_pair(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
+    """The same of a metric of pairs."""
+    pair = _pair(submerged())
+    points = [pair.points.here, pair.points.there, pair.points.distance]
+    planes = [*points, pair.here.view.rgb, pair.here.view.depth]  # what is restored is read-only
+    return planes, [functools.partial(_pair_scores, metric, pair)] * 2
+
+
+@rule("scores images in linear light", "metric")
 def bears_linear_images(subject: Subject) -> Iterator[Finding]:
-    view = replace(charted()[TARGET], encoding="linear")
-    yield from faults(subject, _rows(subject, view.rgb, view), "linear")
+    scene = _scene(subject)
+    views = [replace(view, encoding="linear") for view in scene]
+    yield from _faults(subject, _rows(subject, replace(scene, views=views)), "linear")
