@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands.completion_words import complete_words
-from sucre_bench.commands.shared_options import KINDS, json_option, refuse_options
+from sucre_bench.commands.shared_options import KINDS, json_option, print_json, refuse_options
 
 if TYPE_CHECKING:
     from sucre_bench.programs.contract.contract import Outcome, Subject
@@ -55,5 +55,5 @@ def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bo
             terminal.out.print(outcome_text.summary(outcomes), soft_wrap=True)
         checked.append((subject, outcomes))
     if as_json:
-        click.echo(outcome_text.as_json(checked))
+        print_json([outcome_text.as_object(subject, outcomes) for subject, outcomes in checked])
     sys.exit(1 if any(outcome.status == "broken" for _, outcomes in checked for outcome in outcomes) else 0)

@@ -11,7 +11,7 @@ import click
 
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.output_endings import check_ending
-from sucre_bench.commands.shared_options import json_option, plugin_option, refuse_options
+from sucre_bench.commands.shared_options import json_option, plugin_option, print_json, refuse_options
 
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.depth_and_poses import Overlap
@@ -80,7 +80,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
         selections = select(overrides)
         described = [description.described(s.dataset.label, s.scene, s.views, most, noted_scale(s)) for s in selections]
     if as_json:
-        click.echo(description.as_json(described))
+        print_json([one.as_object() for one in described])
     for one in described:
         if not as_json:
             _show(one)

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import json
 import sys
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.shared_options import json_option
+from sucre_bench.commands.shared_options import json_option, print_json
 
 if TYPE_CHECKING:
     from sucre_bench.programs.doctor import Examined
@@ -40,7 +40,7 @@ def doctor(out: Path, as_json: bool) -> None:
 
     found = doctor.examine(out)
     if as_json:
-        click.echo(json.dumps(doctor.as_object(found), indent=1))
+        print_json({**asdict(found), "faults": found.faults})
     else:
         _show(found)
     sys.exit(1 if found.faults else 0)

@@ -1,6 +1,5 @@
 """`sucre-bench list`: plugins, experiments and degradations, as text and as JSON."""
 
-import json
 import shutil
 import textwrap
 from collections.abc import Sequence
@@ -10,7 +9,7 @@ from typing import Any
 import click
 
 from sucre_bench import plugins
-from sucre_bench.commands.shared_options import json_option, plugin_option
+from sucre_bench.commands.shared_options import json_option, plugin_option, print_json
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
 from sucre_bench.plugins.options import Option, options_of
@@ -40,7 +39,7 @@ def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
 
     items = _named(what, names)
     if as_json:
-        click.echo(_as_json(what, items))
+        print_json(_plain(what, items))
     elif terminal.has_styles():
         terminal.out.print(Text.from_ansi(_as_text(what, items, colour=True)), soft_wrap=True)
     else:
@@ -69,11 +68,11 @@ def _everything(what: str) -> list[tuple[str, _Item]]:
     return [*(plugins.discover(kind).items() if kind else ()), *presets]
 
 
-def _as_json(what: str, items: Sequence[_Item]) -> str:
-    """Everything that is known of each plugin, or the experiments, as a JSON array; of degradations an object."""
+def _plain(what: str, items: Sequence[_Item]) -> Any:
+    """Everything that is known of each plugin, or the experiments, as a list; of degradations by name."""
     if what == "degradations":
-        return json.dumps({o.name: option_entry(o) for o in items if isinstance(o, Option)}, indent=1)
-    return json.dumps([entry(i) if isinstance(i, Plugin | Broken) else i for i in items], indent=1)
+        return {o.name: option_entry(o) for o in items if isinstance(o, Option)}
+    return [entry(i) if isinstance(i, Plugin | Broken) else i for i in items]
 
 
 def _as_text(what: str, items: Sequence[_Item], colour: bool) -> str:

@@ -85,10 +85,8 @@ def score(
     form = "json" if as_json else how
     if published:
         score_tables.print_matches(published, rows, form)
-    elif form == "csv":
-        click.echo(csv_text(rows), nl=False)
-    elif form == "json":
-        click.echo(rows.to_json(orient="records", indent=1))
+    elif form != "terminal":
+        score_tables.print_records(rows, form)
     elif (rows["status"] == "ok").any():
         terminal.out.print(score_tables.summary(rows))
     faults = rows[rows["status"] != "ok"]

@@ -7,6 +7,7 @@ import click
 import pandas as pd
 from rich.table import Table
 
+from sucre_bench.commands.shared_options import print_json
 from sucre_bench.compare.numbers import number, standard_deviation
 from sucre_bench.compare.words import ARROW
 from sucre_bench.machine import terminal
@@ -26,6 +27,14 @@ def summary(rows: pd.DataFrame) -> Table:
     return table
 
 
+def print_records(table: pd.DataFrame, form: str) -> None:
+    """Print a table as "json" or "csv"."""
+    if form == "json":
+        print_json(table.to_dict("records"))
+    else:
+        click.echo(csv_text(table), nl=False)
+
+
 def print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> None:
     """Print, for each column of a published table, how far the variants are from it."""
     matches = [(column, compare(column, rows)) for column in published.columns]
@@ -35,7 +44,7 @@ def print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> N
             for column, found in matches
             for one in found
         )
-        click.echo(table.to_json(orient="records", indent=1) if form == "json" else csv_text(table), nl=form == "json")
+        print_records(table, form)
         return
     for column, found in matches:
         terminal.out.print(_table(column, found))
@@ -46,7 +55,7 @@ def print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> N
 
 def _table(column: Column, candidates: Sequence[Candidate], most: int = 10) -> Table:
     """Return the nearest variants of a column, a line each."""
-    table = Table(box=None, header_style="bold", pad_edge=False, padding=(0, 2, 0, 0))
+    table = terminal.table([], [])
     for name in (column.metric, "mean difference", "largest", "at", "compared", ""):
         table.add_column(name, justify="left" if name in (column.metric, "at", "") else "right", no_wrap=True)
     for one in candidates[:most]:

@@ -6,10 +6,17 @@ from typing import Any, TypeVar
 
 import click
 
+from sucre_bench.machine.json_text import json_text
+
 _F = TypeVar("_F", bound=Callable[..., Any])
 
 # As `plugins.KINDS`, which would import numpy for every --help.
 KINDS = click.Choice(["method", "dataset", "metric"])
+
+
+def print_json(value: Any) -> None:
+    """Print a value on stdout as JSON: what --json shows. NaN and infinity are null."""
+    click.echo(json_text(value))
 
 
 def json_option(command: _F) -> _F:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.shared_options import dataset_option, echo_wrapped, json_option, labels_of
-from sucre_bench.machine.json_text import json_text
+from sucre_bench.commands.shared_options import dataset_option, echo_wrapped, json_option, labels_of, print_json
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.plural import counted
 
@@ -121,7 +120,7 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         say(line, "yellow")
     n = evaluate.store(folder, found)
     if as_json:
-        click.echo(json_text(_as_object(found)))
+        print_json(_as_object(found))
     else:
         _print(folder, found)
         click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import json
 import shlex
 import sys
 from collections.abc import Collection, Sequence
@@ -12,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands.shared_options import echo_wrapped, json_option, plugin_option
+from sucre_bench.commands.shared_options import echo_wrapped, json_option, plugin_option, print_json
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
@@ -57,7 +56,7 @@ def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_js
         found = verify_bundle.verify(bundle, data_folders(datasets, data), tolerance)
     is_other = bool(wanted) and wanted.strip().lower() != found.id
     if as_json:
-        click.echo(json.dumps(_as_object(found, is_other), indent=1))
+        print_json(_as_object(found, is_other))
     else:
         if is_other:
             say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")

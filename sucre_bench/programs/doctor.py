@@ -11,7 +11,7 @@ import shutil
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
 
@@ -79,11 +79,6 @@ def examine(out: Path = Path()) -> Examined:
         _machine(out, gpu),
         tuple(_features(out, gpu)),
     )
-
-
-def as_object(found: Examined) -> dict[str, Any]:
-    """Return the result as plain data for JSON, with `faults`, the number of broken features."""
-    return {**asdict(found), "faults": found.faults}
 
 
 # -- the machine ---------------------------------------------------------------------------------------------

@@ -1,6 +1,5 @@
-"""The outcome of a check as text, a line a rule with its remedies and the counts, or as JSON."""
+"""The outcome of a check as text, a line a rule with its remedies and the counts, or as plain data."""
 
-import json
 from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
@@ -56,12 +55,8 @@ def summary(outcomes: Sequence[Outcome]) -> Text:
     return Text.assemble("  ", text, f" in {sum(o.seconds for o in outcomes):.1f} s")
 
 
-def as_json(checked: Sequence[tuple[Subject, Sequence[Outcome]]]) -> str:
-    """Return a JSON array, an object a plugin."""
-    return json.dumps([_about(subject, outcomes) for subject, outcomes in checked], indent=1)
-
-
-def _about(subject: Subject, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+def as_object(subject: Subject, outcomes: Sequence[Outcome]) -> dict[str, Any]:
+    """Return the outcome of a check as plain data for JSON."""
     return {
         "kind": subject.plugin.kind,
         "name": subject.plugin.name,

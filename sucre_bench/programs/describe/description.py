@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import evenly
-from sucre_bench.machine.json_text import json_text
 from sucre_bench.programs.describe.contact_sheet import contact_sheet
 from sucre_bench.programs.describe.depth_and_poses import Overlap, overlaps
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
@@ -52,6 +51,31 @@ class Described:
         title = f"{self.dataset}: {self.name}, {len(self.facts)} of {self.n_views} views"
         return contact_sheet(title, self.facts, self.looks, self.unit, suffix)
 
+    def as_object(self) -> dict[str, Any]:
+        """Return it as plain data for JSON."""
+        light = self.exposure if isinstance(self.exposure, Exposure) else None
+        return {
+            "dataset": self.dataset,
+            "scene": self.name,
+            "n_views": self.n_views,
+            "scale": self.scale and asdict(self.scale),
+            "unit": self.unit,
+            "has": self.has,
+            "water": self.water and {name: np.asarray(value).tolist() for name, value in vars(self.water).items()},
+            "views": [asdict(view) for view in self.facts],
+            "overlaps": [asdict(overlap) for overlap in self.overlaps],
+            "exposure": light
+            and {
+                "gains": dict(zip(light.views, light.gains, strict=True)),
+                "error": light.error,
+                "differs": light.differs,
+                "least_light": light.least,
+            },
+            "exposure_unknown": self.exposure.name.lower() if isinstance(self.exposure, NoExposure) else None,
+            "distances": {"edges": self.edges, "shares": self.counts},
+            "faults": [{**asdict(fault), "text": str(fault)} for fault in self.faults],
+        }
+
 
 def described(
     dataset: str, scene: Scene, views: Sequence[View], most: int, scale: ScaleNote | None = None
@@ -80,11 +104,6 @@ def described(
     )
 
 
-def as_json(scenes: Sequence[Described]) -> str:
-    """Return descriptions as JSON: a list of scenes; unknown values are null."""
-    return json_text([_plain_scene(one) for one in scenes])
-
-
 def _histogram(looks: Sequence[Look]) -> tuple[tuple[float, ...], tuple[float, ...]]:
     known = [distance[distance > 0] for look in looks if (distance := look.distance) is not None]
     values = np.concatenate(known) if known else np.empty(0)
@@ -93,31 +112,3 @@ def _histogram(looks: Sequence[Look]) -> tuple[tuple[float, ...], tuple[float, .
     low, high = np.percentile(values, [0.5, 99.5])
     counts, edges = np.histogram(values.clip(low, high), bins=_BINS if high > low else 1)
     return tuple(float(e) for e in edges), tuple(float(c) for c in counts / counts.sum())
-
-
-def _plain_scene(one: Described) -> dict[str, Any]:
-    water = None if one.water is None else {k: np.asarray(v).tolist() for k, v in vars(one.water).items()}
-    return {
-        "dataset": one.dataset,
-        "scene": one.name,
-        "n_views": one.n_views,
-        "scale": None if one.scale is None else asdict(one.scale),
-        "unit": one.unit,
-        "has": list(one.has),
-        "water": water,
-        "views": [asdict(view) for view in one.facts],
-        "overlaps": [asdict(overlap) for overlap in one.overlaps],
-        "exposure": _plain_exposure(one.exposure) if isinstance(one.exposure, Exposure) else None,
-        "exposure_unknown": one.exposure.name.lower() if isinstance(one.exposure, NoExposure) else None,
-        "distances": {"edges": list(one.edges), "shares": list(one.counts)},
-        "faults": [{**asdict(fault), "text": str(fault)} for fault in one.faults],
-    }
-
-
-def _plain_exposure(exposure: Exposure) -> dict[str, Any]:
-    return {
-        "gains": dict(zip(exposure.views, exposure.gains, strict=True)),
-        "error": exposure.error,
-        "differs": exposure.differs,
-        "least_light": exposure.least,
-    }

@@ -1,11 +1,9 @@
 """The page of a people's study: one file that opens from disk, needs no network and names no method."""
 
 import base64
-import hashlib
 import io
 import json
 from collections.abc import Mapping
-from importlib.resources import files
 from pathlib import Path
 from types import MappingProxyType
 
@@ -16,6 +14,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.html_pages import filled_in, policy_hash, source
 from sucre_bench.programs.people.design import Key, page_order, picture_path
 
 QUESTION = "Which picture shows the scene better?"
@@ -36,32 +35,21 @@ def write_page(
     masks: by scene and view, the pixels (H, W) that are shown, of all methods alike; the others are black.
     Raises InputError if the pictures of a view differ in size, OutputError if the page cannot be written.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    pages = Environment(
-        loader=PackageLoader("sucre_bench.programs.people", ""), autoescape=True, undefined=StrictUndefined
-    )
-    style, script = _source("page.css"), _source("page.js")
-    page = pages.get_template("page.html.j2").render(
+    style, script = (source(__package__, f"page.{kind}") for kind in ("css", "js"))
+    page = filled_in(
+        __package__,
+        "page.html.j2",
         question=question,
         style=Markup(style),
         script=Markup(script),
-        style_hash=_policy_hash(style),
-        script_hash=_policy_hash(script),
+        style_hash=policy_hash(style),
+        script_hash=policy_hash(script),
         content=Markup(json.dumps(page_order(key, pairs))),
         pictures=_pictures(folder, key, width, masks),
     )
-    write_atomically(path, page.encode())
-
-
-def _source(name: str) -> str:
-    return files("sucre_bench.programs.people").joinpath(name).read_text(encoding="utf-8")
-
-
-def _policy_hash(text: str) -> str:
-    """What a Content-Security-Policy says of an inline style or script."""
-    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+    write_atomically(path, page)
 
 
 def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:

@@ -15,6 +15,7 @@ from sucre_bench.camera import depth_at
 from sucre_bench.imaging.depth_colours import depth_colours
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.html_pages import filled_in
 from sucre_bench.programs.prepare.prepare_json import Quality
 from sucre_bench.programs.prepare.registered_photos import Shot
 
@@ -72,15 +73,13 @@ def shown(names: Sequence[str]) -> frozenset[str]:
 
 def write_page(made: Prepared, facts: Mapping[str, str], pictures: Mapping[str, tuple[str, str]]) -> None:
     """Write the page. facts: of the whole scene; pictures: see `thumbnails`, by image."""
-    from jinja2 import Environment, PackageLoader, StrictUndefined
-
-    loader = PackageLoader("sucre_bench.programs.prepare", "")
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    page = pages.get_template("quality.html.j2").render(
+    page = filled_in(
+        __package__,
+        "quality.html.j2",
         title=made.out.resolve().name,
         unit="m" if made.scale.is_metric else "no unit",
         made=made,
         facts=facts,
         pictures=pictures,
     )
-    write_atomically(made.out / "quality.html", page.encode())
+    write_atomically(made.out / "quality.html", page)

@@ -5,25 +5,23 @@ Scripts and styles are copies of the files beside this one. The page allows itse
 Content-Security-Policy).
 """
 
-from __future__ import annotations
-
 import base64
 import gzip
-import hashlib
 import json
 import math
 from collections.abc import Iterable, Sequence
 from dataclasses import asdict
-from importlib.resources import files
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare import Comparison
 from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.numbers import NUMBERS
 from sucre_bench.jobs.rerun import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
+from sucre_bench.machine.html_pages import filled_in, policy_hash, source
 from sucre_bench.machine.secrets import masked
 from sucre_bench.reports.metric_roles import roles
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
@@ -34,9 +32,6 @@ from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import RESTORATION, restorations
 from sucre_bench.results.unscored import unscored
-
-if TYPE_CHECKING:
-    from sucre_bench.compare import Comparison
 
 # Later styles override earlier ones.
 _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
@@ -50,21 +45,19 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
     thumbnails, and reads full pictures from `out`. widths: (most pictures, their width in pixels), widest first. The
     page takes the first pair that holds all pictures; of more pictures than the last pair allows it links the rest.
     """
-    from jinja2 import Environment, PackageLoader, StrictUndefined
     from markupsafe import Markup
 
-    loader = PackageLoader("sucre_bench.reports.page", "")
-    pages = Environment(loader=loader, autoescape=True, undefined=StrictUndefined)
-    pages.filters["shell"] = lambda words: masked(shell(words))
     gallery = Gallery(out, _most_pictures(rows), widths)
     config = _read(out / "config.yaml")
     sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
     contents = [_json(section.content()) for section in sections]
-    styles = "\n".join(_source(f"{name}.css") for name in _STYLES)
-    scripts = join_scripts("main", lambda name: _source(f"{name}.js"))
-    plotly = _plotly() if (rows["status"] == "ok").any() else b""
-    page = pages.get_template("page.html.j2").render(
-        policy=policy([scripts, plotly.decode()], [styles]),
+    styles = "\n".join(source(__package__, f"{name}.css") for name in _STYLES)
+    scripts = join_scripts("main", lambda name: source(__package__, f"{name}.js"))
+    plotly = source("plotly", "package_data/plotly.min.js") if (rows["status"] == "ok").any() else ""
+    page = filled_in(
+        __package__,
+        "page.html.j2",
+        policy=policy([scripts, plotly], [styles]),
         style=Markup(styles),
         scripts=Markup(scripts),
         summary=Markup(_json(_summary(comparisons))),
@@ -75,12 +68,13 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
         skipped=_reasons(restoration_rows(rows), "skipped"),
         unscored=list(unscored(rows)),
         counts=restoration_rows(rows)["status"].value_counts().to_dict(),
+        shell=lambda words: masked(shell(words)),
         environment=provenance.read(out / "environment.json"),
         config=config,
         log=layout.log_path(out).is_file(),
     )
     path = out / "report" / "index.html"
-    write_atomically(path, page.encode())
+    write_atomically(path, page)
     return path
 
 
@@ -144,18 +138,9 @@ def _read(path: Path) -> str:
     return masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
 
 
-def _source(name: str) -> str:
-    return files("sucre_bench.reports.page").joinpath(name).read_text(encoding="utf-8")
-
-
-def _plotly() -> bytes:
-    """Plotly's own script."""
-    return files("plotly").joinpath("package_data/plotly.min.js").read_bytes()
-
-
-def _compressed(script: bytes) -> str:
+def _compressed(script: str) -> str:
     """A script that the page unpacks when it needs it: when the first plot comes into view."""
-    return base64.b64encode(gzip.compress(script, 6, mtime=0)).decode()
+    return base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode()
 
 
 def _json(value: Any) -> str:
@@ -192,5 +177,4 @@ def policy(scripts: Iterable[str], styles: Iterable[str]) -> str:
 
 
 def _hashes(texts: Iterable[str]) -> str:
-    digests = (hashlib.sha256(text.encode()).digest() for text in texts)
-    return " ".join(f"'sha256-{base64.b64encode(digest).decode()}'" for digest in digests)
+    return " ".join(f"'{policy_hash(text)}'" for text in texts)
