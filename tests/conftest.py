@@ -27,6 +27,8 @@ from support.registries import registry
 from sucre_bench import plugins
 from sucre_bench.machine.cores import usable_cores
 
+gc.disable()  # until all tests are collected: what is imported stays
+
 # A shell without job control starts what it puts behind (`.ci/run &`) deaf to Ctrl-C, and all its children are born
 # so; the programs that tests interrupt must hear it.
 if signal.getsignal(signal.SIGINT) == signal.SIG_IGN:
@@ -88,6 +90,7 @@ def pytest_collection_finish() -> None:
     """What is imported by now lasts: the search for garbage passes over it."""
     gc.collect()
     gc.freeze()
+    gc.enable()
     gc.set_threshold(10_000, 20, 20)
 
 

@@ -59,16 +59,30 @@ def few(word: str) -> str:
     return re.sub(r"^([\w.]+=[\d.]+,[\d.]+)(,[\d.]+)+$", r"\1", word)
 
 
+def with_one_method(words: list[str], composed: set[str]) -> list[str]:
+    """The words with one method in place of an experiment's, where a command before composes them all.
+
+    composed: the experiments of the commands before; this one is added. What words name of a method stays.
+    """
+    (experiment,) = [word for word in words if word.startswith("experiment=")] or ("",)
+    general = all(re.match(r"(experiment|dataset|every|out|views|degrade)[.=]|-m$|run$", word) for word in words)
+    if experiment in composed and general:
+        return [*words, "method=gray_world"]
+    composed.update({experiment} - {""})
+    return words
+
+
 def documented() -> list[list[str]]:
     """The words of every command; of runs that differ only in where files lie and in how many views, the first."""
     found: dict[object, list[str]] = {}
+    composed: set[str] = set()
     for line in commands():
         words = shlex.split(re.split(r"  #| \| ", line)[0])[1:]
         sweep = ("-m",) * (not any("experiment=" in word or word.endswith(".yaml") for word in words) and "-m" in words)
         alike = (*(ROOT_KEY.sub("dataset.root=", word) for word in words if not FREE.match(word)), *sweep)
         if not any(plugin in line for plugin in PLUGINS_OF_EXAMPLES):
             found.setdefault(alike if words[0] == "run" else line, [few(word) for word in words])
-    return list(found.values())
+    return [with_one_method(words, composed) for words in sorted(found.values(), key=len)]
 
 
 @pytest.mark.parametrize("words", documented(), ids=" ".join)
