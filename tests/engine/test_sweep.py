@@ -311,14 +311,17 @@ def test_one_failing_job_of_a_sweep_does_not_stop_the_others(out: Path, capsys: 
 def test_a_full_shared_memory_is_named_where_joblib_found_it_full(
     out: Path, monkeypatch: pytest.MonkeyPatch, capsys, launcher: str, number: int, is_named: bool
 ):
-    from hydra_plugins.hydra_joblib_launcher.joblib_launcher import JoblibLauncher
+    from hydra.core.plugins import Plugins
+    from hydra.plugins.launcher import Launcher as HydraLauncher
 
     from sucre_bench.engine.slurm.launcher import Launcher as SlurmLauncher
+
+    by_name = {found.__name__: found for found in Plugins.instance().discover(HydraLauncher)}  # as Hydra imports them
 
     def fails(*_: object) -> None:
         raise OSError(number, os.strerror(number))
 
-    monkeypatch.setattr(JoblibLauncher if launcher == "joblib" else SlurmLauncher, "launch", fails)
+    monkeypatch.setattr(by_name["JoblibLauncher"] if launcher == "joblib" else SlurmLauncher, "launch", fails)
     run(out, "method.gain=1,2", f"hydra/launcher={launcher}", multirun=True)
     said = capsys.readouterr()
     text = said.out + said.err
