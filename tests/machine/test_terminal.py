@@ -39,8 +39,9 @@ def in_terminal(*arguments: str, folder: Path, **environment: str) -> str:
 def test_colours_are_for_terminals_and_no_color_takes_them_away(program: Callable[..., Done], tmp_path: Path):
     assert COLOUR.search(in_terminal("doctor", folder=tmp_path))
     assert not COLOUR.search(in_terminal("doctor", folder=tmp_path, NO_COLOR="1"))
-    assert ESCAPE not in in_terminal("doctor", folder=tmp_path, TERM="dumb")
-    assert ESCAPE not in program("doctor", FORCE_COLOR="").stdout
+    assert ESCAPE in in_terminal("list", "methods", folder=tmp_path)
+    assert ESCAPE not in in_terminal("list", "methods", folder=tmp_path, TERM="dumb")
+    assert ESCAPE not in program("list", "methods", FORCE_COLOR="").stdout
 
 
 def test_force_color_colours_a_log_but_draws_no_bars(program: Callable[..., Done], toys: str):
