@@ -10,8 +10,12 @@ import signal
 import tempfile
 from collections.abc import Callable, Iterator
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
+
+if TYPE_CHECKING:
+    from support.browser import Browser
 
 os.environ.setdefault("OMP_NUM_THREADS", "1")  # before numpy and torch: there is a process of tests for each core
 os.environ.pop("COLUMNS", None)  # a terminal made while it is set keeps this width
@@ -82,8 +86,8 @@ def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
 
 
 def pytest_xdist_auto_num_workers() -> int | None:
-    """One process of tests more than there are cores: some tests wait, for a queue, a browser or another process."""
-    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 1
+    """Two processes of tests more than there are cores: some tests wait, for a queue, a browser or another process."""
+    return None if os.environ.get("PYTEST_XDIST_AUTO_NUM_WORKERS") else usable_cores() + 2
 
 
 def pytest_collection_finish() -> None:
@@ -159,3 +163,13 @@ def bench(tmp_path: Path) -> Callable[..., Done]:
 def program(tmp_path: Path) -> Callable[..., Done]:
     """Run `sucre-bench ARGUMENTS` in an empty folder as a process of its own; keywords are its environment."""
     return functools.partial(run_program, tmp_path)
+
+
+@pytest.fixture(scope="module")
+def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
+    """A browser for the tests of a file."""
+    from support.browser import Browser, chromium
+
+    browser = Browser(chromium(), tmp_path_factory.mktemp("profile"))
+    yield browser
+    browser.close()

@@ -6,12 +6,11 @@ import os
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
-from support.browser import Browser, chromium
+from support.browser import Browser
 from support.places import ROOT
 
 
@@ -75,31 +74,21 @@ def test_the_reference_has_what_the_package_offers(site: Path):
     assert missing == {"__version__"}
 
 
-@pytest.fixture(scope="module")
-def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = chromium()
-    if program is None:
-        pytest.skip("no chromium here")
-    opened = Browser(program, tmp_path_factory.mktemp("profile"))
-    yield opened
-    opened.close()
-
-
-def test_it_is_searched_from_disk(browser: Browser, site: Path):
-    browser.open((site / "index.html").as_uri())
-    browser.click(".md-search__input")
-    browser.until("document.querySelector('.md-search-result__meta').textContent.trim() === 'Type to start searching'")
-    browser.write("variable projectio")
-    browser.press("n")  # the search listens to keys
+def test_it_is_searched_from_disk(chrome: Browser, site: Path):
+    chrome.open((site / "index.html").as_uri())
+    chrome.click(".md-search__input")
+    chrome.until("document.querySelector('.md-search-result__meta').textContent.trim() === 'Type to start searching'")
+    chrome.write("variable projectio")
+    chrome.press("n")  # the search listens to keys
     found = "[...document.querySelectorAll('.md-search-result__item a')].map(link => link.href)"
-    browser.until(f"{found}.some(address => address.includes('sucre.html'))")
-    assert not browser.complaints
+    chrome.until(f"{found}.some(address => address.includes('sucre.html'))")
+    assert not chrome.complaints
 
 
 @pytest.mark.parametrize("page", ["index", "metrics", "methods", "api"])
-def test_it_is_no_wider_than_a_phone(browser: Browser, site: Path, page: str):
-    browser.size(390, 844, phone=True)
-    browser.open((site / f"{page}.html").as_uri())
-    assert browser.ask("document.documentElement.scrollWidth") == 390
-    browser.size(1440, 900)
-    assert not browser.complaints
+def test_it_is_no_wider_than_a_phone(chrome: Browser, site: Path, page: str):
+    chrome.size(390, 844, phone=True)
+    chrome.open((site / f"{page}.html").as_uri())
+    assert chrome.ask("document.documentElement.scrollWidth") == 390
+    chrome.size(1440, 900)
+    assert not chrome.complaints

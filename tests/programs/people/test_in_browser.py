@@ -12,11 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from support.browser import Browser, chromium
+from support.browser import Browser
 from support.command_line import run_here
 from support.places import TOYS
-
-pytestmark = pytest.mark.skipif(chromium() is None, reason="needs a Chromium")
 
 STATE = "JSON.parse(Object.values(localStorage)[0])"
 SCORES = {"gain,gain=0.5": -2.5, "gain,gain=0.75": 0.0, "gain,gain=1.0": 2.5}  # log-odds, what observers prefer
@@ -40,13 +38,6 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     )
     assert done.returncode == 0, done.stderr
     return place
-
-
-@pytest.fixture(scope="module")
-def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    browser = Browser(str(chromium()), tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
 
 
 @pytest.fixture

@@ -1,12 +1,8 @@
-"""The results page in a real browser, without a network: what one does with it, and what it says then.
-
-SUCRE_BENCH_TEST_BROWSER=1 makes it a failure that there is no Chromium, rather than a reason to skip.
-"""
+"""The results page in a real browser, without a network: what one does with it, and what it says then."""
 
 from __future__ import annotations
 
 import json
-import os
 import re
 from collections.abc import Iterator
 from pathlib import Path
@@ -15,7 +11,7 @@ from typing import Any
 import numpy as np
 import pandas as pd
 import pytest
-from support.browser import Browser, chromium
+from support.browser import Browser
 from support.made_results import DE00, PATCHES, PSNR, made_results
 
 from sucre_bench.compare import compare
@@ -47,19 +43,6 @@ def out(tmp_path_factory: pytest.TempPathFactory) -> Path:
     write_mask(folder / "masks/reef/clever/v1.png", mask)
     write_page(folder, rows)
     return folder
-
-
-@pytest.fixture(scope="module")
-def chrome(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Browser]:
-    program = chromium()
-    if program is None:
-        said = "no Chromium or Chrome here; install Debian's package chromium"
-        if os.environ.get("SUCRE_BENCH_TEST_BROWSER") == "1":
-            pytest.fail(said)
-        pytest.skip(said)
-    browser = Browser(program, tmp_path_factory.mktemp("profile"))
-    yield browser
-    browser.close()
 
 
 @pytest.fixture
