@@ -19,7 +19,7 @@ one water and one colour a pixel.
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
 | `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
-| `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py`, `follow_best_channel.py` | colours after the fit, one subject each |
+| `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py`, `follow_best_channel.py` | colours after the fit, one each |
 | `fill_without_depth.py` | colours of pixels without depth |
 | `diagnostics.py`, `residuals.py`, `to_restoration.py` | uncertainty, residual statistics, the result |
 | `warm_up.py` | compiles the loops before the first image |
