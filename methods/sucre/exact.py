@@ -12,7 +12,7 @@ part: no veil is brighter than what is seen through it.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any
@@ -25,7 +25,7 @@ from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import CHANNELS, ROUNDING, WaterUncertainty, uncertainty_of
 from sucre_bench.methods.sucre.kernels import Kernel, opened
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend
-from sucre_bench.methods.sucre.levenberg import Minimum, minimise
+from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
@@ -93,44 +93,76 @@ def fit(
     few = _samples(images, sample, physical, seed)
     _check_spread(few)
     distance = float(np.median(np.concatenate([one.distance for one in few])))
-    bounds, margin = bounds_for(distance), None
-    floor = ROUNDING * sum(map(len, images))
-
-    fewest = _samples(few, _SCREEN, False, seed)
-    with _all_opened(fewest, backend, device) as kernels:
-        evaluate = _summed(kernels, None)
-        starts = promising(evaluate, distance, bounds, keep=_STARTS)
-        grid = starts[:2]
-        ends = [minimise(evaluate, start, bounds, tolerance=_SCREENED, max_steps=15) for start in starts]
-    with _all_opened(few, backend, device) as kernels:
-        evaluate = _summed(kernels, None)
-        ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in _distinct(ends)]
-        if physical:
-            margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
+    search, margin = _Search(distance, bounds_for(distance), backend, device), None
+    starts, ends = search.screened(_samples(few, _SCREEN, False, seed))
+    ends = search.ends(few, None, _distinct(ends))
     dark = [_first_slot(one) for one in sharp if one is not None] if physical else []
-    if margin is not None:
-        with _all_opened([*few, *dark], backend, device) as kernels:
-            evaluate, starts = _summed(kernels, margin), [*_distinct(ends), *starts]
-            ends = [minimise(evaluate, start, bounds, tolerance=_ROUGHLY) for start in starts]
-    dead = _is_constant(few)
-    with _all_opened([*images, *dark], backend, device) as kernels:
-        evaluate, starts = _summed(kernels, margin), _distinct(ends, _UNDECIDED)
-        end = _best([minimise(evaluate, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in starts])
-        known = _uncertainty(end, images, dead)
-        weak = undetermined(end.at, known, end.free, dead, distance)
+    if physical:
+        margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
+        ends = search.ends([*few, *dark], margin, [*_distinct(ends), *starts])
+    return search.refined(images, dark, margin, _distinct(ends, _UNDECIDED), starts[:2], _is_constant(few))
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Search:
+    """The descents of a fit; distance: median of the observations, metres."""
+
+    distance: float
+    bounds: Bounds
+    backend: Backend
+    device: Device
+
+    @contextmanager
+    def _opened(self, images: Sequence[Observations]) -> Iterator[list[Kernel]]:
+        with ExitStack() as stack:
+            yield [stack.enter_context(opened(one, self.backend, self.device)) for one in images]
+
+    def screened(self, fewest: Sequence[Observations]) -> tuple[list[Array], list[Minimum]]:
+        """Return the most promising starts on very few pixels, best first, and where each leads."""
+        with self._opened(fewest) as kernels:
+            evaluate = _summed(kernels, None)
+            starts = promising(evaluate, self.distance, self.bounds, keep=_STARTS)
+            return starts, [minimise(evaluate, at, self.bounds, tolerance=_SCREENED, max_steps=15) for at in starts]
+
+    def ends(self, few: Sequence[Observations], margin: Array | None, starts: Sequence[Array]) -> list[Minimum]:
+        """Return where the starts lead on a sample."""
+        with self._opened(few) as kernels:
+            evaluate = _summed(kernels, margin)
+            return [minimise(evaluate, start, self.bounds, tolerance=_ROUGHLY) for start in starts]
+
+    def refined(
+        self,
+        images: Sequence[Observations],
+        dark: Sequence[Observations],
+        margin: Array | None,
+        starts: Sequence[Array],
+        grid: Sequence[Array],
+        dead: Mask,
+    ) -> WaterFit:
+        """Return the lowest minimum over all observations, with weak priors where these do not determine a channel.
+
+        dark: what only holds colours up; grid: more starts with priors; dead: (3,), channels without signal.
+        """
+        floor = ROUNDING * sum(map(len, images))
+
+        def lowest(evaluate: Callable[[Array], ReducedSystem], starts: Iterable[Array]) -> Minimum:
+            return _best([minimise(evaluate, at, self.bounds, tolerance=_TOLERANCE, floor=floor) for at in starts])
+
+        with self._opened([*images, *dark]) as kernels:
+            evaluate = _summed(kernels, margin)
+            end = lowest(evaluate, starts)
+            known = _uncertainty(end, images, dead)
+            weak = undetermined(end.at, known, end.free, dead, self.distance)
+            if weak.any():
+                prior = with_priors(evaluate, known.noise, self.distance, weak)
+                end = _with_weak_channels(end, lowest(prior, (end.at, *grid)), weak, evaluate, self.distance)
+            if margin is not None:  # without the shortfall of negative colours
+                end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
+        uncertainty = _uncertainty(end, images, dead)
         if weak.any():
-            prior = with_priors(evaluate, known.noise, distance, weak)
-            again = [minimise(prior, start, bounds, tolerance=_TOLERANCE, floor=floor) for start in (end.at, *grid)]
-            end = _with_weak_channels(end, _best(again), weak, evaluate, distance)
-        system = end.system
-        if physical:  # without the shortfall of negative colours
-            system = replace(system, cost=_summed(kernels, None)(end.at).cost)
-    water = WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # J = I
-    uncertainty = _uncertainty(replace(end, system=system), images, dead)
-    if weak.any():
-        limits = (*uncertainty.limits, *_decided_by_priors(weak, end.at))
-        uncertainty = replace(uncertainty, limits=limits, is_weak=(bool(weak[0]), bool(weak[1]), bool(weak[2])))
-    return WaterFit(water, system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
+            limits = (*uncertainty.limits, *_decided_by_priors(weak, end.at))
+            uncertainty = replace(uncertainty, limits=limits, is_weak=(bool(weak[0]), bool(weak[1]), bool(weak[2])))
+        return WaterFit(_water(end, dead), end.system.cost, uncertainty, end.steps + 1, bool(end.converged.all()))
 
 
 # With matched footprints, colours may be below zero by this many standard deviations of a pixel's noise. Where no light
@@ -160,9 +192,13 @@ def sampled(observations: Observations, n: int, singles: bool, seed: int) -> Obs
     return observations.take(np.sort(np.concatenate(chosen)))
 
 
+def _water(end: Minimum, dead: Mask) -> WaterParameters:
+    return WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # a dead channel: J = I
+
+
 def _uncertainty(end: Minimum, images: Sequence[Observations], dead: Mask) -> WaterUncertainty:
-    water = WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))
-    return uncertainty_of(water, end.system, end.free, sum(one.n_excess for one in images), dead)
+    excess = sum(one.n_excess for one in images)
+    return uncertainty_of(_water(end, dead), end.system, end.free, excess, dead)
 
 
 def _decided_by_priors(weak: Mask, rows: Array) -> list[str]:
@@ -228,12 +264,6 @@ def _first_slot(observations: Observations) -> Observations:
 def _samples(images: Sequence[Observations], n: int, singles: bool, seed: int) -> list[Observations]:
     """Return about n pixels of all images together, the same number of each."""
     return [sampled(one, n // len(images) + 1, singles, seed + k) for k, one in enumerate(images)]
-
-
-@contextmanager
-def _all_opened(images: Sequence[Observations], backend: Backend, device: Device) -> Iterator[list[Kernel]]:
-    with ExitStack() as stack:
-        yield [stack.enter_context(opened(one, backend, device)) for one in images]
 
 
 def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:

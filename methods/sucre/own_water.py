@@ -62,10 +62,9 @@ class OwnWater:
         matched = tested if self.options.footprint else None
         if self.options.lamp is True:
             return self._under_a_lamp(observations, matched)
-        per_view = self.options.exposure == "per_view"
         sample = observations if matched is None else matched
-        solution = None if per_view else self._solved(observations, matched, {})
-        water = fit(sample, **self.options.compute).water if solution is None else solution.water
+        solution = None if self.options.exposure == "per_view" else self._solved(observations, matched, {})
+        water = self._water_of(sample) if solution is None else solution.water
         falloff = None if tested is None else find_falloff(tested, self.view.name, water, seed=self.options.seed)
         if falloff is not None and matched is not None and self.options.lamp == "auto" and falloff.is_sure:
             return self._in_even_light(matched, water, falloff)
@@ -78,6 +77,10 @@ class OwnWater:
         if matched is None:
             return self._determined(observations, solution, ())
         return self._at_one_exposure(observations, matched, solution)
+
+    def _water_of(self, sample: Observations) -> WaterParameters:
+        """Return the water of a sample in even light and one exposure, to start other fits from."""
+        return fit(sample, **self.options.compute).water
 
     def _footprints(self, observations: Observations) -> Observations | None:
         """Return the sample with matched footprints, to fit the water to or only to look for a falloff."""
@@ -162,11 +165,12 @@ class OwnWater:
         assert light.falloff is not None
         even, even_matched, on_target = light.removed(with_rays), light.removed(matched), light.on(self.view)
         in_even_light = replace(self, view=self.options.in_even_light(self.view, on_target))
-        solution = in_even_light._solved(even, even_matched, {})
         if self.options.exposure == "per_view":
-            even, solution = in_even_light._at_gains_of_views(even, even_matched, solution.water)
+            even, solution = in_even_light._at_gains_of_views(even, even_matched, self._water_of(even_matched))
         else:
-            even, solution = in_even_light._at_one_exposure(even, even_matched, solution)
+            even, solution = in_even_light._at_one_exposure(
+                even, even_matched, in_even_light._solved(even, even_matched, {})
+            )
         limits = (sentence_of(light.falloff, light.removal), *(limits_of_lamp(matched) if light.lamp else ()))
         solution = replace(solution, about={**solution.about, **light.about()}, light=on_target)
         return even, self._with_doubted_veil(even, matched, solution).with_limits(limits)
@@ -240,7 +244,7 @@ class OwnWater:
     def _under_a_lamp(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
         """Return the solution in even light, where a lamp explains the observations better."""
         sample = observations if matched is None else matched
-        found = estimate_lamp(sample, fit(sample, **self.options.compute).water, seed=self.options.seed)
+        found = estimate_lamp(sample, self._water_of(sample), seed=self.options.seed)
         if not found.is_worth_it:
             say("no lamp: the observations are explained as well without one")
             return observations, self._solved(observations, matched, {"lamp": found.tested()})

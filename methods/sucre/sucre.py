@@ -26,7 +26,7 @@ from sucre_bench.methods.sucre.options import (
     check,
     way_of,
 )
-from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, prior_of
+from sucre_bench.methods.sucre.shrink_noisy_colours import LEAST_SPREAD, LEAST_SPREAD_LINEAR, ImagePrior, prior_of
 from sucre_bench.methods.sucre.sucre_paper import CITES
 from sucre_bench.plugins.call_method import display_of
 from sucre_bench.scene import Encoding
@@ -78,12 +78,6 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         """
         from sucre_bench.methods.sucre.fill_without_depth import guessed
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
-        from sucre_bench.methods.sucre.undetermined_water import (
-            UNKNOWN_VEIL,
-            has_unknown_veil,
-            is_in_air,
-            without_darkest,
-        )
 
         observations = self.observe(scene, view)
         stages = {"read": observations.read_s, "pair": observations.pair_s}
@@ -92,28 +86,14 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             observations, solution = self._solve(scene, view, observations)
             if solution.light is not None:
                 view = self.in_even_light(view, solution.light)
-            elif (
-                has_unknown_veil(solution)
-                and not is_in_air(observations, solution)
-                and not normalisation(display_of(self)).removes_offsets
-            ):
-                solution = solution.with_limits([UNKNOWN_VEIL])
+            solution = self._with_told_veil(observations, solution)
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
                 observations, solution = self._single_view(view, solution)
             else:
                 solution = self._refined(view, observations, solution)
-        black = None
-        lit_unevenly = solution.light is not None
-        if self.prior and lit_unevenly and (solution.is_photograph or has_unknown_veil(solution)):
-            solution, black = without_darkest(solution)  # brightness, which the prior keeps, has a black
-        spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
-        shrinks = self.prior and not solution.is_photograph
-        prior = prior_of(solution.J, solution.deviation, spread) if shrinks else None
-        if prior is not None:
-            J, deviation = prior.posterior(solution.J, solution.deviation)
-            solution = replace(solution, J=J, deviation=deviation)
+        solution, prior, black = self._with_prior(view, solution)
         if self._decodes(view):
             solution = _encoded(solution)
         stages["solve"] = time.perf_counter() - started
@@ -121,6 +101,34 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         if self.fill:
             restored = guessed(restored, view, prior, black)
         return restored if black is None else _with_unknown_veil(restored)
+
+    def _with_told_veil(self, observations: Observations, solution: Solution) -> Solution:
+        """Say of an unknown veil that it stays in the colours, where the display does not remove it."""
+        from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
+
+        if solution.light is not None or not has_unknown_veil(solution) or is_in_air(observations, solution):
+            return solution
+        if normalisation(display_of(self)).removes_offsets:
+            return solution
+        return solution.with_limits([UNKNOWN_VEIL])
+
+    def _with_prior(self, view: View, solution: Solution) -> tuple[Solution, ImagePrior | None, Array | None]:
+        """Return the solution with `prior` applied to its colours, that prior, and the black (3,) that was subtracted.
+
+        The prior keeps brightness, and so needs colours with a black. None of what there is not.
+        """
+        from sucre_bench.methods.sucre.undetermined_water import has_unknown_veil, without_darkest
+
+        black = prior = None
+        if self.prior and solution.light is not None and (solution.is_photograph or has_unknown_veil(solution)):
+            solution, black = without_darkest(solution)
+        if self.prior and not solution.is_photograph:
+            spread = LEAST_SPREAD_LINEAR if self._fitted(view) == "linear" else LEAST_SPREAD
+            prior = prior_of(solution.J, solution.deviation, spread)
+        if prior is not None:
+            J, deviation = prior.posterior(solution.J, solution.deviation)
+            solution = replace(solution, J=J, deviation=deviation)
+        return solution, prior, black
 
     def _refined(self, view: View, observations: Observations, solution: Solution) -> Solution:
         """Return colours of many views with calibrated standard deviations and without gaps, where chosen.
