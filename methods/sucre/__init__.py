@@ -18,6 +18,7 @@ one water and one colour a pixel.
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
+| `samples.py` | pixels that water and light are fitted to |
 | `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
 | `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py`, `follow_best_channel.py` | colours after the fit, one each |
 | `fill_without_depth.py` | colours of pixels without depth |

@@ -29,12 +29,10 @@ from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
+from sucre_bench.methods.sucre.samples import SAMPLE, first_slot, sampled
 from sucre_bench.methods.sucre.starting_points import bounds_for, promising
 from sucre_bench.methods.sucre.weak_priors import has_veil, undetermined, with_priors
 from sucre_bench.multiview.observations import Observations
-
-# Pixels of the sample: a fit on 5,000 was within 1e-4 of the full cost; four times as many cost little.
-SAMPLE = 20_000
 
 # Pixels that the starts are tried on, how many starts, and how many different minima the sample chooses from.
 _SCREEN, _STARTS, _MINIMA = 2_000, 8, 3
@@ -96,7 +94,7 @@ def fit(
     search, margin = _Search(distance, bounds_for(distance), backend, device), None
     starts, ends = search.screened(_samples(few, _SCREEN, False, seed))
     ends = search.ends(few, None, _distinct(ends))
-    dark = [_first_slot(one) for one in sharp if one is not None] if physical else []
+    dark = [first_slot(one) for one in sharp if one is not None] if physical else []
     if physical:
         margin = _margin(few, sharp, WaterParameters.of_channels(_distinct(ends)[0]))
         ends = search.ends([*few, *dark], margin, [*_distinct(ends), *starts])
@@ -179,19 +177,6 @@ _FLAT = 1 / 256
 _HOPELESS = "{}; give views that see the same places from other distances, or a known water (water=FILE)"
 
 
-def sampled(observations: Observations, n: int, singles: bool, seed: int) -> Observations:
-    """Return n random pixels of those seen more than once, and with `singles` as large a share of the others."""
-    rng = np.random.default_rng(seed)
-    repeated, all_pixels = observations.n_repeated, len(observations.pixels)
-    if n >= repeated:
-        return observations.take(np.arange(all_pixels if singles else repeated))
-    chosen = [rng.choice(repeated, n, replace=False)]
-    if singles:
-        share = round((all_pixels - repeated) * n / repeated)
-        chosen.append(repeated + rng.choice(all_pixels - repeated, share, replace=False))
-    return observations.take(np.sort(np.concatenate(chosen)))
-
-
 def _water(end: Minimum, dead: Mask) -> WaterParameters:
     return WaterParameters.of_channels(np.where(dead[:, None], 0, end.at))  # a dead channel: J = I
 
@@ -236,29 +221,6 @@ def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], f
         return np.asarray(np.mean([robust_noise(one, free) for one in few], axis=0))
     lost = [robust_noise(sharp_one, free) ** 2 - robust_noise(blurred, free) ** 2 for sharp_one, blurred in pairs]
     return np.asarray(_MARGIN * np.sqrt(np.maximum(lost, LEAST_NOISE**2)).mean(axis=0))
-
-
-def _first_slot(observations: Observations) -> Observations:
-    """Return each pixel with its first observation alone, which any water explains: it can only hold a colour up.
-
-    The first that has a weight: what a lamp leaves in the dark has none.
-    """
-    n = len(observations.pixels)
-    first = np.arange(n)
-    if observations.weight is not None:
-        for _, part in reversed(list(observations.slots())):
-            known = np.flatnonzero(observations.weight[part] > 0)
-            first[known] = part.start + known
-    return replace(
-        observations,
-        counts=np.ones(n, dtype=np.int32),
-        starts=np.array([0, n]),
-        distance=observations.distance[first],
-        colour=observations.colour[:, first],
-        weight=None if observations.weight is None else observations.weight[first],
-        view=None,
-        ray=None,
-    )
 
 
 def _samples(images: Sequence[Observations], n: int, singles: bool, seed: int) -> list[Observations]:

@@ -18,6 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
 from sucre_bench.methods.sucre.light_and_water import Sample, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that the gains are fitted to.
@@ -58,10 +59,10 @@ def estimate(
     """
     if observations.view is None or not observations.n_repeated:
         raise SolveError("exposure=per_view needs pixels that several views show; use exposure=constant")
-    few = random_repeated(observations, seed, most)
+    few = sampled(observations, most, False, seed)
     assert few.view is not None
     sample = Sample.of(few)
-    view = few.view[sample.order]
+    view = few.view[sample.pixels.order]
     seen = np.unique(view)
     held = next((k for k in seen if few.views[k] == target), seen[0])
     free = seen[seen != held]
@@ -70,13 +71,6 @@ def estimate(
     gains |= {few.views[k]: float(gain) for k, gain in zip(free, np.exp(found.coefficients), strict=True)}
     is_separable = bool((found.error * float(np.median(few.distance)) < _LOOSE).all())
     return Exposure(gains, found.water, found.error, is_separable, found.noise)
-
-
-def random_repeated(observations: Observations, seed: int, most: int) -> Observations:
-    """Return the observations of random pixels that several views show, at most so many."""
-    n = observations.n_repeated
-    places = np.random.default_rng(seed).choice(n, min(n, most), replace=False)
-    return observations.take(np.sort(places))
 
 
 def differing_exposure(observations: Observations, water: WaterParameters) -> tuple[str, ...]:
@@ -88,7 +82,7 @@ def differing_exposure(observations: Observations, water: WaterParameters) -> tu
     few = observations.take(np.arange(min(observations.n_repeated, _SAMPLE)))
     assert few.view is not None
     sample = Sample.of(few)
-    view = few.view[sample.order].astype(np.int64)
+    view = few.view[sample.pixels.order].astype(np.int64)
     a, b, J = sample.colours(np.ones(len(sample.z)), water)
     model = J * a + b
     n = len(few.views)

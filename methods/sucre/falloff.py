@@ -19,10 +19,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.methods.sucre.exposure import estimate, random_repeated
+from sucre_bench.methods.sucre.exposure import estimate
 from sucre_bench.methods.sucre.lamp import DARK
 from sucre_bench.methods.sucre.light_and_water import Sample, fit_light, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that falloff and gains are fitted to, and the fewest that are worth it. Both fits have few unknowns: with 5,000
@@ -95,11 +96,11 @@ def find_falloff(observations: Observations, target: str, water: WaterParameters
     whole = uncut(observations)
     if whole.n_repeated < _FEWEST:
         return None
-    few = random_repeated(whole, seed, _SAMPLE)
+    few = sampled(whole, _SAMPLE, False, seed)
     assert few.ray is not None
     sample = Sample.of(few)
     scale = max(float(np.abs(few.ray).max()), 1e-9)
-    columns = _terms(few.ray[:, sample.order].astype(np.float64) / scale)
+    columns = _terms(few.ray[:, sample.pixels.order].astype(np.float64) / scale)
     without, promised = promised_noise(sample, columns, water)
     if promised > (1 - _BETTER / 2) * without:
         return None

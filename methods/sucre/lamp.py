@@ -15,10 +15,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from sucre_bench.arrays import Array, Indices, Mask
+from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.sucre.levenberg import Bounds, Minimum, minimise
+from sucre_bench.methods.sucre.light_and_water import ByPixel
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.multiview.observations import Observations
@@ -143,31 +144,25 @@ def _bounds(observations: Observations) -> Bounds:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Sample:
-    """Observations pixel after pixel: X (3, N); z (N,) from the camera; I, s (3, N), s the root of the weight, 0 where
-    a channel was cut off; firsts: (P,) where each pixel's begin; sizes: (P,)."""
+    """Observations in the order of `pixels`: X (3, N); z (N,) from the camera; I, s (3, N), s the root of the weight, 0
+    where a channel was cut off."""
 
     X: Array
     z: Array
     I: Array  # noqa: E741
     s: Array
-    firsts: Indices
-    sizes: Indices
+    pixels: ByPixel
 
     @staticmethod
     def of(observations: Observations, n: int, rng: np.random.Generator) -> Sample:
         """Return all observations of at most n random pixels that several views show; they need rays."""
         places = rng.choice(observations.n_repeated, min(n, observations.n_repeated), replace=False)
         few = observations.take(np.sort(places))
-        by_pixel = np.argsort(np.concatenate([np.arange(m) for m, _ in few.slots()]), kind="stable")
-        X, z, w = _points(few)[:, by_pixel], few.distance[by_pixel], few.weight
-        I = few.intensity(slice(None))[:, by_pixel].astype(np.float64)  # noqa: E741
-        s = np.sqrt(np.ones(len(few)) if w is None else w[by_pixel].astype(np.float64)) * _within(I)
-        sizes = few.counts.astype(np.int64)
-        return Sample(X, z.astype(np.float64), I, s, np.cumsum(sizes) - sizes, sizes)
-
-    def over_pixels(self, values: Array) -> Array:
-        """Sum (..., N) over each pixel's observations, and give every observation its pixel's sum."""
-        return np.repeat(np.add.reduceat(values, self.firsts, axis=-1), self.sizes, axis=-1)
+        pixels = ByPixel.of(few)
+        X, z, w = _points(few)[:, pixels.order], few.distance[pixels.order], few.weight
+        I = few.intensity(slice(None))[:, pixels.order].astype(np.float64)  # noqa: E741
+        s = np.sqrt(np.ones(len(few)) if w is None else w[pixels.order].astype(np.float64)) * _within(I)
+        return Sample(X, z.astype(np.float64), I, s, pixels)
 
 
 def _points(observations: Observations, part: slice = slice(None)) -> Array:
@@ -207,8 +202,8 @@ def _colours(
     B, beta, gamma = water.columns()
     a, b = transmission(z, beta), veil(z, B, gamma)
     x = sample.s * l * a
-    A = np.maximum(sample.over_pixels(x * x), 1e-30)
-    return a, b, x, A, sample.over_pixels(x * sample.s * (sample.I - l * b)) / A
+    A = np.maximum(sample.pixels.sums(x * x), 1e-30)
+    return a, b, x, A, sample.pixels.sums(x * sample.s * (sample.I - l * b)) / A
 
 
 def _misfit(sample: Sample, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
@@ -228,7 +223,7 @@ def _plain(sample: Sample, water: WaterParameters) -> Array:
 
 
 def _rms(r: Array, sample: Sample) -> float:
-    return float(np.sqrt((r * r).sum() / max((sample.s > 0).sum() - 3 * len(sample.sizes), 1)))
+    return float(np.sqrt((r * r).sum() / max((sample.s > 0).sum() - 3 * len(sample.pixels.sizes), 1)))
 
 
 def reduced_system(sample: Sample, unknowns: Array) -> ReducedSystem:
@@ -265,7 +260,7 @@ def reduced_system(sample: Sample, unknowns: Array) -> ReducedSystem:
             [d_log_l[:, None] * (J * a + b) + d_z[:, None] * by_z, np.stack([1 - fade, -z * J * a, B * z * fade])]
         )
     )  # (11, 3, N)
-    columns -= x_J * (sample.over_pixels(x_J * columns) / A)
+    columns -= x_J * (sample.pixels.sums(x_J * columns) / A)
     r = sample.s * (sample.I - l * b) - x_J * J
     priors = np.append((_NOISE / _PRIORS) ** 2, np.zeros(9))
     H, g = np.diag(priors), -priors * unknowns

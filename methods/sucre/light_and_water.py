@@ -36,41 +36,55 @@ _MOST = 2.0
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
-    """Observations pixel after pixel: z, order (N,), the place in `Observations`; I (3, N); firsts (P,) where each
+class ByPixel:
+    """Observations one pixel after the other: order (N,), their places in `Observations`; firsts (P,), where each
     pixel's begin; sizes (P,)."""
 
-    z: Array
-    I: Array  # noqa: E741
     order: Indices
     firsts: Indices
     sizes: Indices
 
     @staticmethod
-    def of(few: Observations) -> Sample:
-        """Return all observations of pixels that several views show."""
+    def of(few: Observations) -> ByPixel:
         order = np.argsort(np.concatenate([np.arange(m) for m, _ in few.slots()]), kind="stable")
-        I = few.intensity(slice(None))[:, order].astype(np.float64)  # noqa: E741
-        sizes = few.counts.astype(np.int64)
-        return Sample(few.distance[order].astype(np.float64), I, order, np.cumsum(sizes) - sizes, sizes)
+        return ByPixel.sized(order, few.counts.astype(np.int64))
+
+    @staticmethod
+    def sized(order: Indices, sizes: Indices) -> ByPixel:
+        return ByPixel(order, np.cumsum(sizes) - sizes, sizes)
+
+    def sums(self, values: Array) -> Array:
+        """Sum (..., N) over each pixel's observations, and give every observation its pixel's sum."""
+        return np.repeat(np.add.reduceat(values, self.firsts, axis=-1), self.sizes, axis=-1)
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Sample:
+    """All observations of pixels that several views show: z (N,) and I (3, N), in the order of `pixels`."""
+
+    z: Array
+    I: Array  # noqa: E741
+    pixels: ByPixel
+
+    @staticmethod
+    def of(few: Observations) -> Sample:
+        pixels = ByPixel.of(few)
+        I = few.intensity(slice(None))[:, pixels.order].astype(np.float64)  # noqa: E741
+        return Sample(few.distance[pixels.order].astype(np.float64), I, pixels)
 
     def every(self, step: int) -> tuple[Sample, Mask]:
         """Return each step-th pixel with all its observations, and which observations (N,) these are."""
-        kept = np.repeat(np.arange(len(self.sizes)) % step == 0, self.sizes)
-        sizes = self.sizes[::step]
-        few = Sample(self.z[kept], self.I[:, kept], self.order[kept], np.cumsum(sizes) - sizes, sizes)
-        return few, kept
-
-    def over_pixels(self, values: Array) -> Array:
-        """Sum (..., N) over each pixel's observations, and give every observation its pixel's sum."""
-        return np.repeat(np.add.reduceat(values, self.firsts, axis=-1), self.sizes, axis=-1)
+        sizes = self.pixels.sizes
+        kept = np.repeat(np.arange(len(sizes)) % step == 0, sizes)
+        few = ByPixel.sized(self.pixels.order[kept], sizes[::step])
+        return Sample(self.z[kept], self.I[:, kept], few), kept
 
     def colours(self, light: Array, water: WaterParameters) -> tuple[Array, Array, Array]:
         """Return a, b and the best J of each observation's pixel, (3, N); light: (N,)."""
         B, beta, gamma = water.columns()
         a, b = transmission(self.z, beta), veil(self.z, B, gamma)
         x = light * a
-        J = self.over_pixels(x * (self.I - light * b)) / np.maximum(self.over_pixels(x * x), 1e-30)
+        J = self.pixels.sums(x * (self.I - light * b)) / np.maximum(self.pixels.sums(x * x), 1e-30)
         return a, b, J
 
 
@@ -90,7 +104,7 @@ def fit_light(sample: Sample, columns: Array, start: WaterParameters) -> LightFi
     distance = float(np.median(sample.z))
     bounds = _bounds(len(columns), distance)
     starts = [start, *(_water_at(start, *depths, distance) for depths in _STARTS)]
-    few, kept = sample.every(max(1, len(sample.sizes) // _SCREEN))
+    few, kept = sample.every(max(1, len(sample.pixels.sizes) // _SCREEN))
     even = np.zeros(len(columns))
     ends = [
         _descend(few, columns[:, kept], np.concatenate([water.by_channel().ravel(), even]), bounds, _ROUGHLY)
@@ -120,7 +134,7 @@ def promised_noise(sample: Sample, columns: Array, water: WaterParameters) -> tu
 
 
 def _excess(sample: Sample) -> int:
-    return 3 * (len(sample.z) - len(sample.sizes))
+    return 3 * (len(sample.z) - len(sample.pixels.sizes))
 
 
 def _bounds(n: int, distance: float) -> Bounds:
@@ -149,7 +163,7 @@ def _system(sample: Sample, columns: Array, unknowns: Array, with_priors: bool =
     a, b, J = sample.colours(light, water)
     B, _, gamma = water.columns()
     x = light * a
-    A = np.maximum(sample.over_pixels(x * x), 1e-30)
+    A = np.maximum(sample.pixels.sums(x * x), 1e-30)
     r = sample.I - light * (J * a + b)
     fade = np.exp(-gamma * sample.z)
     of_water = light * np.stack([1 - fade, -sample.z * J * a, B * sample.z * fade])  # (3 parameters, 3 channels, N)
@@ -157,7 +171,7 @@ def _system(sample: Sample, columns: Array, unknowns: Array, with_priors: bool =
     H, g = np.zeros((n, n)), np.zeros(n)
     for c in range(3):
         derivatives = np.concatenate([of_water[:, c], columns * (light * (J[c] * a[c] + b[c]))])
-        derivatives -= x[c] * (sample.over_pixels(x[c] * derivatives) / A[c])
+        derivatives -= x[c] * (sample.pixels.sums(x[c] * derivatives) / A[c])
         places = np.r_[3 * c : 3 * c + 3, 9:n]
         H[np.ix_(places, places)] += derivatives @ derivatives.T
         g[places] += derivatives @ r[c]

@@ -20,11 +20,11 @@ from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.exposure import Exposure, differing_exposure
 from sucre_bench.methods.sucre.exposure import estimate as estimate_gains
 from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, uncut
-from sucre_bench.methods.sucre.footprint_sample import matched_sample
 from sucre_bench.methods.sucre.lamp import LampFit
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.samples import matched_sample
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, solve_exact
 from sucre_bench.methods.sucre.undetermined_water import (
     gains_explain_better,
@@ -138,7 +138,7 @@ class OwnWater:
         only if the water in its light is determined: the photograph, which replaces an unknown water, would keep that
         falloff. The place in the image takes all.
         """
-        with_rays = self.options.observe_with_rays(self.scene, self.view)
+        with_rays = self.options.observe(self.scene, self.view, with_view=True, with_ray=True)
         matched = uncut(matched)
         lamp = self._better_lamp(matched, water, falloff)
         if lamp is not None:
@@ -227,8 +227,9 @@ class OwnWater:
                 return None
             if find_falloff(even, self.view.name, found.water, seed=self.options.seed):
                 return None  # a lamp that moves with the camera can pass for gains
-            with_views = self.options.observe(self.scene, self.view, observations)
-            observations, solution = self._with_gains(with_views, matched, found)
+            if observations.view is None:
+                observations = self.options.observe(self.scene, self.view, with_view=True)
+            observations, solution = self._with_gains(observations, matched, found)
         except SolveError:
             return None
         if solution.is_photograph:

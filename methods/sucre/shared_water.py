@@ -11,7 +11,7 @@ from collections.abc import Callable, Sequence
 from sucre_bench.arrays import evenly
 from sucre_bench.errors import InputError, SolveError
 from sucre_bench.machine.progress import say, track
-from sucre_bench.methods.sucre.exact import SAMPLE, sampled
+from sucre_bench.methods.sucre.samples import SAMPLE, sampled
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 

@@ -122,8 +122,9 @@ def solve_exact(
     matched: observations of some pixels that the water is fitted to instead (see multiview/footprints.py); all colours
     are those of `observations`.
     """
-    from sucre_bench.methods.sucre.exact import SAMPLE, fit, sampled
+    from sucre_bench.methods.sucre.exact import fit
     from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
+    from sucre_bench.methods.sucre.samples import SAMPLE, sampled
 
     sharp = sampled(observations, SAMPLE, physical, seed) if robust or matched is not None else None
     held = [sharp] if physical and matched is not None and sharp is not None else []

@@ -161,28 +161,20 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             J, deviation = (image.reshape(-1, 3)[observations.pixels].T for image in images)
         return replace(solution, J=J, deviation=deviation)
 
-    def observe(self, scene: Scene, view: View, known: Observations | None = None) -> Observations:
-        """Return the observations of a view; known: the same without `view`, to be paired again with it."""
+    def observe(self, scene: Scene, view: View, *, with_view: bool = False, with_ray: bool = False) -> Observations:
+        """Return the observations of a view; with their views and rays in any case, if asked for."""
         from sucre_bench.multiview.stored_pairs import paired
 
-        if known is not None and known.view is not None:
-            return known
-        return paired(scene, view, self.pairs, **self.pairing_with(view=known is not None))
+        return paired(scene, view, self.pairs, **self.pairing_with(with_view=with_view, with_ray=with_ray))
 
-    def observe_with_rays(self, scene: Scene, view: View) -> Observations:
-        """Return the observations of a view with views and rays."""
-        from sucre_bench.multiview.stored_pairs import paired
-
-        return paired(scene, view, self.pairs, **self.pairing_with(view=True, ray=True))
-
-    def pairing_with(self, *, view: bool = False, ray: bool = False) -> Options:
-        """Return the options of pairing; view, ray: whether observations have their views and rays in any case."""
+    def pairing_with(self, *, with_view: bool = False, with_ray: bool = False) -> Options:
+        """Return the options of pairing."""
         return {
             "rule": self.pairing,
             "tolerance": self.tolerance,
             "encoding": self.encoding,
-            "with_ray": ray or self.lamp is True,
-            "with_view": view or self.even or self.exposure == "per_view",
+            "with_ray": with_ray or self.lamp is True,
+            "with_view": with_view or self.even or self.exposure == "per_view",
         }
 
     def _solve(self, scene: Scene, view: View, observations: Observations) -> tuple[Observations, Solution]:
@@ -219,7 +211,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
         if not known.gains:
             return observations, colours_for_water(observations, known.water, None, self.backend, self.device)
-        with_views = self.observe(scene, view, observations)
+        with_views = observations if observations.view is not None else self.observe(scene, view, with_view=True)
         even = AtOneExposure.of(with_views, known.gains, known.water, view.name)
         solution = colours_for_water(even.observations, known.water, None, self.backend, self.device)
         return even.observations, replace(solution, about=solution.about | {"gains": dict(even.gains)}).with_limits(
@@ -278,7 +270,7 @@ def _with_unknown_veil(restoration: Restoration) -> Restoration:
 def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     from sucre_bench.methods.sucre.exact import fit
-    from sucre_bench.methods.sucre.footprint_sample import matched_sample
+    from sucre_bench.methods.sucre.samples import matched_sample
     from sucre_bench.methods.sucre.shared_water import samples
 
     try:

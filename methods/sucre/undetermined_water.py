@@ -9,11 +9,11 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import is_determined
-from sucre_bench.methods.sucre.exposure import random_repeated
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend
 from sucre_bench.methods.sucre.light_and_water import Sample, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import robust_noise
+from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, start_of
 from sucre_bench.multiview.observations import Observations
 
@@ -84,11 +84,11 @@ def gains_may_explain(matched: Observations, target: str, without: WaterParamete
     """
     if matched.view is None:
         return False
-    few = random_repeated(matched, seed, _SAMPLE)
+    few = sampled(matched, _SAMPLE, False, seed)
     assert few.view is not None
     sample = Sample.of(few)
     others = [k for k in np.unique(few.view) if few.views[k] != target]
-    columns = (few.view[sample.order] == np.array(others)[:, None]).astype(np.float64)
+    columns = (few.view[sample.pixels.order] == np.array(others)[:, None]).astype(np.float64)
     noise, promised = promised_noise(sample, columns, without)
     return promised < (1 - _BETTER / 2) * noise
 
