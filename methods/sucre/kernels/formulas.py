@@ -116,7 +116,7 @@ def row_by_row(columns: Any, stack: Any, **precision: Any) -> Any:
     """Return columns (4, N) times their transpose, on a GPU.
 
     There a matrix product of rows this long adds each result in one chain of float32. On 1.8 million observations that
-    cost 1 % of a veiling light, while sums are made in trees.
+    cost 1 % of a veiling light, while sums are made in trees: with them a whole water is within 1e-6 of float64's.
     """
     return stack([(columns * row).sum(-1, **precision) for row in columns])
 

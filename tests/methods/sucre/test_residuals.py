@@ -161,7 +161,7 @@ def test_the_sample_follows_its_seed() -> None:
     assert one["std"] != other["std"]
 
 
-@pytest.mark.parametrize(("method", "fast"), [("sucre", {"backend": "numpy"}), ("sucre_paper", {"steps": 5})])
+@pytest.mark.parametrize(("method", "fast"), [("sucre", {}), ("sucre_paper", {"steps": 5})])
 def test_methods_tell_residuals_only_when_asked(method: str, fast: dict[str, Any]) -> None:
     scene = make_scene()
     plain = sb.restore(method, scene, scene["a.png"], **fast)

@@ -223,7 +223,7 @@ def test_a_lamp_is_found_in_the_deep_sea_and_not_in_daylight() -> None:
 
     psnr = {}
     for water in ("deep_sea", "coastal"):
-        scene = next(sb.load_scenes("demo", water=water, views=6, width=192, height=144))
+        scene = next(sb.load_scenes("demo", water=water, views=6, width=96, height=72))
         view = scene.views[3]
         for lamp in (False, True, "auto"):
             image = Sucre(lamp=lamp).restore(scene, view).image  # type: ignore[arg-type]
@@ -237,11 +237,11 @@ def test_a_lamp_is_found_in_the_deep_sea_and_not_in_daylight() -> None:
 def test_a_lamp_leaves_out_pixels_that_nothing_shows_brightly() -> None:
     import sucre_bench as sb
 
-    scene = next(sb.load_scenes("demo", water="deep_sea", views=6, width=192, height=144))
+    scene = next(sb.load_scenes("demo", water="deep_sea", views=6, width=96, height=72))
     views = list(scene.views)
     for k, view in enumerate(views):
         rgb = view.rgb.copy()
-        rgb[60:64] = 0 if k % 2 else 1
+        rgb[30:32] = 0 if k % 2 else 1
         views[k] = replace(view, pixels=Arrays(rgb, view.depth))
     scene = replace(scene, views=views)
     result = Sucre(lamp=True).restore(scene, views[3])
