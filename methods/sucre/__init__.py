@@ -10,7 +10,7 @@ one water and one colour a pixel.
 | `model.py` | the image formation model, its derivatives, `WaterParameters` |
 | `normal_equations.py`, `kernels/` | the least-squares problem in the water, and the passes that sum it up |
 | `exact.py`, `starting_points.py`, `levenberg.py` | the minimum: starts, steps, choice between minima |
-| `footprint_sample.py` | the pixels that the water is fitted to, averaged over one footprint |
+| `samples.py` | the pixels that water and light are fitted to, sharp or averaged over one footprint |
 | `weak_priors.py`, `undetermined_water.py` | channels, or a whole water, that the observations do not determine |
 | `adam.py`, `solvers.py` | the paper's optimiser; all solvers with one kind of result |
 | `own_water.py` | the exact fit to one image, with the options below |
@@ -18,7 +18,6 @@ one water and one colour a pixel.
 | `falloff.py`, `light_and_water.py` | light that falls off across images; light fitted together with water |
 | `uneven_light.py` | which model removes uneven light: a lamp, or the place in the image |
 | `apply_gains.py` | observations of all views in one exposure |
-| `samples.py` | pixels that water and light are fitted to |
 | `shared_water.py`, `known_water.py`, `shrink_noisy_colours.py` | one option each |
 | `calibrated_noise.py`, `even_gaps.py`, `depth_edges.py`, `follow_best_channel.py` | colours after the fit, one each |
 | `fill_without_depth.py` | colours of pixels without depth |
