@@ -1,15 +1,14 @@
 """Runs one job, given as text, in a process of its own, which notes its steps for the process that waits for it."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from types import MappingProxyType
 
 from sucre_bench.engine.run_job import run_job
-from sucre_bench.errors import DiskFullError, SucreBenchError
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import progress, progress_display
+from sucre_bench.machine import progress_display
 from sucre_bench.machine.current_step import NoteFile, at_work
 from sucre_bench.results.layout import at_work_path
 from sucre_bench.results.table import FLUSH_S
@@ -33,20 +32,10 @@ def run_text(
         file = NoteFile.at(path)
         try:
             with at_work(file, deaths, start):
-                run_said(job, flush_s=flush_s)
+                run_job(job, flush_s=flush_s)
         finally:
             file.close()
             remove_note(path)
-
-
-def run_said(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: float = FLUSH_S) -> None:
-    """Run a job as `run_job` does. A fault that ends it is printed as a line; a full disk is raised."""
-    try:
-        run_job(job, after_view, flush_s)
-    except DiskFullError:
-        raise
-    except SucreBenchError as fault:
-        progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}", is_fault=True)
 
 
 def remove_note(path: Path) -> None:

@@ -16,7 +16,8 @@ from dataclasses import dataclass
 from enum import Enum
 from typing import TYPE_CHECKING, Any, Protocol
 
-from sucre_bench.engine.job_process import run_said, run_text
+from sucre_bench.engine.job_process import run_text
+from sucre_bench.engine.run_job import run_job
 from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
@@ -93,13 +94,13 @@ class OneByOne:
     def launch(self, jobs: Sequence[Job], restorations: int) -> None:
         """Run the jobs. A fault that ends one of them is raised when all have run."""
         if len(jobs) == 1:
-            run_said(jobs[0])
+            run_job(jobs[0])
             return
         faults: list[Exception] = []
         with progress.line(f"{len(jobs)} jobs", restorations) as step:
             for job in jobs:
                 try:
-                    run_said(job, step)
+                    run_job(job, step)
                 except DiskFullError:
                     raise
                 except Exception as fault:

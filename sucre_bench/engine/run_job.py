@@ -17,7 +17,14 @@ from sucre_bench.engine.measured_restore import make_ready, measured_restore
 from sucre_bench.engine.score import Scorer, score_rows, scorers
 from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.engine.share_decoded import sharing_decoded
-from sucre_bench.errors import NotApplicableError, OutputError, raise_if_stop
+from sucre_bench.errors import (
+    DiskFullError,
+    InputError,
+    NotApplicableError,
+    OutputError,
+    SucreBenchError,
+    raise_if_stop,
+)
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.shared_pixels import with_shared_pixels
@@ -37,8 +44,17 @@ def run_job(job: Job, after_view: Callable[[], None] = lambda: None, flush_s: fl
     """Restore and score every selected view that is not done yet, writing rows and pictures under job.out.
 
     after_view: called when a view is done, computed or not; flush_s: most seconds until rows are on the disk.
-    Raises OutputError where results cannot be written; every other fault becomes a row.
+    Faults become rows. If rows cannot be written, a line says so; DiskFullError is raised, since no job can write then.
     """
+    try:
+        _run_views(job, after_view, flush_s)
+    except DiskFullError:
+        raise
+    except SucreBenchError as fault:
+        progress.say(f"failed  {job.dataset.label} / {job.method.label}: {fault}", is_fault=True)
+
+
+def _run_views(job: Job, after_view: Callable[[], None], flush_s: float) -> None:
     part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), flush_s)
     try:
         every = list(tasks(job, [with_shared_pixels(scene) for scene in open_scenes(job.dataset)]))
@@ -110,8 +126,11 @@ def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
         return replace(kept, restoration=with_truth(kept.restoration, scene, view))
     name = "/".join(filter(None, (task.base.dataset, task.base.scene, view.name)))
     at, limit_s = f"method '{job.method.label}' on view '{name}'", job.view_timeout_s
-    with step(at, limit_s), limited(limit_s), unharmed(), shown_with(job.method.display):
-        measured = measured_restore(method, scene, view)
+    try:
+        with step(at, limit_s), limited(limit_s), unharmed(), shown_with(job.method.display):
+            measured = measured_restore(method, scene, view)
+    except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
+        raise InputError(fault.fault, fault.place, fault.remedy) from fault
     if job.save == "full":
         write_full(whole, measured, task.base)
     else:

@@ -379,6 +379,12 @@ def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
     assert "failed" not in capsys.readouterr().err
 
 
+def test_a_full_disk_of_a_methods_own_files_ends_the_view_alone(out: Path):
+    outcome = run(out, "method=faulty,gain", "faulty.fault=full", multirun=True)
+    assert [(fault.view, "/tmp" in fault.reason) for fault in outcome.failed] == [("v1.png", True)]
+    assert outcome.ok == 2 * len(set(outcome.rows["view"]) - {""}) - 1
+
+
 STAYING = ["run", "dataset=toy", "dataset.views=5", "dataset.label=toy", "method=gain", "metrics=[psnr]"]
 STAYING += ["tracking.uri=off", "method.label=staying"]
 

@@ -27,6 +27,7 @@ from sucre_bench import (
     method,
     metric,
 )
+from sucre_bench.errors import DiskFullError
 
 
 @dataset()
@@ -159,7 +160,7 @@ class Halved:
 class Faulty:
     """Fails on one view, in a way of one's choice."""
 
-    fault: Literal["raise", "shape", "nan", "none", "mutate", "exit", "die"] = "raise"
+    fault: Literal["raise", "shape", "nan", "none", "mutate", "exit", "die", "full"] = "raise"
     """What it does."""
 
     def restore(self, scene: Scene, view: View) -> Restoration:
@@ -176,6 +177,8 @@ class Faulty:
                 view.rgb[:] = 0
             case "exit":
                 sys.exit(0)
+            case "full":
+                raise DiskFullError("the disk is full", "/tmp")
             case "die":
                 os.kill(os.getpid(), signal.SIGKILL)
         raise ValueError("boom\nover two lines")
