@@ -43,6 +43,11 @@ def relative_pose(to_cam_from_world: Array, from_cam_from_world: Array) -> Array
     return np.asarray(to_cam_from_world @ np.linalg.inv(from_cam_from_world))
 
 
+def moved(points: Array, transform: Array) -> Array:
+    """Return points (..., 3) after a rigid transform: of world points and ``cam_from_world``, in the camera's frame."""
+    return np.asarray(points @ transform[:3, :3].T + transform[:3, 3])
+
+
 def project(camera: Camera, points: Array) -> tuple[Array, Array]:
     """Project points (..., 3) of the camera's frame: pixel coordinates (..., 2) and depth (...,).
 

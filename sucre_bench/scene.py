@@ -201,6 +201,13 @@ class View:
         return distance_map(self.camera, self.depth)
 
     @property
+    def placed(self) -> tuple[Camera, Array]:
+        """The camera and the pose. Raises InputError if the view lacks one of them."""
+        if self.camera is None or self.cam_from_world is None:
+            raise InputError(f"{self.name}: the view has no {'pose' if self.camera else 'camera'}; this needs one")
+        return self.camera, self.cam_from_world
+
+    @property
     def reference(self) -> Array | None:
         """(H, W, 3) float32 in [0, 1], the view as it would look without water; None if unknown."""
         return _plane(self.pixels, "reference")

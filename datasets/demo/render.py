@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, pixel_rays, project
+from sucre_bench.camera import Camera, moved, pixel_rays, project
 from sucre_bench.datasets.demo.chart_boards import Board
 from sucre_bench.datasets.demo.terrain import Terrain, triangles
 from sucre_bench.datasets.demo.texture import Texture, sample
@@ -89,7 +89,7 @@ def visible_charts(surfaces: Surfaces, camera: Camera, cam_from_world: Array) ->
     """Return the charts that a view shows whole, from their front, unhidden, with patches of at least 4 pixels."""
     charts = []
     for board in surfaces.boards:
-        corners, _ = project(camera, _to_camera(cam_from_world, board.corners))
+        corners, _ = project(camera, moved(board.corners, cam_from_world))
         inside = (corners > 0).all() and (corners < (camera.width, camera.height)).all()
         clear = inside and _front(corners) and _large(board, camera, cam_from_world)
         if clear and _unhidden(surfaces, board, cam_from_world):
@@ -106,10 +106,6 @@ def _cast(surfaces: Surfaces, centre: Array, rays: Array) -> Any:
     return surfaces.caster.cast_rays(open3d.core.Tensor.from_numpy(lines))
 
 
-def _to_camera(cam_from_world: Array, points: Array) -> Array:
-    return np.asarray(points @ cam_from_world[:3, :3].T + cam_from_world[:3, 3])
-
-
 def _front(corners: Array) -> bool:
     """Clockwise in the image (y down), as the chart is read; seen from behind it would be mirrored."""
     (ax, ay), (bx, by) = corners[2] - corners[0], corners[3] - corners[1]
@@ -117,7 +113,7 @@ def _front(corners: Array) -> bool:
 
 
 def _large(board: Board, camera: Camera, cam_from_world: Array) -> bool:
-    patches, _ = project(camera, _to_camera(cam_from_world, board.patches))  # (N, 4, 2)
+    patches, _ = project(camera, moved(board.patches, cam_from_world))  # (N, 4, 2)
     sides = np.linalg.norm(np.roll(patches, -1, axis=1) - patches, axis=-1)
     return bool(sides.min() >= _PATCH_PX)
 
@@ -125,7 +121,7 @@ def _large(board: Board, camera: Camera, cam_from_world: Array) -> bool:
 def _unhidden(surfaces: Surfaces, board: Board, cam_from_world: Array) -> bool:
     """Whether rays to the chart's corners and to the centre of each patch meet nothing before the chart."""
     targets = np.concatenate([board.corners, board.patches.mean(axis=1)])
-    seen = _to_camera(cam_from_world, targets)
+    seen = moved(targets, cam_from_world)
     centre = -cam_from_world[:3, :3].T @ cam_from_world[:3, 3]
     rays = (targets - centre) / seen[:, 2:]
     met = _cast(surfaces, centre, rays)["t_hit"].numpy()

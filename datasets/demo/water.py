@@ -10,6 +10,7 @@ from typing import Literal
 import numpy as np
 
 from sucre_bench.arrays import Array
+from sucre_bench.camera import moved
 from sucre_bench.scene import Water
 
 Preset = Literal["clear", "coastal", "turbid", "deep_sea"]
@@ -62,7 +63,7 @@ def apply(J: Array, z: Array, water: Water) -> Array:
 
 def lamp_light(lamp: Lamp, points: Array) -> tuple[Array, Array]:
     """Return the lamp's light (...,) in [0, 1] at points (..., 3) of the camera's frame, and its way there, metres."""
-    seen = points @ lamp.lamp_from_cam[:3, :3].T + lamp.lamp_from_cam[:3, 3]
+    seen = moved(points, lamp.lamp_from_cam)
     plane = seen[..., :2] / seen[..., 2:]
     lobe = np.exp(-0.5 * np.einsum("...i,ij,...j->...", plane, np.linalg.inv(lamp.covariance), plane))
     return np.where(seen[..., 2] > 0, lobe, 0), np.linalg.norm(seen, axis=-1)

@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.camera import depth_at, project, relative_pose, unproject
+from sucre_bench.camera import depth_at, moved, project, relative_pose, unproject
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
@@ -174,13 +174,9 @@ def _nearest(squares: npt.NDArray[np.float32]) -> tuple[npt.NDArray[np.intp], Ma
 
 def _errors(source: View, target: View, xy: Array, matched: Array) -> Array:
     """How far matches lie from where they should, (N,) in diagonals of the target; NaN without depth."""
-    assert source.camera is not None
-    assert target.camera is not None
-    assert source.cam_from_world is not None
-    assert target.cam_from_world is not None
+    (source_camera, source_pose), (camera, pose) = source.placed, target.placed
     depth = depth_at(source.depth, xy)
-    points = unproject(source.camera, xy[:, 0], xy[:, 1], depth)  # (3, N)
-    moved = relative_pose(target.cam_from_world, source.cam_from_world) @ np.vstack([points, np.ones_like(depth)])
-    expected, _ = project(target.camera, moved[:3].T)
-    errors = np.linalg.norm(expected - matched, axis=1) / np.hypot(target.camera.width, target.camera.height)
+    points = unproject(source_camera, xy[:, 0], xy[:, 1], depth).T
+    expected, _ = project(camera, moved(points, relative_pose(pose, source_pose)))
+    errors = np.linalg.norm(expected - matched, axis=1) / np.hypot(camera.width, camera.height)
     return np.where(depth > 0, errors, np.nan)

@@ -10,7 +10,7 @@ import shlex
 import shutil
 import subprocess
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -110,7 +110,7 @@ def _features(out: Path, gpu: str | None) -> Iterator[Feature]:
     yield _packages("SUCRe on the CPU", "torch", "numba")
     yield _gpu(gpu)
     yield _packages("SUCRe and others by JAX", "jax")
-    yield _runs("demo scene, surfaces", "open3d", _open3d_fault)
+    yield _open3d()
     yield _packages("prepare: photos to a scene", "pycolmap", "opencv-python-headless")
     yield _packages("colour charts, metrics", "colour-science", "scikit-image", "scipy")
     yield _packages("networks from ONNX files", "onnxruntime")
@@ -136,12 +136,6 @@ def _packages(name: str, *distributions: str) -> Feature:
     if absent:
         return Feature(name, "broken", f"no {', '.join(absent)}", _pip(*absent))
     return Feature(name, "ready", ", ".join(f"{package} {version}" for package, version in versions.items()))
-
-
-def _runs(name: str, distribution: str, fault: Callable[[], tuple[str, str]]) -> Feature:
-    installed = _packages(name, distribution)
-    said, remedy = fault() if installed.state == "ready" else ("", "")
-    return Feature(name, "broken", said, remedy) if said else installed
 
 
 def _optional(name: str, module: str, distribution: str, remedy: str = "") -> Feature:
@@ -210,17 +204,18 @@ def _slurm() -> Feature:
     return _optional("a cluster, by SLURM", "submitit", "submitit")
 
 
-def _open3d_fault() -> tuple[str, str]:
-    """Why open3d does not import, and the remedy; tried in another process, because it may crash."""
-    tried = _python("import open3d")
-    if tried.returncode == 0:
-        return "", ""
+def _open3d() -> Feature:
+    """Open3D is imported in another process, because it may crash."""
+    installed = _packages("demo scene, surfaces", "open3d")
+    if installed.state != "ready" or not (tried := _python("import open3d")).returncode:
+        return installed
     absent = [package for library, package in OPEN3D_LIBRARIES.items() if not _has(library)]
     if absent:
-        return "open3d lacks libraries of the system", _apt(*absent)
-    return f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}", _pip(
-        "--force-reinstall", "open3d"
-    )
+        said, remedy = "open3d lacks libraries of the system", _apt(*absent)
+    else:
+        said = f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}"
+        remedy = _pip("--force-reinstall", "open3d")
+    return Feature(installed.name, "broken", said, remedy)
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:

@@ -36,11 +36,7 @@ from sucre_bench.imaging.cielab import colour_science, lab_d50_from, srgb_of_lab
 from sucre_bench.machine.files import fault_of, regular
 
 _CHROMATIC = 5.0  # chroma in Lab: the "neutral" patches of sold charts stay below 2, their dark skin is at 19
-
-
 _LENGTH = r"\d+\.?\d*|\.\d+"
-
-
 _COLUMNS = ("name", "x0", "y0", "x1", "y1", "L", "a", "b")
 
 
@@ -132,11 +128,7 @@ def _triple(values: Array) -> Triple:
 
 
 _SG = "colorchecker_sg"
-
-
 Triple = tuple[float, float, float]
-
-
 Box = tuple[float, float, float, float]
 
 
@@ -174,10 +166,10 @@ def chart_kind(name: str) -> ChartKind:
     """
     if name in KINDS:
         return KINDS[name]
-    if name == _SG or name.lower().endswith(".csv"):
-        from sucre_bench.imaging.charts import kinds
-
-        return kinds.colorchecker_sg() if name == _SG else kinds.read_kind(Path(name))
+    if name == _SG:
+        return colorchecker_sg()
+    if name.lower().endswith(".csv"):
+        return read_kind(Path(name))
     known = did_you_mean(name, [*KINDS, _SG])
     raise InputError(f"chart kind '{name}': unknown; {known}, or the path of a CSV file")
 

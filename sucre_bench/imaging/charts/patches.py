@@ -81,14 +81,19 @@ def chart_mask(chart: Chart, size: tuple[int, int]) -> Mask:
 
 def check_corners(name: str, corners: Array) -> None:
     """Raise InputError unless corners are (4, 2), finite, convex and in reading order."""
-    fault = f"chart '{name}': corners are not a quadrilateral; give (4, 2) pixels from the top left on, clockwise"
+    if not are_corners(corners):
+        fault = f"chart '{name}': corners are not a quadrilateral"
+        raise InputError(f"{fault}; give (4, 2) pixels from the top left on, clockwise")
+
+
+def are_corners(corners: Array) -> bool:
+    """Whether corners are (4, 2), finite, convex and in reading order: a chart seen from the front."""
     if corners.shape != (4, 2) or not np.isfinite(corners).all():
-        raise InputError(fault)
+        return False
     edge = np.roll(corners, -1, axis=0) - corners
     following = np.roll(edge, -1, axis=0)
     turn = edge[:, 0] * following[:, 1] - edge[:, 1] * following[:, 0]
-    if not (turn > 0).all():  # all turns clockwise (y down): convex, and not mirrored
-        raise InputError(fault)
+    return bool((turn > 0).all())  # all turns clockwise (y down): convex, and not mirrored
 
 
 @once

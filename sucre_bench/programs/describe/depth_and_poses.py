@@ -12,8 +12,8 @@ from typing import Literal
 
 import numpy as np
 
-from sucre_bench.arrays import Array, evenly
-from sucre_bench.camera import depth_at, pixel_rays, project, relative_pose, unproject
+from sucre_bench.arrays import Array, Indices, evenly
+from sucre_bench.camera import depth_at, moved, pixel_rays, project, relative_pose, unproject
 from sucre_bench.machine.progress import track
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.programs.describe.view_facts import Look
@@ -96,7 +96,7 @@ def _usable(looks: Sequence[Look]) -> list[View]:
 
 
 def _overlap(view: View, views: Sequence[View]) -> Overlap:
-    points = _points(view)
+    *_, points = some_points(view, _MOST_POINTS)
     seen, partners, off = np.zeros(len(points), bool), 0, []
     for other, most in zip(views, visible_pixels(lift(view), views), strict=True):
         if other is view or not most:
@@ -137,25 +137,26 @@ def _agreeing(
 
 def _some_points(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> dict[int, Array]:
     """A few points of the first view of each pair: enough to test a mistake."""
-    return {k: _points(views[k])[::8] for k in {k for k, _ in pairs}}
+    return {k: some_points(views[k], _MOST_POINTS)[2][::8] for k in {k for k, _ in pairs}}
 
 
-def _points(view: View) -> Array:
-    """Some of a view's points (P, 3), in its camera's frame."""
-    assert view.camera is not None
+def some_points(view: View, most: int) -> tuple[Indices, Indices, Array]:
+    """Return row and column (P,) of about so many pixels with depth, and their points (P, 3) in the camera's frame."""
+    camera, _ = view.placed
     v, u = np.nonzero(view.depth > 0)
-    step = max(1, len(u) // _MOST_POINTS)
+    step = max(1, len(u) // most)
     v, u = v[::step], u[::step]
-    return unproject(view.camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
+    return v, u, unproject(camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
+
+
+def into(other: View, view: View, points: Array) -> Array:
+    """Return points (P, 3) of a view's camera in the frame of another one's."""
+    return moved(points, relative_pose(other.placed[1], view.placed[1]))
 
 
 def _landing(points: Array, view: View, other: View, scale: float = 1.0) -> Array:
     """(d - Z) / Z (P,) of a view's points in another view; NaN outside it or without depth there."""
-    assert other.camera is not None
-    assert other.cam_from_world is not None
-    assert view.cam_from_world is not None
-    pose = relative_pose(other.cam_from_world, view.cam_from_world)
-    at, z = project(other.camera, points @ pose[:3, :3].T + pose[:3, 3])
+    at, z = project(other.placed[0], into(other, view, points))
     d = depth_at(other.depth, at) * scale
     return np.divide(d - z, z, out=np.full(len(points), np.nan), where=d > 0)
 
@@ -168,18 +169,15 @@ def _with_depth(view: View, depth: Array) -> View:
 
 
 def _planar(view: View) -> View:
-    assert view.camera is not None
-    return _with_depth(view, view.depth / np.linalg.norm(pixel_rays(view.camera), axis=-1))
+    return _with_depth(view, view.depth / np.linalg.norm(pixel_rays(view.placed[0]), axis=-1))
 
 
 def _inverted(view: View) -> View:
-    assert view.cam_from_world is not None
-    return replace(view, cam_from_world=np.linalg.inv(view.cam_from_world))
+    return replace(view, cam_from_world=np.linalg.inv(view.placed[1]))
 
 
 def _opengl(view: View) -> View:
-    assert view.cam_from_world is not None
-    return replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.cam_from_world)
+    return replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.placed[1])
 
 
 _MISTAKES: tuple[tuple[Mistake, str, str, Callable[[View], View]], ...] = (

@@ -21,9 +21,10 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from sucre_bench.arrays import Array, evenly
-from sucre_bench.camera import project, relative_pose, unproject
+from sucre_bench.camera import project
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.multiview.pairing import lift, visible_pixels
+from sucre_bench.programs.describe.depth_and_poses import into, some_points
 from sucre_bench.programs.describe.view_facts import Look
 from sucre_bench.scene import Arrays, View
 
@@ -213,17 +214,9 @@ def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair | NoExposure]:
 
 def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | NoExposure:
     view, other = views[first], views[second]
-    assert view.camera is not None
-    assert view.cam_from_world is not None
-    assert other.camera is not None
-    assert other.cam_from_world is not None
-    v, u = np.nonzero(view.depth > 0)
-    step = max(1, len(u) // _POINTS)
-    v, u = v[::step], u[::step]
-    points = unproject(view.camera, u + 0.5, v + 0.5, view.depth[v, u].astype(np.float64)).T
-    pose = relative_pose(other.cam_from_world, view.cam_from_world)
-    there = points @ pose[:3, :3].T + pose[:3, 3]
-    at, depth = project(other.camera, there)
+    v, u, points = some_points(view, _POINTS)
+    there = into(other, view, points)
+    at, depth = project(other.placed[0], there)
     height, width = other.depth.shape
     inside = (depth > 0) & (at >= 0).all(axis=1) & (at[:, 0] < width) & (at[:, 1] < height)
     column, row = (np.where(inside, at[:, k], 0).astype(int) for k in (0, 1))

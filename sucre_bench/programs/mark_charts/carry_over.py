@@ -11,9 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, depth_at, project
+from sucre_bench.camera import depth_at, moved, project
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.patches import check_corners, image_from_chart
+from sucre_bench.imaging.charts.patches import are_corners, image_from_chart
 from sucre_bench.scene import Chart, View
 
 _AGREES = 0.05  # greatest |Z - d| / Z on the chart: photogrammetry rounds a chart's edges
@@ -82,23 +82,17 @@ def corner_points(view: View, chart: Chart) -> Array | None:
     if (inverse <= 0).any():
         return None
     points = homogeneous @ np.linalg.inv(view.camera.K).T / inverse[:, None]
-    world_from_cam = np.linalg.inv(view.cam_from_world)
-    return np.asarray(points @ world_from_cam[:3, :3].T + world_from_cam[:3, 3])
+    return moved(points, np.linalg.inv(view.cam_from_world))
 
 
 def _seen_at(view: View, points: Array) -> Array | None:
     """The pixels (4, 2) of a chart's world corners; None if the view does not show all of it, large enough."""
     if view.camera is None or view.cam_from_world is None:
         return None
-    corners, z = _projected(view.camera, view.cam_from_world, points)
+    corners, z = project(view.camera, moved(points, view.cam_from_world))
     is_within = (corners >= 0).all() and (corners <= (view.camera.width, view.camera.height)).all()
-    if not (z > 0).all() or not is_within or _shortest_edge(corners) < _LEAST_EDGE_PX:
-        return None
-    try:
-        check_corners("", corners)  # seen from the front
-    except InputError:
-        return None
-    if not _has_depth(view):
+    is_readable = is_within and _shortest_edge(corners) >= _LEAST_EDGE_PX and are_corners(corners)
+    if not ((z > 0).all() and is_readable and _has_depth(view)):
         return None
     # Compare the chart's plane, at a grid of places, with the view's own depth.
     grid = (np.arange(9) + 0.5) / 9
@@ -106,16 +100,12 @@ def _seen_at(view: View, points: Array) -> Array | None:
     across, down = points[1] - points[0], points[3] - points[0]
     slant = points[2] - points[0] - across - down
     on_chart = points[0] + place[:, :1] * across + place[:, 1:] * down + place.prod(axis=1, keepdims=True) * slant
-    at, Z = _projected(view.camera, view.cam_from_world, on_chart)
+    at, Z = project(view.camera, moved(on_chart, view.cam_from_world))
     d = depth_at(view.depth, at)
     agrees = (d > 0) & (np.abs(Z - d) <= _AGREES * Z)
     known = d > 0
     seen = known.mean() >= 0.5 and agrees[known].mean() >= 0.8
     return corners if seen else None
-
-
-def _projected(camera: Camera, cam_from_world: Array, points: Array) -> tuple[Array, Array]:
-    return project(camera, points @ cam_from_world[:3, :3].T + cam_from_world[:3, 3])
 
 
 def _inside(depth: Array, corners: Array) -> tuple[Array, Array, Array]:

@@ -6,9 +6,8 @@ Its model of the Digital SG is not used: it found clearly visible painted charts
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
 from sucre_bench.imaging.charts.kinds import ChartKind, chart_kind
-from sucre_bench.imaging.charts.patches import check_corners
+from sucre_bench.imaging.charts.patches import are_corners
 from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.scene import Chart
@@ -38,7 +37,7 @@ def detect(shown: Array, kind: str) -> list[Chart]:
     for checker in detector.getListColorChecker():
         patches = np.array(checker.getColorCharts(), dtype=np.float64).reshape(-1, 4, 2)
         corners = _corners(patches, about)
-        if _is_chart(corners) and (corners >= 0).all() and (corners <= np.array(shown.shape[1::-1])).all():
+        if are_corners(corners) and (corners >= 0).all() and (corners <= np.array(shown.shape[1::-1])).all():
             found.append(corners)
     found.sort(key=lambda corners: -abs(float(cv2.contourArea(corners.astype(np.float32)))))
     return [Chart(f"chart{number}", kind, corners) for number, corners in enumerate(found, 1)]
@@ -59,12 +58,3 @@ def _corners(patches: Array, kind: ChartKind) -> Array:
     unit = np.array([[[0.0, 0], [1, 0], [1, 1], [0, 1]]])
     # OpenCV has pixel centres at whole numbers.
     return np.asarray(cv2.perspectiveTransform(unit, homography)[0] + 0.5, dtype=np.float64)
-
-
-def _is_chart(corners: Array) -> bool:
-    """Whether corners form a quadrilateral seen from the front."""
-    try:
-        check_corners("", corners)
-    except InputError:
-        return False
-    return True

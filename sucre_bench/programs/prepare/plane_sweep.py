@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array
-from sucre_bench.camera import Camera, depth_at, pixel_rays, project, relative_pose
+from sucre_bench.camera import Camera, depth_at, moved, pixel_rays, project, relative_pose
 from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.programs.prepare.registered_photos import Shot
 
@@ -211,7 +211,7 @@ def agreeing(
     ratios = np.ones(len(points))
     for place, source in enumerate(sources):
         pose = relative_pose(source.cam_from_world, shot.cam_from_world)
-        xy, z = project(source.camera, points @ pose[:3, :3].T + pose[:3, 3])
+        xy, z = project(source.camera, moved(points, pose))
         stored = depth_at(depth_of(place), xy)
         with np.errstate(divide="ignore", invalid="ignore"):
             ratio = stored / z

@@ -1,11 +1,9 @@
 """The quality of a prepared scene, as numbers and as a page that opens from disk."""
 
-from __future__ import annotations
-
 import base64
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import numpy.typing as npt
@@ -16,15 +14,10 @@ from sucre_bench.imaging.depth_colours import depth_colours
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.html_pages import filled_in
-from sucre_bench.programs.prepare.prepare_json import Quality
+from sucre_bench.programs.prepare.prepare_json import Prepared, Quality
 from sucre_bench.programs.prepare.registered_photos import Shot
 
-if TYPE_CHECKING:
-    from sucre_bench.programs.prepare.prepare_json import Prepared
-
 _THUMBNAIL = 420  # pixels wide
-
-
 _MOST_SHOWN = 100
 
 

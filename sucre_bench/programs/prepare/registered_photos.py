@@ -8,7 +8,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Indices
-from sucre_bench.camera import Camera, project
+from sucre_bench.camera import Camera, moved, project
 from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 
 _TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
@@ -39,8 +39,7 @@ class Shot:
 
     def seen_points(self) -> tuple[Array, Array]:
         """The points' projections (P, 2) and planar depths (P,)."""
-        in_camera = self.points @ self.cam_from_world[:3, :3].T + self.cam_from_world[:3, 3]
-        return project(self.camera, in_camera)
+        return project(self.camera, moved(self.points, self.cam_from_world))
 
 
 def read_shots(model: Path) -> list[Shot]:

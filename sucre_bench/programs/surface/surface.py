@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask, Picture, evenly
-from sucre_bench.camera import unproject
+from sucre_bench.camera import moved, unproject
 from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.errors import InputError
 from sucre_bench.machine.progress import track
@@ -83,9 +83,8 @@ def _footprint(view: View) -> float:
     """The median footprint of a view's pixels on the surface, in metres; 0 without depth."""
     if not _fusable(view):
         return 0.0
-    assert view.camera is not None
     depth = view.depth[::_STRIDE_PX, ::_STRIDE_PX]
-    return float(np.median(depth[depth > 0]) / view.camera.K[0, 0]) if (depth > 0).any() else 0.0
+    return float(np.median(depth[depth > 0]) / view.placed[0].K[0, 0]) if (depth > 0).any() else 0.0
 
 
 def _fusable(view: View) -> bool:
@@ -98,22 +97,20 @@ def _occupied(frames: Sequence[Frame], side: float) -> int:
     for frame in track(frames, "area"):
         view = frame.view
         if _fusable(view):
-            places = np.floor(_some_points(view) / side).astype(np.int64)  # (3, P)
-            keys = np.unique(((places + (1 << 20)) * np.array([[1 << 42], [1 << 21], [1]])).sum(axis=0))
+            places = np.floor(_some_points(view) / side).astype(np.int64)  # (P, 3)
+            keys = np.unique((places + (1 << 20)) @ np.array([1 << 42, 1 << 21, 1]))
             occupied = np.union1d(occupied, keys)
     return len(occupied)
 
 
 def _some_points(view: View) -> Array:
-    """World points (3, P) of every fourth pixel of every fourth row."""
-    assert view.camera is not None
-    assert view.cam_from_world is not None
+    """World points (P, 3) of every fourth pixel of every fourth row."""
+    camera, pose = view.placed
     depth = view.depth[::_STRIDE_PX, ::_STRIDE_PX]
     row, column = np.nonzero(depth > 0)
     x, y = column * _STRIDE_PX + 0.5, row * _STRIDE_PX + 0.5
-    points = unproject(view.camera, x, y, depth[row, column].astype(np.float64))
-    world_from_cam = np.linalg.inv(view.cam_from_world)
-    return np.asarray(world_from_cam[:3, :3] @ points + world_from_cam[:3, 3:])
+    points = unproject(camera, x, y, depth[row, column].astype(np.float64)).T
+    return moved(points, np.linalg.inv(pose))
 
 
 def _check_memory(cells: Cells, area: float) -> None:
@@ -166,18 +163,17 @@ def _grid(cells: Cells) -> Any:
 def _integrate(grid: Any, view: View, picture: Picture, coloured: Mask, voxel: float) -> None:
     import open3d as o3d
 
-    assert view.camera is not None
-    assert view.cam_from_world is not None
+    camera, cam_from_world = view.placed
     depth = np.where(coloured, view.depth, np.float32(0))
     if not depth.any():
         return
     tensor: Any = o3d.core.Tensor  # its stubs know no arrays
     image: Any = o3d.t.geometry.Image
-    pose = tensor(np.array(view.cam_from_world))
+    pose = tensor(np.array(cam_from_world))
     scale_and_reach = (1.0, float(depth.max()) + 1.0)
-    more = _repeats(depth, view.camera.K, voxel)
+    more = _repeats(depth, camera.K, voxel)
     dense = image(tensor(depth.repeat(more, axis=0).repeat(more, axis=1)))
-    K, finer = tensor(np.array(view.camera.K)), tensor(view.camera.K * [[more], [more], [1]])
+    K, finer = tensor(np.array(camera.K)), tensor(camera.K * [[more], [more], [1]])
     blocks = grid.compute_unique_block_coordinates(dense, finer, pose, *scale_and_reach, _TRUNCATION)
     # A voxel gets the pixel that it projects into, by rounding down: pixel centres are at +0.5 here, as in ours.
     planes = (image(tensor(plane)) for plane in (depth, picture / np.float32(255)))

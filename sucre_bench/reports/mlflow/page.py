@@ -1,7 +1,5 @@
 """Serves mlflow's own page on this machine, and opens it on a table of methods with the columns that decide."""
 
-from __future__ import annotations
-
 import json
 import os
 import socket
@@ -12,14 +10,12 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.decisive_columns import deciding
 from sucre_bench.errors import InputError, OutputError
 from sucre_bench.reports.mlflow.connection import connect, resolved, said_of
-
-if TYPE_CHECKING:
-    from sucre_bench.compare import Column, Comparison
 
 # mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
 _KEY = "sucre_bench"

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare import Comparison
 from sucre_bench.compare.documents import as_text
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
@@ -28,8 +29,6 @@ from sucre_bench.results.rows import restoration_rows, restorations
 if TYPE_CHECKING:
     from mlflow import MlflowClient
     from mlflow.entities import DatasetInput, LoggedModel, Metric
-
-    from sucre_bench.compare import Comparison
 
 _LONGEST_PARAM = 6000
 _MOST_PICTURES = 40  # of a run, evenly chosen; all whole pictures are among its artifacts
