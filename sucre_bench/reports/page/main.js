@@ -1,6 +1,6 @@
-// The entry of the page: its address, keys, light and dark, and the start.
+// The entry of the page: its links, keys, light and dark, and the start.
 
-import { $, REFERENCE, VIEW, choose, data, h, photograph, state, summary, viewOf, watch } from "./page.js";
+import { $, choose, data, h, state, summary, watch } from "./page.js";
 import { briefly, commandBox, commandFor, dot, number } from "./words.js";
 import "./sortable_table.js";
 import "./verdicts.js";
@@ -9,7 +9,7 @@ import { setZoom, zoom, zoomAt } from "./zoom.js";
 import { step, swap } from "./pictures.js";
 import "./detail.js";
 import "./grid.js";
-import "./choices.js";
+import "./ranked_views.js";
 import "./panels.js";
 import { pictureOfView } from "./downloads.js";
 import "./charts.js";
@@ -18,62 +18,9 @@ import "./cost.js";
 import "./distances.js";
 import "./water.js";
 import "./sweep.js";
+import { keepAddress, readAddress } from "./address.js";
 
-// -- the address names dataset/view/method/score, and after "?" what differs from how the page opens ------------------
-
-const PARTS = ["dataset", "view", "method", "metric"];
-const WORDS = { before: /./, sort: /./, rows: /^(mean|view)$/, mode: /^(slider|panels)$/, layer: /^(picture|holes|confidence|error)$/, guesses: /^(shown|hidden)$/ };
-let opened = null; // what the address says before anything is chosen
-
-function decoded(text) {
-  try {
-    return decodeURIComponent(text);
-  } catch {
-    return "";
-  }
-}
-
-function readAddress() {
-  const [path, words = ""] = location.hash.slice(1).split("?");
-  const [dataset, view, method, metric] = path.split("/").map(decoded);
-  if (!summary.datasets.includes(dataset)) return false;
-  choose({ dataset });
-  const isPicture = (which) => [VIEW, REFERENCE].includes(which) || data.methods.some((m) => m.label === which);
-  const found = {};
-  if (viewOf(view)) found.view = view;
-  if (isPicture(method)) found.method = shownAs(method);
-  const column = data.columns.find((c) => c.key === metric) || data.columns.find((c) => c.metric === metric);
-  if (column) found.metric = column.key;
-  const given = new URLSearchParams(words);
-  for (const [key, pattern] of Object.entries(WORDS)) if (pattern.test(given.get(key) || "")) found[key] = given.get(key);
-  if (found.before && !isPicture(found.before)) delete found.before;
-  if (found.before) found.before = shownAs(found.before);
-  const panels = given.getAll("panel").filter(isPicture).map(shownAs).slice(0, 4);
-  if (panels.length) found.panels = panels;
-  choose(found);
-  return true;
-}
-
-// The photograph has one name: that of the method that returns it, where there is one.
-const shownAs = (which) => (which === VIEW ? photograph()[0] : which);
-
-function addressNow() {
-  const path = PARTS.map((key) => encodeURIComponent(state[key])).join("/");
-  const words = new URLSearchParams();
-  for (const key of Object.keys(WORDS)) if (state[key] && state[key] !== START[key]) words.set(key, state[key]);
-  if (state.mode === "panels") for (const which of state.panels) words.append("panel", which);
-  return `#${path}${words.size ? `?${words}` : ""}`;
-}
-const START = { sort: "", rows: "mean", mode: "slider", layer: "picture", guesses: "shown" };
-
-watch([...PARTS, ...Object.keys(WORDS), "panels"], () => {
-  const now = addressNow();
-  if (opened !== null && opened !== now) history.replaceState(null, "", now);
-  if (opened !== null) opened = now;
-});
-addEventListener("hashchange", () => {
-  if (readAddress()) $("pictures").scrollIntoView();
-});
+// -- links ----------------------------------------------------------------------------------------------------------
 
 // Links within the page do not touch the address: it is taken.
 for (const link of document.querySelectorAll("[data-to]")) {
@@ -199,7 +146,7 @@ if (summary.datasets.length) {
   setZoom(1, 0, 0);
 }
 
-opened = addressNow();
+keepAddress();
 
 // For the browser's console, and for tests.
 window.resultsPage = { data, state, choose, number, zoom, zoomAt, pictureOfView };
