@@ -23,7 +23,7 @@ if not re.fullmatch(r"[\w./-]+", tempfile.gettempdir(), re.ASCII):  # tests writ
     os.environ.setdefault("PYTEST_DEBUG_TEMPROOT", "/tmp")
 
 import numpy as np
-from support import process_state
+from support import process_state, unsynced  # noqa: F401
 from support.command_line import Done, run_here, run_program
 from support.places import TOYS
 from support.registries import registry
