@@ -6,6 +6,8 @@ adaptations here are our own; each is documented where it is made. Intensities a
 metres.
 """
 
+from __future__ import annotations
+
 from dataclasses import dataclass
 from typing import Any, Literal
 
@@ -26,7 +28,7 @@ from sucre_bench.methods.seathru.attenuation import (
     fit_attenuation,
     illuminant_by_distance,
 )
-from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
+from sucre_bench.methods.seathru.backscatter import Backscatter, dark_pixels, fit_backscatter
 from sucre_bench.methods.seathru.illuminant import local_average
 from sucre_bench.scene import Encoding
 
@@ -98,41 +100,36 @@ class Seathru(FillOption):
         taken = self._taken(z)
         level = float(converted(np.array(_GREY_LEVEL), "gamma", light))
         few, few_z = converted(view.rgb[taken], view.encoding, light), z[taken]
-        fitted = trusted(few_z)
-        intensity, far = few[fitted], few_z[fitted]  # (P, 3), (P,)
+        found = self._fitted(few, few_z, level)
+        J = found.removed_from(few, few_z)[few_z > 0]
+        gain = self._gain(J, level)
 
+        def at(z: Array) -> Array:
+            image = found.removed_from(converted(view.rgb, view.encoding, light), z) * gain
+            return converted(image, light, view.encoding).astype(np.float32, copy=False)
+
+        water = found.water(light)
+        info: dict[str, Any] = {
+            "along": along,
+            **found.about(few_z[few_z > 0]),
+            "gain": gain.tolist(),
+            "negative_share": (J < 0).mean(axis=0).tolist(),
+            "undetermined": _undetermined(few_z[trusted(few_z)], water, found.beta),
+        }
+        restoration = Restoration(at(z), water, info=info)
+        return with_filled(restoration, view, at) if self.fill else restoration
+
+    def _fitted(self, image: Array, z: Array, level: float) -> _Fit:
+        """Return what is removed from an image (H, W, 3) at distances (H, W); level: see `_attenuation`."""
+        fitted = trusted(z)
+        intensity, far = image[fitted], z[fitted]  # (P, 3), (P,)
         dark = dark_pixels(intensity, far, self.bins, self.share, self.most)
         backscatter = fit_backscatter(intensity[dark], far[dark])
         # Where the veil is brighter than the pixel, noise or the fit is to blame: no light is left to average, and the
         # pixel stays a little below 0 in the result.
         direct = (intensity - np.stack([backscatter.veil(far, c) for c in range(3)], axis=-1)).clip(min=0)
-        illuminant = self.f * local_average(direct, np.where(fitted, few_z, 0), self.p, self.eps)
-        beta, constant = self._attenuation(illuminant, far, level)
-
-        def optical_depth(through: Array, c: int) -> Array:
-            return amplified(beta[c], through, self.amplification)
-
-        J = without_water(few, few_z, backscatter.veil, optical_depth)[few_z > 0]
-        gain = self._gain(J, level)
-
-        def at(z: Array) -> Array:
-            image = without_water(converted(view.rgb, view.encoding, light), z, backscatter.veil, optical_depth) * gain
-            return converted(image, light, view.encoding).astype(np.float32, copy=False)
-
-        water = Water(backscatter.veiling_light, np.array(constant), backscatter.rate, encoding=light)
-        info: dict[str, Any] = {
-            "along": along,
-            "dark_pixels": len(dark),
-            "residual": backscatter.residual.tolist(),
-            "residual_rate": backscatter.residual_rate.tolist(),
-            "beta_terms": [[b.a, b.b, b.c, b.d] for b in beta],
-            "gain": gain.tolist(),
-            "negative_share": (J < 0).mean(axis=0).tolist(),
-            "limited_share": [self._limited(b, few_z[few_z > 0]) for b in beta],
-            "undetermined": _undetermined(far, water, beta),
-        }
-        restoration = Restoration(at(z), water, info=info)
-        return with_filled(restoration, view, at) if self.fill else restoration
+        illuminant = self.f * local_average(direct, np.where(fitted, z, 0), self.p, self.eps)
+        return _Fit(backscatter, len(dark), *self._attenuation(illuminant, far, level), self.amplification)
 
     def _taken(self, z: Array) -> tuple[slice, slice]:
         """Every n-th pixel; not their mean, which knows no darkest pixel and mixes near with far."""
@@ -151,10 +148,6 @@ class Seathru(FillOption):
         beta = [fit_attenuation(*of, self.attenuation) for of in seen]
         return beta, [constant_attenuation(*of) for of in seen]
 
-    def _limited(self, beta: TwoTerm, z: Array) -> float:
-        """The share of pixels (P,) that are not multiplied by more, though beta says so."""
-        return float((amplified(beta, z, np.inf) > np.log(self.amplification)).mean())
-
     def _gain(self, J: Array, level: float) -> Array:
         """The (3,) white balance; of J (P, 3) as it would be shown, so that amplified noise beyond does not count.
 
@@ -165,6 +158,40 @@ class Seathru(FillOption):
         if self.white_balance == "gray-world" and lit.any():
             gain[lit] = gray_world_gain(shown[:, lit])
         return gain
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class _Fit:
+    """The water of an image: backscatter, from so many dark pixels; beta(z) of each channel, and the constant nearest
+    to it; amplification: the largest that is undone."""
+
+    backscatter: Backscatter
+    n_dark: int
+    beta: list[TwoTerm]
+    constant: list[float]
+    amplification: float
+
+    def removed_from(self, image: Array, z: Array) -> Array:
+        """Return an image (H, W, 3) at distances z (H, W) without the water."""
+
+        def optical_depth(through: Array, c: int) -> Array:
+            return amplified(self.beta[c], through, self.amplification)
+
+        return without_water(image, z, self.backscatter.veil, optical_depth)
+
+    def water(self, encoding: Encoding) -> Water:
+        return Water(self.backscatter.veiling_light, np.array(self.constant), self.backscatter.rate, encoding=encoding)
+
+    def about(self, z: Array) -> dict[str, Any]:
+        """Return the record of the fit; limited_share: of pixels (P,) at z that beta would multiply by more."""
+        most = np.log(self.amplification)
+        return {
+            "dark_pixels": self.n_dark,
+            "residual": self.backscatter.residual.tolist(),
+            "residual_rate": self.backscatter.residual_rate.tolist(),
+            "beta_terms": [[b.a, b.b, b.c, b.d] for b in self.beta],
+            "limited_share": [float((amplified(b, z, np.inf) > most).mean()) for b in self.beta],
+        }
 
 
 def _undetermined(z: Array, water: Water, beta: list[TwoTerm]) -> str:

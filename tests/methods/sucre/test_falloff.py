@@ -56,6 +56,7 @@ def test_the_light_of_a_strobe_is_removed_from_the_picture(daylight: float, wate
     view = scene["4.png"]  # of "red tide" a third is overexposed
     result = SucrePlus().restore(scene, view)
     assert result.info["falloff"]["removed_by"] in ("lamp", "place")
+    assert ("too high" in limits(result)) is (result.info["falloff"]["removed_by"] == "lamp")
     assert result.valid.mean() > 0.99
     assert shown_error(result.image, scene, "black-0.5-white-99") < 0.7 * shown_error(view.rgb, scene)
 
