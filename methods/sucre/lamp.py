@@ -111,7 +111,10 @@ def estimate(observations: Observations, water_start: WaterParameters, *, seed: 
     starts = [starting_point(position, lobe, water_start) for position in _POSITIONS for lobe in _LOBES]
     tried = [_descend(screen, start, bounds, *_ROUGHLY) for start in track(starts, "lamp")]
     best = _descend(sample, min(tried, key=lambda end: float(end.system.cost[0])).at[0], bounds, *_FINELY).at[0]
-    noise, noise_without = _rms(residuals(sample, best), sample), _rms(_plain(sample, water_start), sample)
+    noise, noise_without = (
+        _rms(residuals(sample, best), sample),
+        _rms(_misfit(sample, 1.0, sample.z, water_start), sample),
+    )
     return LampFit(_lamp(best), _water(best), noise, noise_without)
 
 
@@ -207,6 +210,7 @@ def _colours(
 
 
 def _misfit(sample: Sample, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
+    """Return the residuals (3, N) in light l, 1 without a lamp, after a way of z metres."""
     _, b, x, _, J = _colours(sample, l, z, water)
     return np.asarray(sample.s * (sample.I - l * b) - x * J)
 
@@ -215,11 +219,6 @@ def residuals(sample: Sample, unknowns: Array) -> Array:
     """Return the residuals (3, N) in a lamp's light, with the best colours; unknowns: (17,), see `starting_point`."""
     l, way = _lamp(unknowns).light(sample.X)  # noqa: E741
     return _misfit(sample, l, sample.z + way, _water(unknowns))
-
-
-def _plain(sample: Sample, water: WaterParameters) -> Array:
-    """The residuals (3, N) in a water without lamp."""
-    return _misfit(sample, 1.0, sample.z, water)
 
 
 def _rms(r: Array, sample: Sample) -> float:

@@ -72,6 +72,11 @@ class Sample:
         I = few.intensity(slice(None))[:, pixels.order].astype(np.float64)  # noqa: E741
         return Sample(few.distance[pixels.order].astype(np.float64), I, pixels)
 
+    @property
+    def n_excess(self) -> int:
+        """How many more intensities than colours there are."""
+        return 3 * (len(self.z) - len(self.pixels.sizes))
+
     def every(self, step: int) -> tuple[Sample, Mask]:
         """Return each step-th pixel with all its observations, and which observations (N,) these are."""
         sizes = self.pixels.sizes
@@ -103,7 +108,8 @@ def fit_light(sample: Sample, columns: Array, start: WaterParameters) -> LightFi
     """Fit the coefficients of columns (F, N) and the water; start: fitted without them."""
     distance = float(np.median(sample.z))
     bounds = _bounds(len(columns), distance)
-    starts = [start, *(_water_at(start, *depths, distance) for depths in _STARTS)]
+    rates = (np.repeat(np.array(depths)[:, None] / distance, 3, axis=1) for depths in _STARTS)
+    starts = [start, *(WaterParameters(start.B, beta, gamma) for beta, gamma in rates)]
     few, kept = sample.every(max(1, len(sample.pixels.sizes) // _SCREEN))
     even = np.zeros(len(columns))
     ends = [
@@ -113,7 +119,7 @@ def fit_light(sample: Sample, columns: Array, start: WaterParameters) -> LightFi
     best = min(ends, key=lambda end: float(end.system.cost[0]))
     unknowns = _descend(sample, columns, best.at[0], bounds, _TOLERANCE).at[0]
     plain = _system(sample, columns, unknowns, with_priors=False)
-    excess = max(_excess(sample) - len(unknowns), 1)
+    excess = max(sample.n_excess - len(unknowns), 1)
     noise = float(np.sqrt(plain.cost[0] / excess))
     return LightFit(
         unknowns[9:], WaterParameters.of_channels(unknowns[:9].reshape(3, 3)), _error_of_beta(plain, noise), noise
@@ -124,17 +130,11 @@ def promised_noise(sample: Sample, columns: Array, water: WaterParameters) -> tu
     """Return the rms of the residuals in a water without light, and that which one linear step with it promises."""
     unknowns = np.concatenate([water.by_channel().ravel(), np.zeros(len(columns))])
     system = _system(sample, columns, unknowns, with_priors=False)
-    H, g, cost = system.H[0], system.g[0], float(system.cost[0])
-    used = np.flatnonzero(np.diag(H) > 0)
-    scale = 1 / np.sqrt(np.diag(H)[used])
-    inverse = np.linalg.pinv(H[np.ix_(used, used)] * scale[:, None] * scale, rcond=1e-10, hermitian=True)
-    gain = float((g[used] * scale) @ inverse @ (g[used] * scale))
-    excess = max(_excess(sample), 1)
+    used, scale, inverse = _scaled_inverse(system, 1e-10)
+    cost, g = float(system.cost[0]), system.g[0, used] * scale
+    gain = float(g @ inverse @ g)
+    excess = max(sample.n_excess, 1)
     return float(np.sqrt(cost / excess)), float(np.sqrt(max(cost - gain, 0) / excess))
-
-
-def _excess(sample: Sample) -> int:
-    return 3 * (len(sample.z) - len(sample.pixels.sizes))
 
 
 def _bounds(n: int, distance: float) -> Bounds:
@@ -143,10 +143,6 @@ def _bounds(n: int, distance: float) -> Bounds:
     upper = np.concatenate([np.tile([1.0, most, most], 3), np.full(n, _MOST)])
     damped = np.concatenate([np.tile([False, True, True], 3), np.ones(n, dtype=bool)])
     return Bounds(lower, upper, damped)
-
-
-def _water_at(water: WaterParameters, beta: float, gamma: float, distance: float) -> WaterParameters:
-    return WaterParameters(water.B, np.full(3, beta / distance), np.full(3, gamma / distance))
 
 
 def _descend(sample: Sample, columns: Array, start: Array, bounds: Bounds, tolerance: float) -> Minimum:
@@ -184,11 +180,16 @@ def _system(sample: Sample, columns: Array, unknowns: Array, with_priors: bool =
     return ReducedSystem(H[None], g[None], np.array([cost]))
 
 
-def _error_of_beta(system: ReducedSystem, noise: float) -> Array:
+def _scaled_inverse(system: ReducedSystem, rcond: float) -> tuple[Indices, Array, Array]:
+    """Return the unknowns that the cost depends on, what scales H to unit diagonal, and the inverse of H so scaled."""
     H = system.H[0]
     used = np.flatnonzero(np.diag(H) > 0)
     scale = 1 / np.sqrt(np.diag(H)[used])
-    inverse = np.linalg.pinv(H[np.ix_(used, used)] * scale[:, None] * scale, rcond=1e-14, hermitian=True)
-    variance = np.full(len(H), np.inf)
+    return used, scale, np.linalg.pinv(H[np.ix_(used, used)] * scale[:, None] * scale, rcond=rcond, hermitian=True)
+
+
+def _error_of_beta(system: ReducedSystem, noise: float) -> Array:
+    used, scale, inverse = _scaled_inverse(system, 1e-14)
+    variance = np.full(len(system.H[0]), np.inf)
     variance[used] = noise**2 * np.diag(inverse).clip(min=0) * scale**2
     return np.asarray(np.sqrt(variance[[1, 4, 7]]))

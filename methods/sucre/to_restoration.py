@@ -90,14 +90,12 @@ def _doubts(negative: Array, unknown: Array) -> list[str]:
     """
     doubts = []
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
-        if below > _MANY:
-            doubts.append(
-                f"{colour}: {below:.0%} of the colours are negative; method.physical=true keeps them above zero"
-            )
-        if lost > _MANY:
-            doubts.append(
-                f"{colour}: {lost:.0%} of the colours are lost in noise; method.prior=true draws them to the mean"
-            )
+        for share, what in (
+            (below, "negative; method.physical=true keeps them above zero"),
+            (lost, "lost in noise; method.prior=true draws them to the mean"),
+        ):
+            if share > _MANY:
+                doubts.append(f"{colour}: {share:.0%} of the colours are {what}")
     return doubts
 
 
