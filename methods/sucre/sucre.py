@@ -113,9 +113,9 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         return solution.with_limits([UNKNOWN_VEIL])
 
     def _with_prior(self, view: View, solution: Solution) -> tuple[Solution, ImagePrior | None, Array | None]:
-        """Return the solution with `prior` applied to its colours, that prior, and the black (3,) that was subtracted.
+        """Return the solution with less noise in its colours (prior=true), the prior, and the black (3,) subtracted.
 
-        The prior keeps brightness, and so needs colours with a black. None of what there is not.
+        The prior keeps brightness. So in uneven light, whose veil is an offset, a black is subtracted first.
         """
         from sucre_bench.methods.sucre.undetermined_water import has_unknown_veil, without_darkest
 
