@@ -1,14 +1,12 @@
 """The limit on this process's memory that `ulimit -v` or a queue sets."""
 
+import resource
+
 LEAST_MB = 800  # with less, OpenBLAS waits for ever for memory that does not come
 
 
 def limit_mb() -> int | None:
     """Return how many MB (10^6 bytes) of addresses this process may have; None if there is no limit."""
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        return None
     limit = resource.getrlimit(resource.RLIMIT_AS)[0]
     return None if limit == resource.RLIM_INFINITY else limit // 10**6
 

@@ -2,6 +2,7 @@
 
 import errno
 import os
+import resource
 from contextlib import suppress
 from pathlib import Path
 
@@ -48,9 +49,5 @@ def want_of_processes(fault: BaseException) -> str:
 
 def _most() -> int | None:
     """How many processes and threads this user may have; None if there is no limit."""
-    try:
-        import resource
-    except ImportError:  # not on Windows
-        return None
     limit = resource.getrlimit(resource.RLIMIT_NPROC)[0]
     return None if limit == resource.RLIM_INFINITY else limit

@@ -143,7 +143,7 @@ class Part:
         """Whether the disk may be full soon: then rows that wait could no longer be written."""
         try:
             disk = os.statvfs(self._folder.parent)
-        except (OSError, AttributeError):  # no folder yet, or Windows
+        except OSError:  # no folder yet
             return False
         return disk.f_bavail * disk.f_frsize < _SCARCE_BYTES
 

@@ -3,10 +3,11 @@
 import errno
 import json
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.machine.files import write_atomically
@@ -21,8 +22,6 @@ from sucre_bench.programs.prepare.resumable_stages import Stage, stage
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
 from sucre_bench.programs.prepare.undistort import undistort
 from sucre_bench.programs.prepare.write_scene import write
-
-T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,7 +62,7 @@ def prepare(
     mapping = stage(work, "model", [photo.stamp for photo in photos], rules)
     if damaged and read_mapped(mapping.folder) is None:  # before mapping, which may take long
         say(f"{len(damaged)} of {len(photos) + len(damaged)} photos are damaged, {min(damaged)} among them")
-    mapped = _kept(mapping.folder, out, lambda: map_photos(photos, mapping.folder, rules))
+    mapped = _model(photos, mapping.folder, out, rules)
     if not mapped.registered:
         raise too_few(folder, len(photos) + len(damaged), damaged | mapped.damaged)
     damaged |= mapped.damaged
@@ -91,7 +90,8 @@ def prepare(
     )
     more = {**_asked(folder, options), "attempt": mapped.attempt}
     result = stage(work, "result", surface.key, scale, sorted(damaged))
-    made = _guarded(out, lambda: write(made, pinhole, mapped.model, shots, maps, more, result.folder))
+    with _full_disk_named(out):
+        made = write(made, pinhole, mapped.model, shots, maps, more, result.folder)
     result.finish()
     return made
 
@@ -130,12 +130,13 @@ def _check_options(work: Path, asked: Mapping[str, Any], again: bool) -> None:
     write_atomically(file, json.dumps(asked, indent=1).encode())
 
 
-def _kept(folder: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
+def _model(photos: Sequence[Photo], folder: Path, out: Path, rules: Rules) -> Mapped:
     """The model of an earlier command, or a new one."""
     before = read_mapped(folder)
     if before is not None:
         return before
-    made = _guarded(out, make)
+    with _full_disk_named(out):
+        made = map_photos(photos, folder, rules)
     if made.registered:
         for name in ("images", "depths"):  # of another model
             shutil.rmtree(out / name, ignore_errors=True)
@@ -143,10 +144,11 @@ def _kept(folder: Path, out: Path, make: Callable[[], Mapped]) -> Mapped:
     return made
 
 
-def _guarded(out: Path, do: Callable[[], T]) -> T:
-    """Turn write errors of libraries into an OutputError that names a full disk if it is one."""
+@contextmanager
+def _full_disk_named(out: Path) -> Iterator[None]:
+    """Turn write errors of libraries in this block into an OutputError that names a full disk if it is one."""
     try:
-        return do()
+        yield
     except SucreBenchError:
         raise
     except Exception as fault:
@@ -162,7 +164,8 @@ def _undistort(photos: Sequence[Photo], mapped: Mapped, out: Path, straight: Sta
         return
     by_output = {photo.output: photo for photo in photos}
     masks, pinhole = straight.folder / "masks", straight.folder / "sparse"
-    _guarded(out, lambda: undistort(by_output, mapped.model, out / "images", masks, pinhole))
+    with _full_disk_named(out):
+        undistort(by_output, mapped.model, out / "images", masks, pinhole)
     straight.finish()
 
 
@@ -172,7 +175,8 @@ def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, 
         say(f"{len(shots)} photos: surface through the sparse points")
         return Sparse(relief_of(shots), masks)
     maps = Dense(shots, images, masks, swept.folder, longest)
-    _guarded(images.parent, maps.sweep_all)
+    with _full_disk_named(images.parent):
+        maps.sweep_all()
     return maps
 
 

@@ -15,6 +15,7 @@ from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 
 from sucre_bench.arrays import Array, evenly
@@ -103,8 +104,6 @@ def _normal(known: Mapping[str, Any], title: str) -> Figure:
 
 
 def _fits(known: Mapping[str, Any], title: str) -> Figure:
-    from matplotlib.colors import LogNorm
-
     left = known["residuals"]["against_fit"]
     figure, axes = _panels(f"{title}: residuals over fits", "fitted intensity", "residual, intensity")
     for axis, name in zip(axes, style.CHANNELS, strict=True):

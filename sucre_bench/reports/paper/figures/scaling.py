@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.ticker import EngFormatter, LogLocator
 
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import NotApplicableError
@@ -35,8 +36,6 @@ _LABELLED = 50  # greatest over least number up to which the axis has 2 and 5 be
 
 def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
     """Yield the figure. NotApplicableError if no restoration has a number of observations."""
-    from matplotlib.ticker import EngFormatter, LogLocator
-
     table = times(results.rows, results.out)
     if table.empty:
         raise NotApplicableError(f"no restoration has a number of observations; {adding('observations')}")

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.patches import Rectangle
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
@@ -71,8 +72,6 @@ def _pictures(dataset: str, scene: str, view: str, values: dict[str, float], out
 
 
 def _figure(pictures: dict[str, Array], values: dict[str, float], title: str) -> Figure:
-    from matplotlib.patches import Rectangle
-
     photograph = pictures["photograph"]
     found = {name: find_seams(picture, photograph) for name, picture in pictures.items() if name != "photograph"}
     high, wide = photograph.shape[:2]

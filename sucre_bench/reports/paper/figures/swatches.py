@@ -9,6 +9,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.patches import Rectangle
 
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.errors import NotApplicableError
@@ -92,8 +93,6 @@ def _panel(axes: Axes, chart: DataFrame, methods: list[str], variant: str) -> No
 
 
 def _swatch(axes: Axes, at: tuple[int, int], measured: Any, expected: Any, error: float) -> None:
-    from matplotlib.patches import Rectangle
-
     x, y = at
     axes.add_patch(Rectangle((x - 0.48, y - 0.46), 0.96, 0.92, facecolor=measured, linewidth=0))
     axes.add_patch(Rectangle((x - 0.48, y + 0.2), 0.96, 0.26, facecolor=expected, linewidth=0))

@@ -12,6 +12,7 @@ from typing import Any
 
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.numbers import number
@@ -55,8 +56,6 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 
 
 def _page(water: DataFrame, methods: Sequence[str], out: Path) -> Figure:
-    from matplotlib.lines import Line2D
-
     figure, axes = style.figure(2, 4.8, len(_PARAMETERS), len(methods), sharex=True, sharey="row")
     true = Line2D([], [], color="#666666", linewidth=0.8, linestyle="--", label="true")
     known = False
