@@ -71,6 +71,7 @@ SLOW = (
     "reports/mlflow/test_store.py",
     "programs/people/test_in_browser.py",
     "methods/test_haze_lines.py",
+    "hostile/test_killed.py",
     "hostile/test_remedies.py",
     "metrics/test_seams.py",
     "hostile/test_refusing_machines.py",
