@@ -12,8 +12,8 @@ from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.done_views import Done
 from sucre_bench.engine.failed_rows import failed_row, row_of_fault
 from sucre_bench.engine.guard import limited, unharmed
-from sucre_bench.engine.hints import hints_of
 from sucre_bench.engine.measured_restore import make_ready, measured_restore
+from sucre_bench.engine.method_hints import hints_of
 from sucre_bench.engine.score import Scorer, score_rows, scorers
 from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.engine.share_decoded import sharing_decoded

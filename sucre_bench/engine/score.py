@@ -15,7 +15,7 @@ from sucre_bench.engine.failed_rows import row_of_fault, row_without_value
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
-from sucre_bench.jobs.job import MetricChoice
+from sucre_bench.jobs.metric_words import MetricChoice
 from sucre_bench.machine.current_step import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin

@@ -15,7 +15,7 @@ from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.imaging.image_header import Header, begins_like_jpeg, pillow, read_header, tiff_file
 from sucre_bench.imaging.image_notes import note_alpha, note_few_bits
 from sucre_bench.imaging.pixel_limit import check_array, check_pixels, most_pixels
-from sucre_bench.imaging.tiff_colours import Stored, read_stored
+from sucre_bench.imaging.read_tiff import Stored, read_stored
 from sucre_bench.machine.files import regular, write_atomically
 
 _MOST_BYTES_A_PIXEL = 16  # four channels of 32 bits

@@ -9,33 +9,19 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, one_line, unknown_name
-from sucre_bench.imaging.display import check_display, is_of_scene
-from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.labels import swept_label
-from sucre_bench.jobs.presets import plugin_of, preset_of
+from sucre_bench.errors import InputError, one_line
+from sucre_bench.imaging.display import is_of_scene
+from sucre_bench.jobs.metric_words import MetricChoice, chosen_metrics
+from sucre_bench.jobs.plugin_choice import plugin_choice
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study_block import Study
 from sucre_bench.machine.files import expanded, regular
-from sucre_bench.plugins.options import Choice, check_options, options_of, plain_value, typed
-from sucre_bench.plugins.plugin import Kind, Plugin
+from sucre_bench.plugins.options import Choice, plain_value
 from sucre_bench.plugins.seeds import seed_of
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig
-
-
-@dataclass(frozen=True)
-class MetricChoice:
-    """A metric and the variants of it to compute."""
-
-    choice: Choice
-    variants: tuple[str, ...]
-
-    @property
-    def plugin(self) -> Plugin:
-        return self.choice.plugin
 
 
 @dataclass(frozen=True)
@@ -112,7 +98,7 @@ class Job:
         import yaml
 
         run = RunConfig.of(values)
-        dataset, method = _choice("dataset", run.dataset, swept), _choice("method", run.method, swept)
+        dataset, method = plugin_choice("dataset", run.dataset, swept), plugin_choice("method", run.method, swept)
         _check_scene_display(method.display, run)
         for kind, choice in (("dataset", dataset), ("method", method)):
             if choice.label != choice.plugin.name:  # `read` knows no sweep
@@ -123,7 +109,7 @@ class Job:
             replicate=run.replicate,
             shard=run.shard,
             method=replace(method, replicate=run.replicate),
-            metrics=_metrics(run.metrics),
+            metrics=chosen_metrics(run.metrics),
             out=expanded(run.out),
             views=_view_names(run.views),
             every=run.every,
@@ -150,24 +136,6 @@ def _resolved(node: Any) -> Any:
     return OmegaConf.to_container(node, resolve=True) if OmegaConf.is_config(node) else node
 
 
-def _choice(kind: Kind, values: Any, swept: Sequence[str] = ()) -> Choice:
-    values = dict(values or {})
-    if "name" not in values:
-        raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
-    plugin = plugins.find(kind, values.pop("name"))
-    label, display = values.pop("label", None), values.pop("display", "")
-    if kind == "method":
-        check_display(display)
-    if label and not str(label).strip():
-        raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
-    types = {o.name: o.type for o in options_of(plugin.cls)}
-    given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
-    options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
-    check_options(plugin, options)
-    named = swept_label(plugin, str(label or ""), {**options, "display": display}, swept)
-    return Choice(plugin, named, options, display)
-
-
 def _check_scene_display(display: str, run: RunConfig) -> None:
     """Raise InputError where views are to be shown alike, and not all restorations will be there."""
     if is_of_scene(display) and run.save != "full":
@@ -180,51 +148,6 @@ def _plain_tree(value: Any) -> Any:
     if isinstance(value, dict):
         return {key: _plain_tree(inner) for key, inner in value.items()}
     return [_plain_tree(inner) for inner in value] if isinstance(value, (list, tuple)) else plain_value(value)
-
-
-def _metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
-    chosen = []
-    for given in values.values():
-        variants = tuple(given["variants"])
-        choice = _choice("metric", {k: v for k, v in given.items() if k != "variants"})
-        chosen.append(MetricChoice(choice, _variants(choice.plugin, variants)))
-    if not chosen:
-        raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
-    return tuple(chosen)
-
-
-def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
-    """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
-    plugin = plugin_of("method", name) or plugins.find("method", name)  # which says why there is none
-    preset = preset_of("method", name)
-    values = preset.sets if preset else {}
-    return _choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
-
-
-def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
-    """Read "name", "name:variant" and "name:all", as Python and `sucre-bench score` take them."""
-    chosen: dict[str, list[str]] = {}
-    for text in names:
-        name, _, variant = text.partition(":")
-        plugin = plugins.find("metric", name)
-        chosen.setdefault(name, []).extend([variant] if variant else plugin.default)
-    return _metrics({name: {"name": name, "variants": variants} for name, variants in chosen.items()})
-
-
-def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
-    """Return the variants that names stand for: each "NAME" or "all", perhaps with a size behind @."""
-    chosen: list[str] = []
-    for text in names:
-        name, resizing = split_variant(text)
-        if name != "all" and name not in plugin.variants:
-            raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
-        if resizing and not plugin.needs <= {"reference"}:
-            needs = " and ".join(sorted(plugin.needs))
-            raise InputError(
-                f"{plugin.name}:{text}: has no score at another size, it needs {needs}; leave @ and size out"
-            )
-        chosen += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
-    return tuple(dict.fromkeys(chosen))
 
 
 def _view_names(given: Any) -> tuple[str, ...] | None:

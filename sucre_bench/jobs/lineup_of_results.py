@@ -13,9 +13,10 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.config_file import config_path, read_config
-from sucre_bench.jobs.job import Job, MetricChoice
+from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.labels import undegraded_label
 from sucre_bench.jobs.lineup import Entry, Kind, LineUp
+from sucre_bench.jobs.metric_words import MetricChoice
 from sucre_bench.jobs.presets import given_paths
 from sucre_bench.jobs.rerun import given
 from sucre_bench.jobs.study_block import Study

@@ -1,10 +1,29 @@
 """Metrics as `metrics=[...]` and line-ups name them: "name", "name:variant" or "name:all"."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
 
 from sucre_bench import plugins
+from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.imaging.resizing import split_variant
+from sucre_bench.jobs.plugin_choice import plugin_choice
 from sucre_bench.jobs.presets import presets
 from sucre_bench.jobs.quoting import value_of
+from sucre_bench.plugins.options import Choice
+from sucre_bench.plugins.plugin import Plugin
+
+
+@dataclass(frozen=True)
+class MetricChoice:
+    """A metric and the variants of it to compute."""
+
+    choice: Choice
+    variants: tuple[str, ...]
+
+    @property
+    def plugin(self) -> Plugin:
+        return self.choice.plugin
 
 
 def chosen_variants(names: Sequence[str]) -> dict[str, list[str]]:
@@ -30,3 +49,41 @@ def words_for_hydra(names: Sequence[str]) -> Iterator[str]:
     for name, variants in chosen.items():
         if variants:
             yield f"metrics.{name}.variants={value_of(variants)}"
+
+
+def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:
+    """Read "name", "name:variant" and "name:all", as Python and `sucre-bench score` take them."""
+    chosen: dict[str, list[str]] = {}
+    for text in names:
+        name, _, variant = text.partition(":")
+        plugin = plugins.find("metric", name)
+        chosen.setdefault(name, []).extend([variant] if variant else plugin.default)
+    return chosen_metrics({name: {"name": name, "variants": variants} for name, variants in chosen.items()})
+
+
+def chosen_metrics(values: Mapping[str, Any]) -> tuple[MetricChoice, ...]:
+    """Return the metrics and variants of a configuration's `metrics`. Raises InputError if there are none."""
+    chosen = []
+    for given in values.values():
+        variants = tuple(given["variants"])
+        choice = plugin_choice("metric", {k: v for k, v in given.items() if k != "variants"})
+        chosen.append(MetricChoice(choice, _variants(choice.plugin, variants)))
+    if not chosen:
+        raise InputError("no metric is chosen; add metrics=[NAME,...], `sucre-bench list metrics` shows what there is")
+    return tuple(chosen)
+
+
+def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
+    """Return the variants that names stand for: each "NAME" or "all", perhaps with a size behind @."""
+    chosen: list[str] = []
+    for text in names:
+        name, resizing = split_variant(text)
+        if name != "all" and name not in plugin.variants:
+            raise unknown_name(plugin.name, name, ("all", *plugin.variants), "variant")
+        if resizing and not plugin.needs <= {"reference"}:
+            needs = " and ".join(sorted(plugin.needs))
+            raise InputError(
+                f"{plugin.name}:{text}: has no score at another size, it needs {needs}; leave @ and size out"
+            )
+        chosen += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
+    return tuple(dict.fromkeys(chosen))

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import DataFrame, Mask, Picture
 from sucre_bench.engine.common_pixels.of_view import CommonView, PixelMetrics, add_scores, of_views, rows_of
-from sucre_bench.jobs.job import metric_choices
+from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.results.common_scores import ViewKey, common_frame, differing_views, filled_restorations
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import row_objects

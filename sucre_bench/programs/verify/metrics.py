@@ -12,7 +12,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.errors import ANY_FAULT, SucreBenchError
-from sucre_bench.jobs.job import MetricChoice, metric_choices
+from sucre_bench.jobs.metric_words import MetricChoice, metric_choices
 from sucre_bench.plugins.options import options_of, typed
 from sucre_bench.results.bundle_format import Bundle
 from sucre_bench.results.restorations import Measured
