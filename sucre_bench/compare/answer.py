@@ -1,16 +1,13 @@
 """The answer of a comparison in two sentences: who leads by the main score, and what the other columns say."""
 
-import itertools
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator
 
-from sucre_bench.compare.choose_pixels import says_filled
 from sucre_bench.compare.compare_rows import against
 from sucre_bench.compare.decisive_columns import Deciding
 from sucre_bench.compare.model import EQUAL, Cell, Column, Comparison, Verdict, may_be_chance
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.words import ahead, listed, with_unit
-from sucre_bench.machine.plural import counted
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
@@ -19,47 +16,6 @@ def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
         return []
     lines = _against_baseline if comparison.baseline else _leaders
     return [line for line in lines(comparison, chosen) if line]
-
-
-def rough(columns: Sequence[Column]) -> str:
-    """Return what says which scores are over too few views for more than rough intervals; "" where none is."""
-    counts = _counts(columns)
-    few = [(names, alike) for names, alike in counts if alike[0].has_few_views]
-    if len(counts) == 1 and few:
-        return f"{_views(few[0][1][0])}: {_interval_of_few(few[0][1][0])}"
-    return "; ".join(f"{names}: over {_views(alike[0])}, {_interval_of_few(alike[0])}" for names, alike in few)
-
-
-def over_views(columns: Sequence[Column]) -> list[str]:
-    """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
-    (_, first), *others = _counts(columns) or [("", list(columns[:1]))]
-    if not first:
-        return []
-    if first[0].has_few_views and not others:
-        hint = ", --intervals shows them" if first[0].n_views > 1 else ""
-        return [f"{rough(columns)}{hint}"]
-    fewer = [
-        f"{names}: over {_views(alike[0])}" + (f", {_interval_of_few(alike[0])}" if alike[0].has_few_views else "")
-        for names, alike in others
-    ]
-    return [f"means over {_views(first[0])}", *fewer]
-
-
-def _counts(columns: Sequence[Column]) -> list[tuple[str, list[Column]]]:
-    """The scores with the same number of views, and their names; the largest number first."""
-    measured = [column for column in columns if column.n_units]
-    scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
-    scores = sorted(scores or measured, key=lambda column: -column.n_views)
-    groups = [list(alike) for _, alike in itertools.groupby(scores, lambda column: column.n_views)]
-    return [(", ".join(dict.fromkeys(column.metric for column in alike)), alike) for alike in groups]
-
-
-def _views(column: Column) -> str:
-    return counted(column.n_views, "view")
-
-
-def _interval_of_few(column: Column) -> str:
-    return "no intervals" if column.n_views < 2 else "intervals are rough"
 
 
 def blind(chosen: Deciding) -> str:

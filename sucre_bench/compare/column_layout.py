@@ -1,4 +1,4 @@
-"""Lays out columns of numbers in blocks that fit into a terminal."""
+"""Lays out columns of numbers in blocks that fit into a terminal or a page."""
 
 from __future__ import annotations
 
@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 from sucre_bench.compare.model import Column, Comparison
-from sucre_bench.compare.words import Shown, blocks, shown
+from sucre_bench.compare.words import Shown, shown
 
 if TYPE_CHECKING:
     from rich.text import Text
@@ -37,6 +37,26 @@ def aligned(methods: Sequence[str], laid_out: Sequence[LaidOut], width: int, dim
             lines.append(_line(name, first, [column.painted(n) for column in block], "dim" if name in dim else ""))
         made.append(Text("\n").join(lines))
     return made
+
+
+def blocks(widths: Sequence[int], room: int) -> list[slice]:
+    """Return which columns stand beside each other: as few groups as fit into `room` characters, of similar width.
+
+    There are two characters between columns. A column wider than `room` stands alone.
+    """
+    fewest = _greedy(widths, room)
+    narrower = (_greedy(widths, less) for less in range(max(widths, default=0), room))
+    return next((even for even in narrower if len(even) == len(fewest)), fewest)
+
+
+def _greedy(widths: Sequence[int], room: int) -> list[slice]:
+    made, start, left = [], 0, room
+    for n, width in enumerate(widths):
+        if n > start and width + 2 > left:
+            made.append(slice(start, n))
+            start, left = n, room
+        left -= width + 2
+    return [*made, slice(start, len(widths))] if widths else made
 
 
 def _line(name: str, width: int, cells: Sequence[Text], style: str = "") -> Text:

@@ -9,7 +9,8 @@ from typing import Any, Literal
 
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.choose_pixels import says_filled
-from sucre_bench.compare.words import Shown, blocks, left_out, legend, shown, title
+from sucre_bench.compare.column_layout import blocks
+from sucre_bench.compare.words import Shown, left_out, legend, shown, title
 from sucre_bench.machine.json_text import json_text
 from sucre_bench.results.csv_text import csv_text
 

@@ -13,12 +13,12 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import answer, blind, over_views, rough
+from sucre_bench.compare.answer import answer, blind
 from sucre_bench.compare.column_layout import LaidOut, aligned
 from sucre_bench.compare.decisive_columns import Deciding, deciding
-from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.numbers import signed
 from sucre_bench.compare.verdicts import verdicts
+from sucre_bench.compare.view_counts import over_datasets, over_views, rough
 from sucre_bench.compare.words import ARROW, left_out, legend, shown, title, verdict_text
 
 if TYPE_CHECKING:
@@ -123,7 +123,7 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
             )
         )
     head = f"{title(mains[0])} of {len(titles)} datasets{': ' + prefix if prefix else ''}"
-    signs = _signs(comparisons[0], laid_out, _over_datasets(mains))
+    signs = _signs(comparisons[0], laid_out, over_datasets(mains))
     best = Counter(
         ranking[0]
         for one, ranking, column in zip(comparisons, ranked, mains, strict=True)
@@ -134,16 +134,6 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
     parts = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, apart)]
     said = [_wrapped(text, width, "dim") for text in (signs, *_pixels(comparisons, mains))]
     return Group(*parts, *said, *([_wrapped(line, width)] if line else []))
-
-
-def _over_datasets(mains: Sequence[Column]) -> list[str]:
-    """Over how many views the main score of several datasets is."""
-    views = [column.n_views for column in mains]
-    few = sum(column.has_few_views for column in mains)
-    if min(views) == max(views):
-        return over_views(mains[:1])
-    rough_in = f"in {few} datasets over fewer than {FEWEST_VIEWS}, where intervals are rough"
-    return [f"means over {min(views)} to {max(views)} views", *([rough_in] if few else [])]
 
 
 def _pixels(comparisons: Sequence[Comparison], mains: Sequence[Column]) -> Iterator[str]:

@@ -1,14 +1,13 @@
 """The words of a comparison in every format: numbers, headings, parts of a cell, legend, notes, verdicts."""
 
 import math
-from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from typing import Literal
 
-from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Note, Verdict, may_be_chance
+from sucre_bench.compare.model import Column, Comparison, Note, Verdict, may_be_chance
 from sucre_bench.compare.numbers import number, signed
-from sucre_bench.machine.plural import counted
+from sucre_bench.compare.view_counts import over_units, rough_below
 
 _MOST_NAMES = 4
 
@@ -76,26 +75,6 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
     return f"[{word(low)}, {word(high)}]" if math.isfinite(low) else ""
 
 
-def blocks(widths: Sequence[int], room: int) -> list[slice]:
-    """Return which columns stand beside each other: as few groups as fit into `room` characters, of similar width.
-
-    There are two characters between columns. A column wider than `room` stands alone.
-    """
-    fewest = _greedy(widths, room)
-    narrower = (_greedy(widths, less) for less in range(max(widths, default=0), room))
-    return next((even for even in narrower if len(even) == len(fewest)), fewest)
-
-
-def _greedy(widths: Sequence[int], room: int) -> list[slice]:
-    made, start, left = [], 0, room
-    for n, width in enumerate(widths):
-        if n > start and width + 2 > left:
-            made.append(slice(start, n))
-            start, left = n, room
-        left -= width + 2
-    return [*made, slice(start, len(widths))] if widths else made
-
-
 # -- below a table -----------------------------------------------------------------------------------------
 
 
@@ -115,7 +94,7 @@ def legend(
     of = "mean" + (" ± standard deviation" if spread else "") + (" [95 % interval]" if has_interval else "")
     if comparison.baseline:
         of = f"with a sign: the difference from {comparison.baseline}{' [95 % interval]' * has_interval}; else {of}"
-    parts = [of, *_over(comparison)]
+    parts = [of, *over_units(comparison)]
     parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
         parts.append("green: better, red: worse" if colours else "bold: better")
@@ -127,33 +106,14 @@ def legend(
     return "; ".join([*parts, _how(comparison, has_interval)] if intervals else parts)
 
 
-def _over(comparison: Comparison) -> Iterator[str]:
-    """Over how many views: of most metrics, then of those that differ."""
-    counts = Counter(_count(column) for column in comparison.columns if column.n_units)
-    for number_, (count, _) in enumerate(counts.most_common()):
-        names = [column.metric for column in comparison.columns if _count(column) == count]
-        of = "over " if number_ == 0 else f"{', '.join(dict.fromkeys(names))} over "
-        yield of + count
-
-
-def _count(column: Column) -> str:
-    views = counted(column.n_views, "view")
-    scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
-    charts = f" ({counted(column.n_units, 'chart')})" if column.of == "chart" else ""
-    return views + scenes + charts
-
-
 def _how(comparison: Comparison, has_interval: bool) -> str:
     """Which intervals these are: of means, and of differences between methods."""
     if not has_interval:
         return "no intervals: one view says nothing of chance"
-    few = any(1 < column.n_views < FEWEST_VIEWS for column in comparison.columns if column.ranked)
-    rough = (
-        f"; over fewer than {FEWEST_VIEWS} views they are rough: so few scores do not show how scores are distributed"
-    )
+    few = any(column.n_views > 1 and column.has_few_views for column in comparison.columns if column.ranked)
     units = "scenes" if any(column.n_scenes > 1 for column in comparison.columns) else "views"
     means = f"intervals: bootstrap over {units}"
-    end = rough if few else ""
+    end = f"; {rough_below()}" if few else ""
     return f"{means}{_of_differences(comparison)}{end}"
 
 

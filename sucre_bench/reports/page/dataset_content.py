@@ -10,10 +10,11 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, verdicts
-from sucre_bench.compare.answer import answer, blind, rough
+from sucre_bench.compare.answer import answer, blind
 from sucre_bench.compare.choose_pixels import FILLED
 from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.documents import Format, as_text
+from sucre_bench.compare.view_counts import rough
 from sucre_bench.compare.words import left_out, legend, shown
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.quoting import value_of
