@@ -172,13 +172,17 @@ def _versions(rows: DataFrame) -> Iterator[_Fault]:
 
 
 def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
-    """Two labels of one method with different display normalisations that the labels do not mention."""
+    """Two labels of one method with different display normalisations that the labels do not mention.
+
+    If they were fitted to different encodings, as `sucre_plus` and its preset `sucre_photo`, each needs its own.
+    """
     known = rows.drop_duplicates("method")[["method", "options"]]
     options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}
     for first, second in combinations(options, 2):
         one, other = options[first], options[second]
         shown = one.get("display"), other.get("display")
-        if one.get("name") == other.get("name") and shown[0] != shown[1] and "display=" not in first + second:
+        are_alike = all(one.get(name) == other.get(name) for name in ("name", "encoding"))
+        if are_alike and shown[0] != shown[1] and "display=" not in first + second:
             yield (
                 Difference.DISPLAYS,
                 f"{first} and {second} are both {one.get('name')}, shown in different ways, {shown[0]} and {shown[1]}; "

@@ -64,7 +64,7 @@ def opens_lazily(subject: Subject) -> Iterator[Finding]:
     yield note(f"{opening:.2f} s")
 
 
-@rule("gives images, depth and references as they should be", "dataset")
+@rule("gives images, depth and references of the right shape and range", "dataset")
 def planes_are_sound(subject: Subject) -> Iterator[Finding]:
     for scene in _opened(subject):
         for view in _some(scene, 3):
@@ -98,7 +98,7 @@ def _plane_faults(view: View) -> Iterator[str]:
         yield f"encoding is {view.encoding!r}; it is 'gamma' or 'linear'"
 
 
-@rule("gives cameras, poses and charts that can be", "dataset")
+@rule("gives sound cameras, poses and charts", "dataset")
 def geometry_is_sound(subject: Subject) -> Iterator[Finding]:
     for scene in _opened(subject):
         for view in _some(scene):
@@ -132,7 +132,7 @@ def _camera_fault(camera: Camera) -> str:
     return ""
 
 
-@rule("says truly what its scenes have", "dataset")
+@rule("declares what its scenes have", "dataset")
 def has_what_it_says(subject: Subject) -> Iterator[Finding]:
     declared = subject.plugin.has
     for scene in _opened(subject):
@@ -172,7 +172,7 @@ def is_repeatable(subject: Subject) -> Iterator[Finding]:
             yield breach(f"{one.views[0].name}: another image when opened again; seed what is random")
 
 
-@rule("says in one line which folder is not as it should be", "dataset", runs=False)
+@rule("names a folder that is missing or empty, in one line", "dataset", runs=False)
 def names_what_is_missing(subject: Subject) -> Iterator[Finding]:
     whats = {"not-there": "a folder that is not there", "": "an empty one"}
     asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING]

@@ -12,7 +12,7 @@ from sucre_bench.programs.contract.contract import Finding, Subject, breach, dou
 _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
 
 
-@rule("says what it is and what its options mean", runs=False)
+@rule("is described, with the meaning of each option", runs=False)
 def is_described(subject: Subject) -> Iterator[Finding]:
     plugin = subject.plugin
     if plugin.cls.__doc__ is None or plugin.summary.startswith(
@@ -29,7 +29,7 @@ def is_described(subject: Subject) -> Iterator[Finding]:
             yield breach(f"variant '{variant}' is not explained; say in variants= what sets it apart")
 
 
-@rule("says whose work it is", runs=False, applies=lambda plugin: plugin.kind != "metric")
+@rule("names its publication and its licence", runs=False, applies=lambda plugin: plugin.kind != "metric")
 def is_attributed(subject: Subject) -> Iterator[Finding]:
     plugin = subject.plugin
     if plugin.kind == "dataset" and not (plugin.source or plugin.licence):
@@ -68,7 +68,7 @@ def is_installed(subject: Subject) -> Iterator[Finding]:
         yield breach(f"packages are missing; {line}")
 
 
-@rule("imports lightly, and changes nothing by it", runs=False, lasting=True)
+@rule("is imported quickly, and changes nothing by that", runs=False, lasting=True)
 def imports_lightly(subject: Subject) -> Iterator[Finding]:
     from sucre_bench.programs.contract.fresh_process import imported
 

@@ -56,7 +56,7 @@ def _chart(left: float) -> Chart:
     return Chart("c", "dgk", np.array([[left, 4], [left + 30, 4], [left + 30, 24], [left, 24]]))
 
 
-@rule("leaves the process as it was: random states, threads, settings", "method")
+@rule("changes nothing in the process: random states, threads, settings", "method")
 def leaves_the_process(subject: Subject) -> Iterator[Finding]:
     """This rule comes first: some changes happen only in a first call."""
     subject.make()  # imports what it requires
@@ -65,7 +65,7 @@ def leaves_the_process(subject: Subject) -> Iterator[Finding]:
     yield from changes
 
 
-@rule("leaves its input as it was", "method")
+@rule("does not change its input", "method")
 def leaves_its_input(subject: Subject) -> Iterator[Finding]:
     scene, result = _of_rich(subject)
     for view, fresh in zip(scene, _rich(), strict=True):
@@ -109,7 +109,7 @@ def leaves_holes(subject: Subject) -> Iterator[Finding]:
         )
 
 
-@rule("skips a view without any depth, saying so", "method", applies=_needs_depth)
+@rule("skips a view without depth, with the reason", "method", applies=_needs_depth)
 def skips_what_has_no_depth(subject: Subject) -> Iterator[Finding]:
     remedy = 'raise NotApplicableError(f"{view.name}: no pixel has depth")'
     try:
@@ -130,13 +130,15 @@ def leaves_no_holes(subject: Subject) -> Iterator[Finding]:
         yield breach(f"{missing.sum()} pixels get no colour; without a need of depth every pixel of the image has one")
 
 
-@rule("runs with no more than it says it needs", "method")
+@rule("runs with no more than it declares in needs=", "method")
 def runs_with_least(subject: Subject) -> Iterator[Finding]:
     try:
         _restore(subject, least(_rich(), subject.plugin.needs))
     except NotApplicableError:
         raise
     except Exception as fault:
+        if "read-only" in str(fault):
+            raise  # it writes into its input, whatever it needs
         has = " and ".join(sorted(subject.plugin.needs)) or "nothing but an image"
         yield breach(f"a view with {has}: {one_line(fault).split('; ')[0]}; add what it uses to needs=")
 
@@ -151,7 +153,7 @@ _OTHERS: dict[str, dict[str, Any]] = {
 }
 
 
-@rule("does not look at what it does not say it needs", "method")
+@rule("reads nothing that it does not declare in needs=", "method")
 def keeps_its_eyes_off(subject: Subject) -> Iterator[Finding]:
     first = _of_rich(subject)[1].image
     undeclared = [need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs]
@@ -165,7 +167,7 @@ def keeps_its_eyes_off(subject: Subject) -> Iterator[Finding]:
             yield breach(f"its result changes with the {need}, which it is judged by; leave it alone, or add to needs=")
 
 
-@rule("uses what it says it needs", "method", applies=lambda plugin: bool(plugin.needs))
+@rule("uses what it declares in needs=", "method", applies=lambda plugin: bool(plugin.needs))
 def uses_what_it_needs(subject: Subject) -> Iterator[Finding]:
     first = _of_rich(subject)[1].image
     for need in sorted(subject.plugin.needs & set(_OTHERS)):
@@ -185,7 +187,7 @@ def alike(one: Array, other: Array) -> bool:
     return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=_ROUNDING, equal_nan=True)
 
 
-@rule("gives the same twice, whatever the seeds", "method")
+@rule("gives the same result twice, whatever the seeds", "method")
 def is_deterministic(subject: Subject) -> Iterator[Finding]:
     first = _plain(subject).image
     with watched():  # alters the random states
@@ -198,7 +200,7 @@ def is_deterministic(subject: Subject) -> Iterator[Finding]:
         )
 
 
-@rule("gives the same in another process", "method", lasting=True)
+@rule("gives the same result in another process", "method", lasting=True)
 def is_the_same_elsewhere(subject: Subject) -> Iterator[Finding]:
     from sucre_bench.programs.contract.fresh_process import restored
 
@@ -218,7 +220,7 @@ def _difference(one: Array, other: Array) -> float:
     return float(np.abs(one[both] - other[both]).max()) if both.any() else float("nan")
 
 
-@rule("tells what can be kept: water, confidence, info", "method")
+@rule("gives water, confidence and info in the right form", "method")
 def tells_what_can_be_kept(subject: Subject) -> Iterator[Finding]:
     result = _plain(subject)
     shape = result.image.shape[:2]

@@ -115,7 +115,7 @@ def scores_no_holes(subject: Subject) -> Iterator[Finding]:
             yield breach(f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none")
 
 
-@rule("runs with no more than it says it needs", "metric")
+@rule("runs with no more than it declares in needs=", "metric")
 def runs_with_least(subject: Subject) -> Iterator[Finding]:
     # Without depth and poses the engine finds no points that two views share.
     needs = subject.plugin.needs | ({"depth", "poses"} if subject.plugin.is_of_pairs else set())
@@ -130,7 +130,7 @@ def _is_judged(plugin: Plugin) -> bool:
     return plugin.better != "none" and bool(plugin.needs & _JUDGED) and not plugin.is_of_pairs
 
 
-@rule("says truly which direction is better", "metric", applies=_is_judged)
+@rule("declares the better direction", "metric", applies=_is_judged)
 def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
     """Compare known answers: the reference with itself plus a cast, the true water with another."""
     view = charted()[TARGET]
@@ -187,7 +187,7 @@ def _alike(one: Score, other: Score) -> bool:
     return both_nan or math.isclose(one.value, other.value, rel_tol=1e-4, abs_tol=1e-6)
 
 
-@rule("gives the same twice, and leaves its input and the process as they were", "metric")
+@rule("gives the same score twice, and changes neither its input nor the process", "metric")
 def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
     planes, attempts = (_on_pair if subject.plugin.is_of_pairs else _on_view)(subject.make())
     kept = [plane.copy() for plane in planes]

@@ -67,7 +67,7 @@ def _next(kind: Kind, name: str, file: str | None, test: Path) -> tuple[tuple[st
     job = {
         "method": f"-m {plugin}dataset=demo method=underwater,{name} every=4",
         "dataset": f"-m {plugin}dataset={name} dataset.root=DIR method=underwater,gray_world",
-        "metric": f"-m {plugin}dataset=demo method=underwater,gray_world metrics=[psnr,{name}] every=4",
+        "metric": f"-m {plugin}dataset=demo method=underwater,gray_world 'metrics=[psnr,{name}]' every=4",
     }[kind]
     return (
         ("check", f"sucre-bench check {file or name}{given}"),

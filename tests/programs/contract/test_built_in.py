@@ -58,7 +58,7 @@ def built_in(kind: plugins.Kind) -> list[Plugin]:
 ALL = [plugin for kind in plugins.KINDS for plugin in built_in(kind)]
 
 # The one doubt that is meant so: the input itself, and the doors for others' results, are nobody's work.
-MEANT = "says whose work it is"
+MEANT = "names its publication and its licence"
 
 
 def options_for(plugin: Plugin, folder: Path) -> dict[str, Any]:

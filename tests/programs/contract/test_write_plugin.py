@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ast
 import re
+import shlex
 import shutil
 import subprocess
 import sys
@@ -126,7 +127,7 @@ def test_the_commands_it_names_are_those_that_work(folder: Path) -> None:
         lines = dict(line.split(maxsplit=1) for line in new(kind, f"tried_{kind}").stdout.splitlines()[2:])
         assert list(lines) == ["check", "test", "run"]
         for line, more in ((lines["run"], "--cfg"), (lines["check"], "--quick")):
-            done = CliRunner().invoke(cli, [*line.replace("=DIR", "=dive").split()[1:], more])
+            done = CliRunner().invoke(cli, [*shlex.split(line.replace("=DIR", "=dive"))[1:], more])
             assert done.exit_code == 0, done.output
             assert " kept" in done.stdout or more == "--cfg"
 
