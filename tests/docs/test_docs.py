@@ -198,3 +198,19 @@ def test_the_first_five_minutes_run_as_they_stand(bench: Callable[..., Any], tmp
         done = bench(*[word for word in line.split()[1:] if word != "every=4"], *extra)
         assert done.returncode == 0, f"{line}: {done.stdout} {done.stderr}"
     assert (tmp_path / "results" / "report" / "index.html").is_file()
+
+
+def test_the_readmes_table_has_the_demos_methods_and_its_bold_means_are_the_best():
+    lines = (ROOT / "README.md").read_text(encoding="utf-8").splitlines()
+    start = next(n for n, line in enumerate(lines) if line.startswith("| method |") and "PSNR" in line)
+    table = [[cell.strip() for cell in line.strip("|").split("|")] for line in lines[start:] if line.startswith("| ")][
+        :9
+    ]
+    (_, *heads), _, (_, *_), *competitors = table
+    rows = {row[0].split("`")[1]: row[1:] for row in table[2:]}
+    assert set(rows) == {job.method.label for job in config.jobs(["experiment=demo"], multirun=True).jobs}
+    for column, head in enumerate(heads):
+        numbers = {name: [float(n) for n in re.findall(r"\d+(?:\.\d+)?", row[column])] for name, row in rows.items()}
+        assert all(low <= mean <= high for mean, low, high in numbers.values())
+        best = (max if "↑" in head else min)(numbers, key=lambda name, numbers=numbers: numbers[name][0])
+        assert [row[0].split("`")[1] for row in competitors if "**" in row[column + 1]] == [best]
