@@ -5,6 +5,7 @@ line a word. The scripts are of our own because click's part what is typed at "=
 behind "method=", and complete no path behind "=".
 """
 
+import os
 import re
 import shlex
 from collections.abc import Mapping
@@ -22,8 +23,6 @@ _OPEN = ("=", ".", "/")  # the end of a word that goes on
 class _Shell(ShellComplete):
     def get_completion_args(self) -> tuple[list[str], str]:
         """Return the words after the program's name, and the unfinished one."""
-        import os
-
         words, incomplete = _split(os.environ.get("COMP_LINE", ""))
         starts = (n for n, word in enumerate(words) if Path(word).name == self.prog_name)
         return words[next(starts, 0) + 1 :], incomplete
@@ -58,8 +57,6 @@ complete -o nosort -F %(complete_func)s %(prog_name)s
 """
 
     def format_completion(self, item: CompletionItem[str]) -> str:
-        import os
-
         word = os.environ.get("COMP_WORD", "")
         is_quoted, (_, typed) = word[:1] in ("'", '"'), _split(word)
         before = len(self.get_completion_args()[1]) - len(typed)

@@ -116,8 +116,6 @@ def _entry(plugin: Plugin | Broken, colour: bool) -> str:
 
 
 def _styled(text: str, colour: bool, **style: Any) -> str:
-    import click
-
     return click.style(text, **style) if colour else text
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -205,8 +206,6 @@ def _metrics(found: Evaluated) -> Any:
 
 
 def _as_object(found: Evaluated) -> dict[str, Any]:
-    from dataclasses import asdict
-
     numbered, people = found.numbered, found.people
     scores = zip(numbered.methods, people.scores, people.low, people.high, strict=True)
     return {

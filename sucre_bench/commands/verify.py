@@ -6,6 +6,7 @@ import contextlib
 import shlex
 import sys
 from collections.abc import Collection, Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -128,8 +129,6 @@ def _verdict(found: Verified, is_other: bool) -> str:
 
 
 def _as_object(found: Verified, is_other: bool) -> dict[str, object]:
-    from dataclasses import asdict
-
     differing = [
         {k: (str(v) if isinstance(v, float) and v - v else v) for k, v in asdict(one).items()}
         for one in found.differing

@@ -9,7 +9,10 @@ import sys
 from pathlib import Path
 from typing import Any
 
+from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import usable_cores
+from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.machine.secrets import masked
 
 PACKAGES = (
     "colour-science",
@@ -115,17 +118,11 @@ def _memory_gb() -> float:
 
 def write(path: Path, content: dict[str, Any]) -> None:
     """Write an environment as JSON, without passwords."""
-    from sucre_bench.machine.files import write_atomically
-    from sucre_bench.machine.secrets import masked
-
     write_atomically(path, (masked(json.dumps(content, indent=2)) + "\n").encode())
 
 
 def read(path: Path) -> dict[str, Any] | None:
     """Read an environment; None if the file does not exist or is no JSON."""
-    from sucre_bench.errors import InputError
-    from sucre_bench.machine.files import regular
-
     try:
         content: dict[str, Any] = json.loads(regular(path).read_text(encoding="utf-8"))
     except (OSError, InputError, ValueError, RecursionError):
