@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import MissingFileError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed
@@ -32,42 +32,44 @@ def registered_scene(
     image_of: the file of each image name of the model; depths: folder of depth maps in metres, of the undistorted
     images (may be missing); metres_per_unit: factor for the model's lengths; references: the image without water of
     each image that has one, distorted like it; charts: see `charts_file` (may be missing).
-    Raises InputError if no image exists. A fault in the files of one view becomes a fault of that view.
+    Raises MissingFileError if no image exists. A fault in the files of one view becomes a fault of that view.
     """
-    names = [posed.name for posed in model]
-    paths = {name: image_of(name) for name in names}
-    missing = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
-    first = paths[names[0]]
-    if len(missing) == len(names):
-        raise InputError(f"none of the model's {len(names)} images is there", first, "copy them there")
+    paths = {posed.name: image_of(posed.name) for posed in model}
+    missing = _missing(paths)
     sizes = {
         posed.name: image_size(paths[posed.name]) or (posed.camera.width, posed.camera.height)
         for posed in track(model, "image sizes")
     }
-    found, ambiguous = find_depths(depths, names)
+    found, ambiguous = find_depths(depths, list(paths))
     seen = {} if charts is None else read_charts(charts, sizes)
+    faults: dict[Plane, Mapping[str, str]] = {"rgb": missing, "depth": ambiguous}
 
-    views = []
-    for posed in model:
-        path, faults = paths[posed.name], dict[Plane, str]()
-        if posed.name in missing:
-            of = f"{len(missing)} of the model's {len(names)} images are missing"
-            faults["rgb"] = f"{path}: {missing[posed.name]} ({of}); copy it there"
-        if posed.name in ambiguous:
-            faults["depth"] = ambiguous[posed.name]
-        photograph = Photograph(
-            posed.name,
-            path,
+    def photograph(posed: Posed) -> Photograph:
+        name = posed.name
+        return Photograph(
+            name,
+            paths[name],
             posed.lens or straight_lens(posed.camera),
             scaled_pose(posed.cam_from_world, metres_per_unit),
-            found.get(posed.name),
-            reference=(references or {}).get(posed.name),
-            charts=seen.get(posed.name, ()),
+            found.get(name),
+            reference=(references or {}).get(name),
+            charts=seen.get(name, ()),
             charts_file=charts,
-            size=sizes[posed.name],
-            faults=faults,
+            size=sizes[name],
+            faults={plane: of_plane[name] for plane, of_plane in faults.items() if name in of_plane},
         )
-        views.append(view_of(photograph, image_scale, encoding))
+
+    views = [view_of(photograph(posed), image_scale, encoding) for posed in model]
     optional = {"depth": found or ambiguous, "reference": references, "charts": seen}
     has = frozenset({"poses", *(what for what, there in optional.items() if there)})
     return Scene(name, views, has, data_id=data_id_of(views))
+
+
+def _missing(paths: Mapping[str, Path]) -> dict[str, str]:
+    """Return the fault of each image that is not there, by name. Raises MissingFileError if none is."""
+    faults = {name: fault for name, path in paths.items() if (fault := fault_of(path))}
+    if len(faults) == len(paths):
+        first = next(iter(paths.values()))
+        raise MissingFileError(f"none of the model's {len(paths)} images is there", first, "copy them there")
+    of = f"{len(faults)} of the model's {len(paths)} images are missing"
+    return {name: f"{paths[name]}: {fault} ({of}); copy it there" for name, fault in faults.items()}

@@ -20,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 import psutil
 
+from sucre_bench.arrays import Indices
 from sucre_bench.errors import InputError, NotApplicableError, SolveError, did_you_mean
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.progress import say, track
@@ -83,12 +84,7 @@ def observe(
     surface = lift(target)
     if not len(surface.pixels):
         raise NotApplicableError(f"{target.name}: no pixel has depth; check its depth map, 0 means unknown")
-    if all(view.name != target.name for view in views):
-        views = [target, *views]
-    most = visible_pixels(surface, views)
-    chosen = [k for k, view in enumerate(views) if most[k] > 0 or view.name == target.name]
-    tried, most = [views[k] for k in chosen], np.cumsum(most[chosen])
-
+    tried, most = _may_show(surface, target, views)
     shape = (surface.camera.height, surface.camera.width)
     how = (rule, tolerance, encoding, with_ray)
     see = partial(_see, surface, target.name, MIN_SHARE * shape[0] * shape[1], how)
@@ -113,6 +109,15 @@ def observe(
     observations = arrange(shape, seen, with_view=with_view, free=True, empty=empty)
     pair_s = time.perf_counter() - began
     return replace(observations, unreadable=tuple(reading.unreadable), read_s=read_s + reading.seconds, pair_s=pair_s)
+
+
+def _may_show(surface: Surface, target: View, views: Sequence[View]) -> tuple[list[View], Indices]:
+    """Return the views that may show the target, itself among them, and the most observations of the first k + 1."""
+    if all(view.name != target.name for view in views):
+        views = [target, *views]
+    most = visible_pixels(surface, views)
+    chosen = [k for k, view in enumerate(views) if most[k] > 0 or view.name == target.name]
+    return [views[k] for k in chosen], np.cumsum(most[chosen])
 
 
 @dataclass(slots=True)
