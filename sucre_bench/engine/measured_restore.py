@@ -4,7 +4,7 @@ import importlib
 import time
 from typing import Any
 
-from sucre_bench.machine.peak_memory import _PeakMemory
+from sucre_bench.machine.peak_memory import PeakMemory
 from sucre_bench.plugins.call_method import restored, with_truth
 from sucre_bench.results.restorations import Measured
 from sucre_bench.scene import Scene, View
@@ -29,7 +29,7 @@ def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
     says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done elsewhere, that counts.
     """
     _ = view.rgb, view.has_depth
-    with _PeakMemory() as memory:
+    with PeakMemory() as memory:
         started = time.perf_counter()
         restoration = restored(method, scene, view)
         seconds = time.perf_counter() - started

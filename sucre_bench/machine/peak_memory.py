@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 
-class _PeakMemory:
+class PeakMemory:
     """Measures a block's peak resident memory, in MB above that at its start, plus GPU memory if torch uses some.
 
     Linux records the peak and lets a process reset its own. On other systems the value is NaN.
@@ -18,7 +18,7 @@ class _PeakMemory:
 
     _STATUS = Path("/proc/self/status")
 
-    def __enter__(self) -> _PeakMemory:
+    def __enter__(self) -> PeakMemory:
         self.peak_mb = math.nan
         try:
             Path("/proc/self/clear_refs").write_text("5")
