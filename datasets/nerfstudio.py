@@ -20,7 +20,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, file_error
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.depth_maps import read_depth
@@ -109,7 +109,7 @@ def _read(path: Path) -> dict[str, Any]:
     try:
         content = json.loads(regular(path).read_text(encoding="utf-8"))
     except OSError as fault:
-        raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+        raise file_error(path, fault, "check its permissions") from fault
     except (ValueError, RecursionError) as fault:
         raise InputError(f"{path}: breaks off or is not JSON ({fault}); copy or export it again") from fault
     frames = content.get("frames") if isinstance(content, dict) else None

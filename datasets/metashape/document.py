@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from sucre_bench.errors import InputError, did_you_mean
+from sucre_bench.errors import InputError, did_you_mean, file_error
 from sucre_bench.loading.find_folders import inside
 from sucre_bench.machine.files import regular
 
@@ -115,7 +115,7 @@ def _bytes(path: Path) -> bytes:
             raise InputError(f"{path}: is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
         return path.read_bytes()
     except OSError as fault:
-        raise InputError(f"{path}: cannot be read, {fault.strerror}; check its permissions") from fault
+        raise file_error(path, fault, "check its permissions") from fault
 
 
 def _parsed(path: Path, content: bytes) -> Element:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, one_line
+from sucre_bench.errors import InputError, MissingFileError, one_line
 from sucre_bench.imaging.display import is_of_scene
 from sucre_bench.jobs.metric_words import MetricChoice, chosen_metrics
 from sucre_bench.jobs.plugin_choice import plugin_choice
@@ -161,7 +161,9 @@ def _view_names(given: Any) -> tuple[str, ...] | None:
             lines = regular(path).read_text(encoding="utf-8-sig").splitlines()
             names = [line.strip() for line in lines if line.strip()]
         except FileNotFoundError:
-            raise InputError("no such list of views", path, "give a text file with one view name a line") from None
+            raise MissingFileError(
+                "no such list of views", path, "give a text file with one view name a line"
+            ) from None
         except (OSError, UnicodeDecodeError) as fault:
             raise InputError(f"not a list of views, {one_line(fault)}", path, "save it as UTF-8 text") from fault
     if not names:

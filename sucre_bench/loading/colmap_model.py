@@ -20,7 +20,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import regular
 
@@ -148,9 +148,9 @@ def _rows(path: Path, read: Callable[[Path], Iterator[_Row]]) -> Iterator[_Row]:
     try:
         yield from read(path)
     except OSError as fault:
-        raise InputError(f"cannot be read, {fault.strerror}", path, "check its permissions") from fault
+        raise file_error(path, fault, "check its permissions") from fault
     except (struct.error, ValueError) as fault:
-        raise InputError(f"breaks off or is not a COLMAP file ({fault})", path, _REMEDY) from fault
+        raise DamagedFileError(f"breaks off or is not a COLMAP file ({fault})", path, _REMEDY) from fault
 
 
 # -- binary: little-endian, no padding ---------------------------------------------------------------------

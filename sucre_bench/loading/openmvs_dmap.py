@@ -19,7 +19,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.files import regular
 
@@ -51,9 +51,9 @@ def read_header(path: Path) -> Header:
         with regular(path).open("rb") as file:
             return _header(file)
     except OSError as fault:
-        raise InputError(f"cannot be read, {fault.strerror}", path, "check its permissions") from fault
+        raise file_error(path, fault, "check its permissions") from fault
     except (struct.error, ValueError) as fault:
-        raise InputError(f"breaks off or is not a .dmap ({fault})", path, _REMEDY) from fault
+        raise DamagedFileError(f"breaks off or is not a .dmap ({fault})", path, _REMEDY) from fault
 
 
 def read_dmap_depth(path: Path) -> Array:
