@@ -38,7 +38,7 @@ docs: setup
 	@NO_MKDOCS_2_WARNING=1 $(bin)/mkdocs build --quiet --strict
 	@echo outputs/site/index.html
 
-# What CI runs beside the tests: style, types, the layers of the house, and whether docs/cli.md is up to date.
+# What CI runs beside the tests: style, types, which room imports which, and whether docs/cli.md is up to date.
 check: setup
 	@$(bin)/ruff check .
 	@$(bin)/ruff format --check .

@@ -2,11 +2,13 @@
 
 import shlex
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
 import click
 
-_CAMERAS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE")
+from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching, Options, Surface
+
+_DEFAULT = Options()
 _MOST_NAMED = 5  # left-out photos of a kind that are named
 
 
@@ -20,18 +22,22 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
 )
 @click.option(
     "--matching",
-    type=click.Choice(["auto", "exhaustive", "sequential"]),
-    default="auto",
+    type=click.Choice(get_args(Matching)),
+    default=_DEFAULT.matching,
     show_default=True,
     help="exhaustive: match all pairs of photos; sequential: neighbours by name; auto: all pairs up to 80 photos.",
 )
 @click.option(
-    "--camera", type=click.Choice(_CAMERAS), default="SIMPLE_RADIAL", show_default=True, help="COLMAP's camera model."
+    "--camera",
+    type=click.Choice(get_args(CameraModel)),
+    default=_DEFAULT.camera,
+    show_default=True,
+    help="COLMAP's camera model.",
 )
 @click.option(
     "--cameras",
-    type=click.Choice(["single", "folder", "image"]),
-    default="single",
+    type=click.Choice(get_args(Cameras)),
+    default=_DEFAULT.cameras,
     show_default=True,
     help="single: all photos share a camera; folder: those of a folder do; image: none do. Photos of different sizes"
     " never do.",
@@ -39,21 +45,21 @@ _MOST_NAMED = 5  # left-out photos of a kind that are named
 @click.option(
     "--max-size",
     type=click.IntRange(min=0),
-    default=0,
+    default=_DEFAULT.max_size,
     metavar="PIXELS",
     help="Shrink larger photos to this longest side; 0 (default): do not.",
 )
 @click.option(
     "--surface",
-    type=click.Choice(["auto", "dense", "sparse"]),
-    default="auto",
+    type=click.Choice(get_args(Surface)),
+    default=_DEFAULT.surface,
     show_default=True,
     help="dense: plane sweep; sparse: a relief of the sparse points, for flat seabeds; auto: dense up to 500 photos.",
 )
 @click.option(
     "--depth-size",
     type=click.IntRange(min=64),
-    default=800,
+    default=_DEFAULT.depth_size,
     show_default=True,
     metavar="PIXELS",
     help="Longest side of the images in the plane sweep.",
@@ -119,7 +125,7 @@ def prepare(
     load_pycolmap()  # before the next line, for it makes a kill dump its stack
     with progress_display.live(), terminated_as_interrupt():
         try:
-            done = pipeline.prepare(photos, out, pipeline.Options(**options), known, again)
+            done = pipeline.prepare(photos, out, Options(**options), known, again)
         except KeyboardInterrupt:
             raise KeyboardInterrupt("stopped; the same command continues from here") from None
     if not done.is_new:

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Literal, Protocol
+from typing import Protocol
 
 import numpy as np
 
@@ -17,11 +17,10 @@ from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.programs.prepare.fill_depth_holes import without_small_holes
+from sucre_bench.programs.prepare.options import Surface
 from sucre_bench.programs.prepare.plane_sweep import agreeing, planes_of, sweep
 from sucre_bench.programs.prepare.registered_photos import Shot, neighbours
 from sucre_bench.programs.prepare.relief import Relief
-
-Surface = Literal["auto", "dense", "sparse"]
 
 _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 _SOURCES = 4

@@ -12,7 +12,7 @@ from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path, PurePosixPath
-from typing import Any, Literal
+from typing import Any
 
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import usable_cores
@@ -20,10 +20,8 @@ from sucre_bench.machine.current_step import needed_step
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
 from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
+from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching
 from sucre_bench.programs.prepare.photos import Photo, write_gray
-
-Matching = Literal["auto", "exhaustive", "sequential"]
-Cameras = Literal["single", "folder", "image"]
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
 _NEIGHBOURS = 10
@@ -40,7 +38,7 @@ class Rules:
     """matching: which pairs; camera: COLMAP's model; cameras: which photos share one."""
 
     matching: Matching
-    camera: str
+    camera: CameraModel
     cameras: Cameras
 
 

@@ -5,15 +5,16 @@ import json
 import shutil
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import asdict, dataclass, replace
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
-from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse, Surface, is_dense
-from sucre_bench.programs.prepare.mapping import Cameras, Mapped, Matching, Rules, map_photos, read_mapped
+from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse, is_dense
+from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos, read_mapped
+from sucre_bench.programs.prepare.options import Options
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
 from sucre_bench.programs.prepare.prepare_json import Prepared, given, read_record, settled_by
 from sucre_bench.programs.prepare.registered_photos import Shot, read_shots
@@ -22,25 +23,6 @@ from sucre_bench.programs.prepare.resumable_stages import Stage, stage
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
 from sucre_bench.programs.prepare.undistort import undistort
 from sucre_bench.programs.prepare.write_scene import write
-
-
-@dataclass(frozen=True, slots=True)
-class Options:
-    """The options of `prepare`.
-
-    masks: folder of masks, white where a photo is used; matching: pairs of photos, by their number if "auto"; camera:
-    COLMAP's camera model; cameras: photos that share one; max_size: longest side in pixels that photos are shrunk to,
-    0: not at all; surface: plane sweep or relief of the sparse points, by number if "auto"; depth_size: longest side in
-    pixels of swept images.
-    """
-
-    masks: Path | None = None
-    matching: Matching = "auto"
-    camera: str = "SIMPLE_RADIAL"
-    cameras: Cameras = "single"
-    max_size: int = 0
-    surface: Surface = "auto"
-    depth_size: int = 800
 
 
 def prepare(

@@ -36,8 +36,9 @@ from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.programs.prepare import mapping, write_scene
+from sucre_bench.programs.prepare.options import Options
 from sucre_bench.programs.prepare.photos import find_photos
-from sucre_bench.programs.prepare.pipeline import Options, prepare
+from sucre_bench.programs.prepare.pipeline import prepare
 from sucre_bench.programs.prepare.prepare_json import Prepared, Settled, given, read_record, settled_by
 from sucre_bench.programs.prepare.quality import quality_of
 from sucre_bench.programs.prepare.registered_photos import read_shots
