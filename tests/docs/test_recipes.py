@@ -29,7 +29,7 @@ LAYOUTS: dict[str, tuple[tuple[str, ...], str, frozenset[str]]] = {
 
 
 def commands() -> list[list[str]]:
-    text = PAGE.read_text(encoding="utf-8").split("\n## Recipes")[1]
+    text = PAGE.read_text(encoding="utf-8").split("\n## Recipes")[1].replace("\\\n", "")  # long commands go on below
     lines = re.findall(r"^ {4}(sucre-bench run .*)$", text, flags=re.MULTILINE)
     return [shlex.split(line)[2:] for line in lines]
 
