@@ -25,8 +25,7 @@ from sucre_bench.imaging.caption import captioned
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.metric_words import metric_choices
-from sucre_bench.jobs.plugin_choice import method_choice
-from sucre_bench.jobs.presets import presets
+from sucre_bench.jobs.presets import method_choice, presets
 from sucre_bench.machine import progress, progress_display
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.wide_table import wide

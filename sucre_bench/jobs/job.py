@@ -11,13 +11,13 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, MissingFileError, one_line
 from sucre_bench.imaging.display import is_of_scene
+from sucre_bench.jobs.labels import swept_label
 from sucre_bench.jobs.metric_words import MetricChoice, chosen_metrics
-from sucre_bench.jobs.plugin_choice import plugin_choice
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study_block import Study
 from sucre_bench.machine.files import expanded, regular
-from sucre_bench.plugins.options import Choice, plain_value
+from sucre_bench.plugins.options import Choice, plain_value, plugin_choice
 from sucre_bench.plugins.seeds import seed_of
 
 if TYPE_CHECKING:
@@ -98,7 +98,8 @@ class Job:
         import yaml
 
         run = RunConfig.of(values)
-        dataset, method = plugin_choice("dataset", run.dataset, swept), plugin_choice("method", run.method, swept)
+        chosen = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
+        dataset, method = (replace(choice, label=swept_label(choice, swept)) for choice in chosen)
         _check_scene_display(method.display, run)
         for kind, choice in (("dataset", dataset), ("method", method)):
             if choice.label != choice.plugin.name:  # `read` knows no sweep

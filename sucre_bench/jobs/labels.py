@@ -5,19 +5,16 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.degrade import Degradation
-from sucre_bench.plugins.options import plain_value
-from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.plugins.options import Choice, plain_value
 
 
-def swept_label(plugin: Plugin, given: str, values: Mapping[str, Any], swept: Sequence[str]) -> str:
-    """Return the given label, or the plugin's name, with the swept options: "sucre,pairing=depth".
-
-    A path counts by its last part.
-    """
-    named = [name for name in values if f"{plugin.kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
+def swept_label(choice: Choice, swept: Sequence[str]) -> str:
+    """Return the label of a choice with the swept options: "sucre,pairing=depth". A path counts by its last part."""
+    values, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
+    named = [name for name in values if f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
     shown = ((name, values[name]) for name in named)
     parts = [f"{name}={value.name if isinstance(value, Path) else plain_value(value)}" for name, value in shown]
-    return ",".join([given or plugin.name, *(part.replace(" ", "") for part in parts)])
+    return ",".join([choice.label, *(part.replace(" ", "") for part in parts)])
 
 
 def undegraded_label(label: str, degrade: Mapping[str, Any], name: str) -> str:

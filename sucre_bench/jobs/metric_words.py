@@ -7,10 +7,9 @@ from typing import Any
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.plugin_choice import plugin_choice
 from sucre_bench.jobs.presets import presets
 from sucre_bench.jobs.quoting import value_of
-from sucre_bench.plugins.options import Choice
+from sucre_bench.plugins.options import Choice, plugin_choice
 from sucre_bench.plugins.plugin import Plugin
 
 

@@ -8,7 +8,7 @@ from typing import Any, get_args
 
 from sucre_bench import plugins
 from sucre_bench.jobs.run_options import CONF_FOLDER
-from sucre_bench.plugins.options import options_of
+from sucre_bench.plugins.options import Choice, options_of, plugin_choice
 from sucre_bench.plugins.plugin import Kind, Plugin
 
 # What the bench adds to the options of a plugin.
@@ -42,6 +42,14 @@ def preset_of(kind: Kind, name: str) -> Preset | None:
     """Return the preset of this name, unless a plugin has it; None where there is none."""
     group = "metrics" if kind == "metric" else kind
     return None if name in plugins.discover(kind) else next((p for p in presets(group) if p.name == name), None)
+
+
+def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
+    """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
+    plugin = plugin_of("method", name) or plugins.find("method", name)  # which says why there is none
+    preset = preset_of("method", name)
+    values = preset.sets if preset else {}
+    return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
 
 
 def option_names(kind: Kind, name: str) -> list[str]:

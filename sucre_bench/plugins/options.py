@@ -2,13 +2,9 @@
 
 from __future__ import annotations
 
-import ast
 import functools
-import inspect
-import itertools
 import math
 import os
-import textwrap
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -16,9 +12,11 @@ from types import UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
+from sucre_bench.imaging.display import check_display
 from sucre_bench.machine.files import expanded, fault_of
-from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.plugins.registry import discover
+from sucre_bench.plugins.field_docs import field_docs
+from sucre_bench.plugins.plugin import Kind, Plugin
+from sucre_bench.plugins.registry import discover, find
 from sucre_bench.plugins.seeds import seed_of
 
 
@@ -37,7 +35,7 @@ class Option:
     @property
     def help(self) -> str:
         """The docstring under the field. It is looked up when asked for: that parses the source of the class."""
-        return _field_docs(self.cls).get(self.name, "")
+        return field_docs(self.cls).get(self.name, "")
 
     @property
     def choices(self) -> tuple[str, ...]:
@@ -63,25 +61,6 @@ def _options_of(cls: Any) -> tuple[Option, ...]:
     given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
     defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)
     return tuple(Option(f.name, hints[f.name], default, cls) for f, default in zip(given, defaults, strict=True))
-
-
-@functools.cache
-def _field_docs(cls: type[Any]) -> dict[str, str]:
-    """The string under an annotated name in a class body documents it, as in every documentation generator."""
-    docs: dict[str, str] = {}
-    for base in reversed(cls.__mro__[:-1]):
-        try:
-            body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
-        except (OSError, TypeError):
-            continue  # made in a console: it has no source
-        for above, below in itertools.pairwise(body):
-            if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
-                said = (
-                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
-                )
-                if isinstance(said, str) and said:
-                    docs[above.target.id] = " ".join(said.split())
-    return docs
 
 
 def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
@@ -197,6 +176,27 @@ class Choice:
         """What a row keeps as options."""
         display = {"display": self.display} if self.display else {}
         return {"name": self.plugin.name, **display, **{k: plain_value(v) for k, v in self.options.items()}}
+
+
+def plugin_choice(kind: Kind, values: Any) -> Choice:
+    """Return the plugin that `name` in the values is, with its label, display and checked options.
+
+    Raises InputError for what the plugin does not take.
+    """
+    values = dict(values or {})
+    if "name" not in values:
+        raise InputError(f"no {kind} is chosen; add {kind}=NAME, `sucre-bench list {kind}s` shows what there is")
+    plugin = find(kind, values.pop("name"))
+    label, display = values.pop("label", None), values.pop("display", "")
+    if kind == "method":
+        check_display(display)
+    if label and not str(label).strip():
+        raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
+    types = {o.name: o.type for o in options_of(plugin.cls)}
+    given = {name: value for name, value in values.items() if value != "???"}  # OmegaConf's sign for "not given"
+    options = {name: typed(types[name], value) if name in types else value for name, value in given.items()}
+    check_options(plugin, options)
+    return Choice(plugin, str(label or plugin.name), options, display)
 
 
 def create(plugin: Plugin, values: Mapping[str, Any], out: Path | None = None) -> Any:

@@ -7,7 +7,9 @@ import yaml
 from support.messages import names
 
 from sucre_bench import InputError
-from sucre_bench.jobs import compose_jobs, job
+from sucre_bench.jobs import compose_jobs
+from sucre_bench.jobs.job import Job
+from sucre_bench.jobs.metric_words import metric_choices
 
 pytestmark = pytest.mark.usefixtures("toys")
 
@@ -145,7 +147,7 @@ def test_metrics_are_chosen_by_list_and_preset_and_variant():
 
 
 def test_metric_choices_read_name_and_variant():
-    chosen = job.metric_choices(["redness:double", "psnr", "redness"])
+    chosen = metric_choices(["redness:double", "psnr", "redness"])
     assert {c.plugin.name: c.variants for c in chosen} == {"redness": ("double", "plain"), "psnr": ("masked",)}
 
 
@@ -184,7 +186,7 @@ def test_a_datasets_option_without_a_dataset_is_refused():
 def test_a_jobs_text_gives_the_same_job_in_another_process():
     words = ["method.gain=1,2", "dataset.views=2,3", "degrade.noise=0.1", "views=[v0.png]", "save=full"]
     for one in jobs(*words, multirun=True).jobs:
-        again = job.Job.read(one.config)
+        again = Job.read(one.config)
         assert (again.method, again.dataset, again.degrade) == (one.method, one.dataset, one.degrade)
         assert (again.views, again.save, again.out) == (one.views, one.save, one.out)
 
@@ -192,4 +194,4 @@ def test_a_jobs_text_gives_the_same_job_in_another_process():
 def test_labels_of_a_folder_that_names_the_swept_keys_are_as_they_were():
     (one,) = jobs("method.gain=2").jobs
     written_before = {**yaml.safe_load(one.config), "every": 1}
-    assert job.Job.of(written_before, ["method.gain"]).method.label == "gain,gain=2.0"
+    assert Job.of(written_before, ["method.gain"]).method.label == "gain,gain=2.0"
