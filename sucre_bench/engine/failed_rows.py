@@ -1,7 +1,7 @@
 """The rows of what failed or was skipped: status and reason, a line on stderr, and the traceback in the log.
 
-Whoever runs a plugin catches what it raises, and makes the row here: `run_job` for datasets and methods, `score` and
-`score_pairs` for metrics, `launch` for processes that died.
+Whoever runs a plugin catches what it raises, and takes the row or its reason from here: `run_job` for datasets and
+methods, `score` and `score_pairs` for metrics, `rescue_jobs` and `slurm.launcher` for jobs whose process died.
 """
 
 import math
@@ -33,17 +33,25 @@ def row_of_fault(base: Row, fault: BaseException, log: Path | None, is_said: boo
     return _failed(base, fault, log, is_said)
 
 
+def kept_reason(fault: BaseException, log: Path | None, where: str) -> str:
+    """Return the reason of a failure that is being handled; its traceback goes to `log`, under `where`.
+
+    A request to stop is raised again.
+    """
+    raise_if_stop(fault)
+    keep_traceback(log, where)
+    return want_of_processes(fault) or one_line(fault)
+
+
 def failed_row(job: Job, fault: BaseException) -> Row:
     """Return the row of a whole job that failed, and print it as a line. A request to stop is raised again."""
     return _failed(base_row(job), fault, log_path(job.out), is_said=True)
 
 
 def _failed(base: Row, fault: BaseException, log: Path | None, is_said: bool) -> Row:
-    raise_if_stop(fault)
     metric = "" if base.metric == RESTORATION else f"{base.metric}:{base.variant}"
     where = " / ".join(filter(None, (base.dataset, base.scene, base.view, base.method, metric)))
-    keep_traceback(log, where)
-    reason = want_of_processes(fault) or one_line(fault)
+    reason = kept_reason(fault, log, where)
     if is_said:
         progress.say(f"failed  {where}: {reason}", is_fault=True)
     return row_without_value(base, "failed", reason)

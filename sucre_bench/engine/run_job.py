@@ -58,11 +58,11 @@ def _run_views(job: Job, after_view: Callable[[], None], flush_s: float) -> None
     part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), flush_s)
     try:
         every = list(tasks(job, [with_shared_pixels(scene) for scene in open_scenes(job.dataset)]))
+        done = Done.of(job, earlier_start())
     except BaseException as fault:
         part.add([failed_row(job, fault)])
         part.flush()
         return
-    done = Done.of(job, earlier_start())
     todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
     if is_of_scene(job.method.display):  # one more view changes how all are shown
         todo = [task for task in every if task.base.scene in {other.base.scene for other in todo}]

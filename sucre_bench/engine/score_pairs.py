@@ -11,11 +11,10 @@ from pathlib import Path
 from cachetools import LRUCache
 
 from sucre_bench import plugins
-from sucre_bench.engine.failed_rows import row_without_value
+from sucre_bench.engine.failed_rows import kept_reason, row_without_value
 from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.score import Scorer, score_code
-from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
-from sucre_bench.machine.traceback_log import keep_traceback
+from sucre_bench.errors import NotApplicableError, one_line
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.reasons import Reason
@@ -147,11 +146,9 @@ class _Tally:
             self.reasons.update({(variant, name): one_line(reason) for name in names})
             return
         except BaseException as fault:
-            raise_if_stop(fault)
             base = self.entrant.bases[names[0]]
             where = f"{base.dataset} / {base.method} / {' and '.join(names)} / {scorer.plugin.name}:{variant[1]}"
-            keep_traceback(self.log, where)
-            self.faults[variant] = one_line(fault)
+            self.faults[variant] = kept_reason(fault, self.log, where)
             return
         for name in names:
             means = self.means.setdefault((variant, name), {})

@@ -432,12 +432,14 @@ def test_ctrl_c_keeps_what_is_done_and_says_how_to_go_on(out: Path, toys: str, t
     assert pd.read_parquet(out / "scores.parquet")["view"].nunique() == 2
 
 
-def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str):
+@pytest.mark.parametrize("has_results", [False, True])
+def test_a_job_whose_process_dies_is_a_failure(out: Path, toys: str, has_results: bool):
     """A worker that is killed, by the system for its memory say, takes its view with it but not the sweep.
 
     Results of before, which only the job that is killed has, hide nothing of it where all is to be done again.
     """
-    run(out, "method=faulty", "method.fault=none", "method.label='faulty,fault=die'", "views=[v0.png,v2.png]")
+    if has_results:
+        run(out, "method=faulty", "method.fault=none", "method.label='faulty,fault=die'", "views=[v0.png,v2.png]")
     arguments = ["dataset=toy", "method=faulty", "method.fault=die,nan", "metrics=[psnr]", "tracking.uri=off"]
     launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2", "overwrite=always"]
     outcome = sweep.run([*arguments, f"out={out}", *launcher, f"plugins=[{toys}]"], True)
