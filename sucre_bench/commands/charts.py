@@ -10,7 +10,7 @@ from sucre_bench.commands import completion_words
 from sucre_bench.machine.plural import counted
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.mark_charts.session import Session
+    from sucre_bench.programs.charts.session import Session
 
 _DATASET = "colmap"  # reads images that are given without dataset=
 
@@ -44,7 +44,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
     import webbrowser
 
     from sucre_bench.machine import progress_display
-    from sucre_bench.programs.mark_charts import open_session
+    from sucre_bench.programs.charts import open_session
 
     with progress_display.live():
         session = open_session.open_session(words, kind, _DATASET)
@@ -56,7 +56,7 @@ def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, po
             click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
         click.echo(f"{counted(len(accepted), 'proposal')} accepted, {len(doubtful)} left for you to check")
     else:
-        from sucre_bench.programs.mark_charts.server import PageServer
+        from sucre_bench.programs.charts.server import PageServer
 
         with PageServer(session, port) as server:
             click.echo(f"page     {server.url}  (Ctrl-C ends it)")

@@ -25,8 +25,8 @@ from support.watching import Lines
 from sucre_bench.machine import progress
 from sucre_bench.machine.control_characters import shown
 from sucre_bench.machine.locks import waited_lock
-from sucre_bench.programs.mark_charts import open_session
-from sucre_bench.programs.mark_charts.server import PageServer
+from sucre_bench.programs.charts import open_session
+from sucre_bench.programs.charts.server import PageServer
 
 LONG = "x" * 300
 RUN = "run dataset=colmap dataset.root=dive method=gray_world metrics=[coverage] tracking.uri=off report=false"

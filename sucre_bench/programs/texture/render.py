@@ -13,7 +13,7 @@ from sucre_bench.camera import Camera, unproject
 from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.caption import captioned
-from sucre_bench.programs.surface.surface import Model
+from sucre_bench.programs.texture.surface import Model
 
 _SIZE = (960, 720)  # size of a picture in pixels
 _FOCAL = 0.8  # focal length by width: 64 degrees

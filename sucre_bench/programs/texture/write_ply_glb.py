@@ -14,7 +14,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.programs.surface.surface import Model
+from sucre_bench.programs.texture.surface import Model
 from sucre_bench.scene import View
 
 _FLOAT, _UINT16, _UINT32 = 5126, 5123, 5125  # glTF's names of types

@@ -10,8 +10,8 @@ from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine.files import expanded
-from sucre_bench.programs.mark_charts.charts_json import ChartsFile
-from sucre_bench.programs.mark_charts.session import Session
+from sucre_bench.programs.charts.charts_json import ChartsFile
+from sucre_bench.programs.charts.session import Session
 from sucre_bench.scene import View
 
 _AS_STORED = "corners are kept in pixels of the images as they are stored"

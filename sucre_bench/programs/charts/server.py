@@ -15,7 +15,7 @@ from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
-from sucre_bench.programs.mark_charts.session import Session
+from sucre_bench.programs.charts.session import Session
 
 _FILES = {
     "": ("page.html", "text/html"),
@@ -60,7 +60,7 @@ class _Handler(BaseHTTPRequestHandler):
             self._refuse()
         elif path in _FILES:
             name, kind = _FILES[path]
-            content = importlib.resources.files("sucre_bench.programs.mark_charts").joinpath(name).read_bytes()
+            content = importlib.resources.files("sucre_bench.programs.charts").joinpath(name).read_bytes()
             self._reply(200, f"{kind}; charset=utf-8", content)
         elif path == "state":
             self._answer(session.state)

@@ -30,11 +30,11 @@ from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.imaging.charts.orientation import reading_order
 from sucre_bench.imaging.charts.patches import image_from_chart, measure
 from sucre_bench.loading.view_files import Files
-from sucre_bench.programs.mark_charts.carry_over import propose
-from sucre_bench.programs.mark_charts.charts_json import ChartsFile
-from sucre_bench.programs.mark_charts.detect import detect
-from sucre_bench.programs.mark_charts.server import PageServer
-from sucre_bench.programs.mark_charts.session import Session
+from sucre_bench.programs.charts.carry_over import propose
+from sucre_bench.programs.charts.charts_json import ChartsFile
+from sucre_bench.programs.charts.detect import detect
+from sucre_bench.programs.charts.server import PageServer
+from sucre_bench.programs.charts.session import Session
 from sucre_bench.scene import Arrays, Chart, View
 
 # A DGK chart of 60 x 40 cm in the world, standing on nothing: its corners in metres, slanted, 3 m along z.
@@ -182,7 +182,7 @@ def test_the_file_keeps_what_it_holds_and_is_read_by_the_loader(tmp_path: Path) 
 
 
 def _proposal(view: str, name: str) -> Any:
-    from sucre_bench.programs.mark_charts.carry_over import Proposal
+    from sucre_bench.programs.charts.carry_over import Proposal
 
     return Proposal(view, Chart(name, "dgk", TILTED), "a.png")
 

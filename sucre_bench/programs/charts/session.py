@@ -18,9 +18,9 @@ from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.machine import progress
-from sucre_bench.programs.mark_charts.carry_over import Proposal, overlap, propose
-from sucre_bench.programs.mark_charts.charts_json import ChartsFile
-from sucre_bench.programs.mark_charts.detect import DETECTABLE, detect
+from sucre_bench.programs.charts.carry_over import Proposal, overlap, propose
+from sucre_bench.programs.charts.charts_json import ChartsFile
+from sucre_bench.programs.charts.detect import DETECTABLE, detect
 from sucre_bench.scene import Chart, View
 
 _PREVIEW = 300  # pixels, the longer side of a rectified chart
