@@ -1,7 +1,7 @@
 """Methods for restorers outside this project: images that exist already, and programs that restore images.
 
-What both have in common: `pattern` finds the image that belongs to a view, `picture` reads it, `template` fills
-placeholders. `handover` writes what a program is given, `process` runs it.
+Both use `pattern`, which finds the image of a view, `read_picture`, which reads it, and `placeholders`, which fills in
+the names in a command or a file name. `handover` writes a program's input files, and `process` runs the program.
 """
 
 from sucre_bench.methods.doors.command import Command

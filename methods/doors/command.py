@@ -26,7 +26,7 @@ from sucre_bench import (
     View,
     method,
 )
-from sucre_bench.errors import DiskFullError
+from sucre_bench.errors import DiskFullError, MissingFileError
 from sucre_bench.machine.files import expanded, temporary_folder
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.doors.full_disk import full_disk_named, want_of_room
@@ -105,7 +105,7 @@ class Command:
         if self.timeout is not None and not self.timeout > 0:
             raise InputError(f"command.timeout: {self.timeout} must be positive; null sets no limit")
         if self.rests_on is not None and not self.rests_on.exists():
-            raise InputError(f"{self.rests_on}: no such file or folder; mend command.rests_on")
+            raise MissingFileError("no such file or folder", self.rests_on, "mend command.rests_on")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the program's result for the view, in the view's encoding.

@@ -5,9 +5,12 @@ from dataclasses import dataclass
 from math import nan
 from pathlib import Path
 
-from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench import Restoration, Scene, View, method
+from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.methods.doors.pattern import ImageFolder, check_pattern
 from sucre_bench.methods.doors.read_picture import FileEncoding, Holes, Reading, water_beside
+
+_REMEDY = "give the folder that holds the restored images"
 
 
 @method(reads=("folder",))
@@ -38,8 +41,10 @@ class Precomputed:
 
     def __post_init__(self) -> None:
         check_pattern(self.pattern, "precomputed.pattern")
+        if not self.folder.exists():
+            raise MissingFileError("no such folder", self.folder, _REMEDY)
         if not self.folder.is_dir():
-            raise InputError(f"{self.folder}: no such folder; give the one that holds the restored images")
+            raise FileError("is a file, not a folder", self.folder, _REMEDY)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the image found for the view, in the view's encoding.

@@ -1,4 +1,4 @@
-"""The published architectures. This module imports torch; only `on_torch` imports it, when a network is needed.
+"""The published architectures. This module imports torch; only `run_torch` imports it, when a network is needed.
 
 Written from the papers; attributes are named so that the keys of the public checkpoints fit. All are fully
 convolutional: (N, C, H, W) -> (N, 3, H, W).

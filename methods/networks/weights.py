@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from sucre_bench.errors import InputError
-from sucre_bench.machine.files import fault_of, regular
+from sucre_bench.errors import FileError, InputError, MissingFileError
+from sucre_bench.machine.files import regular
 
 if TYPE_CHECKING:
     import torch
@@ -24,10 +24,14 @@ _REMEDY = "give weights of that architecture, or export the network and use meth
 
 
 def check_file(path: Path, option: str) -> None:
-    """Raise InputError unless there is a file. option: the one that names it."""
-    if fault := fault_of(path):
-        shipped = ", none is shipped" * (not path.exists())
-        raise InputError(f"{path}: {fault}; give the network's file in method.{option}{shipped}")
+    """Raise MissingFileError if nothing is there, FileError for anything but a file. option: the one that names it."""
+    remedy = f"give the network's file in method.{option}"
+    try:
+        regular(path)
+    except FileNotFoundError:
+        raise MissingFileError("no such file", path, f"{remedy}, none is shipped") from None
+    except FileError as fault:
+        raise type(fault)(fault.fault, path, remedy) from fault
 
 
 def fill(network: torch.nn.Module, path: Path, named: str) -> None:

@@ -88,11 +88,11 @@ def fit(
     images = [one for one in images if one.n_repeated]
     if not images:
         raise NotApplicableError(_HOPELESS.format("no pixel is seen in two views"))
-    few = _samples(images, sample, physical, seed)
+    few = _samples(images, sample, singles=physical, seed=seed)
     _check_spread(few)
     distance = float(np.median(np.concatenate([one.distance for one in few])))
     search, margin = _Search(distance, bounds_for(distance), backend, device), None
-    starts, ends = search.screened(_samples(few, _SCREEN, False, seed))
+    starts, ends = search.screened(_samples(few, _SCREEN, singles=False, seed=seed))
     ends = search.ends(few, None, _distinct(ends))
     dark = [first_slot(one) for one in sharp if one is not None] if physical else []
     if physical:
@@ -223,9 +223,9 @@ def _margin(few: Sequence[Observations], sharp: Sequence[Observations | None], f
     return np.asarray(_MARGIN * np.sqrt(np.maximum(lost, LEAST_NOISE**2)).mean(axis=0))
 
 
-def _samples(images: Sequence[Observations], n: int, singles: bool, seed: int) -> list[Observations]:
+def _samples(images: Sequence[Observations], n: int, *, singles: bool, seed: int) -> list[Observations]:
     """Return about n pixels of all images together, the same number of each."""
-    return [sampled(one, n // len(images) + 1, singles, seed + k) for k, one in enumerate(images)]
+    return [sampled(one, n // len(images) + 1, singles=singles, seed=seed + k) for k, one in enumerate(images)]
 
 
 def _distinct(ends: Sequence[Minimum], within: float = 1e9) -> list[Array]:

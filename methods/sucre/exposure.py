@@ -16,7 +16,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
-from sucre_bench.methods.sucre.light_and_water import Sample, fit_light
+from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, fit_light
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.multiview.observations import Observations
@@ -59,9 +59,9 @@ def estimate(
     """
     if observations.view is None or not observations.n_repeated:
         raise SolveError("exposure=per_view needs pixels that several views show; use exposure=constant")
-    few = sampled(observations, most, False, seed)
+    few = sampled(observations, most, singles=False, seed=seed)
     assert few.view is not None
-    sample = Sample.of(few)
+    sample = ObservationsByPixel.of(few)
     view = few.view[sample.pixels.order]
     seen = np.unique(view)
     held = next((k for k in seen if few.views[k] == target), seen[0])
@@ -81,7 +81,7 @@ def differing_exposure(observations: Observations, water: WaterParameters) -> tu
     """
     few = observations.take(np.arange(min(observations.n_repeated, _SAMPLE)))
     assert few.view is not None
-    sample = Sample.of(few)
+    sample = ObservationsByPixel.of(few)
     view = few.view[sample.pixels.order].astype(np.int64)
     a, b, J = sample.colours(np.ones(len(sample.z)), water)
     model = J * a + b

@@ -21,7 +21,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.methods.sucre.exposure import estimate
 from sucre_bench.methods.sucre.lamp import DARK
-from sucre_bench.methods.sucre.light_and_water import Sample, fit_light, promised_noise
+from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, fit_light, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.samples import sampled
 from sucre_bench.multiview.observations import Observations
@@ -96,9 +96,9 @@ def find_falloff(observations: Observations, target: str, water: WaterParameters
     whole = uncut(observations)
     if whole.n_repeated < _FEWEST:
         return None
-    few = sampled(whole, _SAMPLE, False, seed)
+    few = sampled(whole, _SAMPLE, singles=False, seed=seed)
     assert few.ray is not None
-    sample = Sample.of(few)
+    sample = ObservationsByPixel.of(few)
     scale = max(float(np.abs(few.ray).max()), 1e-9)
     columns = _terms(few.ray[:, sample.pixels.order].astype(np.float64) / scale)
     without, promised = promised_noise(sample, columns, water)

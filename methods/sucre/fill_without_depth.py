@@ -13,7 +13,7 @@ from sucre_bench.methods.sucre.shrink_noisy_colours import ImagePrior
 from sucre_bench.scene import Restoration, View
 
 
-def guessed(
+def fill_pixels_without_depth(
     restoration: Restoration, view: View, prior: ImagePrior | None = None, black: Array | None = None
 ) -> Restoration:
     """Return a restoration with colours for the pixels without depth, and their confidence, the standard deviation.

@@ -14,7 +14,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.methods.sucre.apply_gains import relative_to
 from sucre_bench.methods.sucre.model import WaterParameters
@@ -57,9 +57,8 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
     try:
         water = _of_file(path)
     except FileNotFoundError:
-        raise InputError(
-            f"{path}: no such file; water= takes own, shared, truth, a .json or .npz file, or a folder of them"
-        ) from None
+        remedy = "water= takes own, shared, truth, a .json or .npz file, or a folder of them"
+        raise MissingFileError("no such file", path, remedy) from None
     return _known(str(path), water, read_lighting(path), view, encoding)
 
 

@@ -106,7 +106,7 @@ def estimate(observations: Observations, water_start: WaterParameters, *, seed: 
     if observations.ray is None or not observations.n_repeated:
         raise SolveError("a lamp needs pixels that several views show; give views of the same places, or lamp=false")
     rng = np.random.default_rng(seed)
-    screen, sample = (Sample.of(observations, n, rng) for n in (_SCREEN, _SAMPLE))
+    screen, sample = (PointsByPixel.of(observations, n, rng) for n in (_SCREEN, _SAMPLE))
     bounds = _bounds(observations)
     starts = [starting_point(position, lobe, water_start) for position in _POSITIONS for lobe in _LOBES]
     tried = [_descend(screen, start, bounds, *_ROUGHLY) for start in track(starts, "lamp")]
@@ -118,7 +118,7 @@ def estimate(observations: Observations, water_start: WaterParameters, *, seed: 
     return LampFit(_lamp(best), _water(best), noise, noise_without)
 
 
-def _descend(sample: Sample, start: Array, bounds: Bounds, steps: int, tolerance: float) -> Minimum:
+def _descend(sample: PointsByPixel, start: Array, bounds: Bounds, steps: int, tolerance: float) -> Minimum:
     def evaluate(unknowns: Array) -> ReducedSystem:
         return reduced_system(sample, unknowns[0])
 
@@ -146,7 +146,7 @@ def _bounds(observations: Observations) -> Bounds:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class PointsByPixel:
     """Observations in the order of `pixels`: X (3, N); z (N,) from the camera; I, s (3, N), s the root of the weight, 0
     where a channel was cut off."""
 
@@ -157,7 +157,7 @@ class Sample:
     pixels: ByPixel
 
     @staticmethod
-    def of(observations: Observations, n: int, rng: np.random.Generator) -> Sample:
+    def of(observations: Observations, n: int, rng: np.random.Generator) -> PointsByPixel:
         """Return all observations of at most n random pixels that several views show; they need rays."""
         places = rng.choice(observations.n_repeated, min(n, observations.n_repeated), replace=False)
         few = observations.take(np.sort(places))
@@ -165,7 +165,7 @@ class Sample:
         X, z, w = _points(few)[:, pixels.order], few.distance[pixels.order], few.weight
         I = few.intensity(slice(None))[:, pixels.order].astype(np.float64)  # noqa: E741
         s = np.sqrt(np.ones(len(few)) if w is None else w[pixels.order].astype(np.float64)) * _within(I)
-        return Sample(X, z.astype(np.float64), I, s, pixels)
+        return PointsByPixel(X, z.astype(np.float64), I, s, pixels)
 
 
 def _points(observations: Observations, part: slice = slice(None)) -> Array:
@@ -196,7 +196,7 @@ def _lamp(unknowns: Array) -> Lamp:
 
 
 def _colours(
-    sample: Sample,
+    sample: PointsByPixel,
     l: Array | float,  # noqa: E741
     z: Array,
     water: WaterParameters,
@@ -209,23 +209,23 @@ def _colours(
     return a, b, x, A, sample.pixels.sums(x * sample.s * (sample.I - l * b)) / A
 
 
-def _misfit(sample: Sample, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
+def _misfit(sample: PointsByPixel, l: Array | float, z: Array, water: WaterParameters) -> Array:  # noqa: E741
     """Return the residuals (3, N) in light l, 1 without a lamp, after a way of z metres."""
     _, b, x, _, J = _colours(sample, l, z, water)
     return np.asarray(sample.s * (sample.I - l * b) - x * J)
 
 
-def residuals(sample: Sample, unknowns: Array) -> Array:
+def residuals(sample: PointsByPixel, unknowns: Array) -> Array:
     """Return the residuals (3, N) in a lamp's light, with the best colours; unknowns: (17,), see `starting_point`."""
     l, way = _lamp(unknowns).light(sample.X)  # noqa: E741
     return _misfit(sample, l, sample.z + way, _water(unknowns))
 
 
-def _rms(r: Array, sample: Sample) -> float:
+def _rms(r: Array, sample: PointsByPixel) -> float:
     return float(np.sqrt((r * r).sum() / max((sample.s > 0).sum() - 3 * len(sample.pixels.sizes), 1)))
 
 
-def reduced_system(sample: Sample, unknowns: Array) -> ReducedSystem:
+def reduced_system(sample: PointsByPixel, unknowns: Array) -> ReducedSystem:
     """Return H (1, 17, 17), g and cost around the unknowns (17,), see `starting_point`, with the priors on the lamp.
 
     Colours are eliminated as in normal_equations.py.

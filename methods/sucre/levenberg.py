@@ -98,7 +98,9 @@ def _free(at: Array, system: ReducedSystem, bounds: Bounds) -> Mask:
 
 
 def _steps(at: Array, system: ReducedSystem, bounds: Bounds, damping: Array, which: Mask) -> Array:
-    """Return the step s (C, n) to the minimum of each damped linear model inside the bounds; 0 but for `which` (C,).
+    """Return the step s (C, n) of each problem to the minimum of its damped linear model inside the bounds.
+
+    which: (C,) bool, the problems to solve; the others get a step of 0.
 
     With the scale S = diag(H)^-1/2 and A = S H S + damping diag(damped), s = S t solves
 

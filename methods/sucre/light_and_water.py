@@ -59,7 +59,7 @@ class ByPixel:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Sample:
+class ObservationsByPixel:
     """All observations of pixels that several views show: z (N,) and I (3, N), in the order of `pixels`."""
 
     z: Array
@@ -67,22 +67,22 @@ class Sample:
     pixels: ByPixel
 
     @staticmethod
-    def of(few: Observations) -> Sample:
+    def of(few: Observations) -> ObservationsByPixel:
         pixels = ByPixel.of(few)
         I = few.intensity(slice(None))[:, pixels.order].astype(np.float64)  # noqa: E741
-        return Sample(few.distance[pixels.order].astype(np.float64), I, pixels)
+        return ObservationsByPixel(few.distance[pixels.order].astype(np.float64), I, pixels)
 
     @property
     def n_excess(self) -> int:
         """How many more intensities than colours there are."""
         return 3 * (len(self.z) - len(self.pixels.sizes))
 
-    def every(self, step: int) -> tuple[Sample, Mask]:
+    def every(self, step: int) -> tuple[ObservationsByPixel, Mask]:
         """Return each step-th pixel with all its observations, and which observations (N,) these are."""
         sizes = self.pixels.sizes
         kept = np.repeat(np.arange(len(sizes)) % step == 0, sizes)
         few = ByPixel.sized(self.pixels.order[kept], sizes[::step])
-        return Sample(self.z[kept], self.I[:, kept], few), kept
+        return ObservationsByPixel(self.z[kept], self.I[:, kept], few), kept
 
     def colours(self, light: Array, water: WaterParameters) -> tuple[Array, Array, Array]:
         """Return a, b and the best J of each observation's pixel, (3, N); light: (N,)."""
@@ -104,7 +104,7 @@ class LightFit:
     noise: float
 
 
-def fit_light(sample: Sample, columns: Array, start: WaterParameters) -> LightFit:
+def fit_light(sample: ObservationsByPixel, columns: Array, start: WaterParameters) -> LightFit:
     """Fit the coefficients of columns (F, N) and the water; start: fitted without them."""
     distance = float(np.median(sample.z))
     bounds = _bounds(len(columns), distance)
@@ -126,7 +126,7 @@ def fit_light(sample: Sample, columns: Array, start: WaterParameters) -> LightFi
     )
 
 
-def promised_noise(sample: Sample, columns: Array, water: WaterParameters) -> tuple[float, float]:
+def promised_noise(sample: ObservationsByPixel, columns: Array, water: WaterParameters) -> tuple[float, float]:
     """Return the rms of the residuals in a water without light, and that which one linear step with it promises."""
     unknowns = np.concatenate([water.by_channel().ravel(), np.zeros(len(columns))])
     system = _system(sample, columns, unknowns, with_priors=False)
@@ -145,14 +145,14 @@ def _bounds(n: int, distance: float) -> Bounds:
     return Bounds(lower, upper, damped)
 
 
-def _descend(sample: Sample, columns: Array, start: Array, bounds: Bounds, tolerance: float) -> Minimum:
+def _descend(sample: ObservationsByPixel, columns: Array, start: Array, bounds: Bounds, tolerance: float) -> Minimum:
     def evaluate(unknowns: Array) -> ReducedSystem:
         return _system(sample, columns, unknowns[0])
 
     return minimise(evaluate, start[None], bounds, tolerance=tolerance, max_steps=_STEPS)
 
 
-def _system(sample: Sample, columns: Array, unknowns: Array, with_priors: bool = True) -> ReducedSystem:
+def _system(sample: ObservationsByPixel, columns: Array, unknowns: Array, with_priors: bool = True) -> ReducedSystem:
     """H (1, n, n), g and cost around the unknowns: B, beta, gamma of each channel, then the coefficients."""
     water = WaterParameters.of_channels(unknowns[:9].reshape(3, 3))
     light = np.exp(unknowns[9:] @ columns)

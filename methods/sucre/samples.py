@@ -20,7 +20,7 @@ SAMPLE = 20_000
 _MATCHED, _FEWEST_MATCHED = 20_000, 200
 
 
-def sampled(observations: Observations, n: int, singles: bool, seed: int) -> Observations:
+def sampled(observations: Observations, n: int, *, singles: bool, seed: int) -> Observations:
     """Return n random pixels of those seen more than once, and with `singles` as large a share of the others."""
     rng = np.random.default_rng(seed)
     repeated, all_pixels = observations.n_repeated, len(observations.pixels)

@@ -16,7 +16,7 @@ from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import Scene, View
 
 
-def samples(
+def samples_of_targets(
     scene: Scene,
     observe: Callable[[View], Observations],
     match: Callable[[View, Observations], Observations | None],
@@ -42,7 +42,7 @@ def samples(
             say(f"shared water skips {view.name}: {fault}")
             continue
         if observations.n_repeated:
-            kept.append((sampled(observations, SAMPLE, singles, seed + k), match(view, observations)))
+            kept.append((sampled(observations, SAMPLE, singles=singles, seed=seed + k), match(view, observations)))
     if not kept:
         raise SolveError(f"the scene's water cannot be fitted, {last}; use water=FILE with a known one")
     return kept

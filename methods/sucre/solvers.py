@@ -126,7 +126,7 @@ def solve_exact(
     from sucre_bench.methods.sucre.robust import fit_robustly, reweighted, robust_noise
     from sucre_bench.methods.sucre.samples import SAMPLE, sampled
 
-    sharp = sampled(observations, SAMPLE, physical, seed) if robust or matched is not None else None
+    sharp = sampled(observations, SAMPLE, singles=physical, seed=seed) if robust or matched is not None else None
     held = [sharp] if physical and matched is not None and sharp is not None else []
     fitted = partial(fit, physical=physical, sharp=held, backend=backend, device=device, seed=seed)
     to_fit = observations if matched is None else matched

@@ -76,7 +76,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         Raises NotApplicableError when no pixel has depth or none is seen twice, SolveError when the fit fails,
         InputError for a water that cannot be read.
         """
-        from sucre_bench.methods.sucre.fill_without_depth import guessed
+        from sucre_bench.methods.sucre.fill_without_depth import fill_pixels_without_depth
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
 
         observations = self.observe(scene, view)
@@ -86,7 +86,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
             observations, solution = self._solve(scene, view, observations)
             if solution.light is not None:
                 view = self.in_even_light(view, solution.light)
-            solution = self._with_told_veil(observations, solution)
+            solution = self._with_limit_of_veil(observations, solution)
             if self.residuals:
                 solution = with_residuals(observations, solution, self.seed)
             if self.colours == "single_view":
@@ -99,11 +99,14 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         stages["solve"] = time.perf_counter() - started
         restored = restoration(view, observations, solution, stages, self._fitted(view))
         if self.fill:
-            restored = guessed(restored, view, prior, black)
+            restored = fill_pixels_without_depth(restored, view, prior, black)
         return restored if black is None else _with_unknown_veil(restored)
 
-    def _with_told_veil(self, observations: Observations, solution: Solution) -> Solution:
-        """Say of an unknown veil that it stays in the colours, where the display does not remove it."""
+    def _with_limit_of_veil(self, observations: Observations, solution: Solution) -> Solution:
+        """Return the solution, with a limit that names the unknown veil if it would stay visible in the picture.
+
+        Some displays subtract an offset of each channel. They remove such a veil, and no limit is needed.
+        """
         from sucre_bench.methods.sucre.undetermined_water import UNKNOWN_VEIL, has_unknown_veil, is_in_air
 
         if solution.light is not None or not has_unknown_veil(solution) or is_in_air(observations, solution):
@@ -271,10 +274,10 @@ def _shared_fit(scene: Scene, sucre: Sucre) -> WaterFit | SolveError:
     """Return the common water; or why there is none, which is kept too, since finding out takes as long."""
     from sucre_bench.methods.sucre.exact import fit
     from sucre_bench.methods.sucre.samples import matched_sample
-    from sucre_bench.methods.sucre.shared_water import samples
+    from sucre_bench.methods.sucre.shared_water import samples_of_targets
 
     try:
-        targets = samples(
+        targets = samples_of_targets(
             scene,
             lambda view: sucre.observe(scene, view),
             lambda view, observations: matched_sample(sucre, scene, view, observations) if sucre.footprint else None,

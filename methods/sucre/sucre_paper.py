@@ -53,7 +53,7 @@ class SucrePaper(FillOption):
         info: as of `sucre`; and initial_cost, the sum of squares of each channel before the first step.
         Raises NotApplicableError when no pixel has depth, SolveError when Adam left the range of numbers.
         """
-        from sucre_bench.methods.sucre.fill_without_depth import guessed
+        from sucre_bench.methods.sucre.fill_without_depth import fill_pixels_without_depth
         from sucre_bench.methods.sucre.solvers import solve_adam, start_of
         from sucre_bench.methods.sucre.to_restoration import named, restoration, with_residuals
         from sucre_bench.multiview.stored_pairs import paired
@@ -68,4 +68,4 @@ class SucrePaper(FillOption):
             solution = with_residuals(observations, solution)
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
         restored = restoration(view, observations, solution, stages)
-        return guessed(restored, view) if self.fill else restored
+        return fill_pixels_without_depth(restored, view) if self.fill else restored

@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.sucre.diagnostics import is_determined
 from sucre_bench.methods.sucre.kernels.choose_backend import Backend
-from sucre_bench.methods.sucre.light_and_water import Sample, promised_noise
+from sucre_bench.methods.sucre.light_and_water import ObservationsByPixel, promised_noise
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.samples import sampled
@@ -84,9 +84,9 @@ def gains_may_explain(matched: Observations, target: str, without: WaterParamete
     """
     if matched.view is None:
         return False
-    few = sampled(matched, _SAMPLE, False, seed)
+    few = sampled(matched, _SAMPLE, singles=False, seed=seed)
     assert few.view is not None
-    sample = Sample.of(few)
+    sample = ObservationsByPixel.of(few)
     others = [k for k in np.unique(few.view) if few.views[k] != target]
     columns = (few.view[sample.pixels.order] == np.array(others)[:, None]).astype(np.float64)
     noise, promised = promised_noise(sample, columns, without)

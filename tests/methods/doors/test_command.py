@@ -18,6 +18,7 @@ from support.restoring_programs import PYTHON, restored, scene_of
 
 from sucre_bench import InputError, load_scenes, plugins
 from sucre_bench.engine.measured_restore import measured_restore
+from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.methods.doors import Command
 
@@ -41,13 +42,18 @@ from sucre_bench.methods.doors import Command
         ({"run": "cp {output}", "output_suffix": "png"}, {"command.output_suffix", "'png'", ".png"}),
         ({"run": "cp {output}", "bits": 12}, {"command.bits", "12"}),
         ({"run": "cp {output}", "timeout": 0.0}, {"command.timeout", "0.0", "positive"}),
-        ({"run": "cp {output}", "rests_on": Path("nowhere")}, {"nowhere", "file", "folder"}),
     ],
 )
 def test_a_command_that_cannot_work_is_refused_at_once(options: dict, named: set[str]):
     with pytest.raises(InputError) as fault:
         Command(**options)
     assert named <= names(fault.value)
+
+
+def test_a_program_that_rests_on_nothing_is_a_missing_file(tmp_path: Path):
+    with pytest.raises(MissingFileError) as fault:
+        Command(run="cp {input} {output}", rests_on=tmp_path / "nowhere")
+    assert {str(tmp_path / "nowhere"), "command.rests_on"} <= names(fault.value)
 
 
 @pytest.mark.parametrize(

@@ -23,6 +23,7 @@ from sucre_bench import (
     restore,
     score,
 )
+from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.methods.doors import Precomputed, pattern
 from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder
@@ -164,8 +165,12 @@ def test_a_pattern_that_cannot_work_is_refused_at_once(tmp_path: Path, pattern: 
 
 
 def test_a_folder_that_is_not_there_is_refused_at_once(tmp_path: Path):
-    with pytest.raises(InputError, match="nowhere: "):
+    with pytest.raises(MissingFileError, match="nowhere: "):
         Precomputed(tmp_path / "nowhere")
+    (tmp_path / "file").touch()
+    with pytest.raises(FileError, match="file: ") as fault:
+        Precomputed(tmp_path / "file")
+    assert not isinstance(fault.value, MissingFileError)
 
 
 # -- what the values mean ----------------------------------------------------------------------------------

@@ -13,6 +13,7 @@ from support.made_networks import onnx_file
 from support.messages import names
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
+from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks.run_onnx import opened
 from sucre_bench.methods.networks.sizes import resized
 from sucre_bench.plugins.code_hash import source_hash
@@ -199,8 +200,6 @@ def bad_model(kind: str, path: Path) -> None:
     two, one = make_node("Add", ["x", "z"], ["y"]), make_node("ReduceMean", ["x"], ["y"], axes=[1])
     open_shape = ("n", "c", "h", "w")
     match kind:
-        case "missing":
-            pass
         case "no model":
             path.write_text("hello")
         case "two inputs":
@@ -229,7 +228,6 @@ def bad_model(kind: str, path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "named"),
     {
-        "missing": {"file"},
         "no model": {"onnxruntime"},
         "two inputs": {"'x'", "'z'", "one"},
         "two outputs": {"y", "mask", "method.output=y"},
@@ -251,6 +249,13 @@ def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: s
     assert named <= names(fault.value)
     assert str(path) in str(fault.value)
     assert "\n" not in str(fault.value)
+
+
+def test_a_model_that_is_not_there_is_a_missing_file(tmp_path: Path):
+    path = tmp_path / "given.onnx"
+    with pytest.raises(MissingFileError) as fault:
+        restored(NOISE, model=path)
+    assert {str(path), "method.model"} <= names(fault.value)
 
 
 def test_one_of_several_outputs_is_taken_by_name(tmp_path: Path):

@@ -14,6 +14,7 @@ from support.messages import names
 from support.small_networks import NOISE, restored, saved
 
 from sucre_bench import InputError
+from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks import architectures
 from sucre_bench.methods.networks.weights import read_state
 
@@ -55,8 +56,6 @@ def bad_file(kind: str, path: Path) -> None:
     whole = path.with_name("whole.pth")
     torch.save(state, whole)
     first = "cmg.conv1.weight"
-    if kind == "missing":
-        return
     if kind in ("web page", "empty", "text", "cut", "pickle"):
         trap = pickle.dumps({"state_dict": Trap(path.with_name("sprung"))})
         content = {"web page": b"\n<!DOCTYPE html><html>", "empty": b"", "text": b"hello\n" * 99, "pickle": trap}
@@ -88,7 +87,6 @@ def bad_file(kind: str, path: Path) -> None:
 @pytest.mark.parametrize(
     ("kind", "named"),
     {
-        "missing": {"file"},
         "folder": {"folder"},
         "web page": {"web"},
         "empty": {"empty"},
@@ -117,6 +115,14 @@ def test_a_file_that_cannot_be_used_is_named_with_its_fault_and_runs_nothing(
     assert str(path) in str(fault.value)
     assert "\n" not in str(fault.value)
     assert not (tmp_path / "sprung").exists()
+
+
+@pytest.mark.parametrize("method", ARCHITECTURES)
+def test_weights_that_are_not_there_are_a_missing_file(method: str, tmp_path: Path):
+    path = tmp_path / "given.pth"
+    with pytest.raises(MissingFileError) as fault:
+        restored(method, NOISE, weights=path)
+    assert {str(path), "method.weights"} <= names(fault.value)
 
 
 @pytest.mark.parametrize(

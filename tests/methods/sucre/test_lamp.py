@@ -12,7 +12,7 @@ from support.made_scene import WATER
 from sucre_bench import SolveError
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.kernels import opened
-from sucre_bench.methods.sucre.lamp import Lamp, Sample, estimate, lit, reduced_system, residuals, starting_point
+from sucre_bench.methods.sucre.lamp import Lamp, PointsByPixel, estimate, lit, reduced_system, residuals, starting_point
 from sucre_bench.methods.sucre.model import WaterParameters
 from sucre_bench.multiview.observations import Observations, Seen, arrange
 
@@ -83,7 +83,7 @@ def test_even_light_needs_no_lamp() -> None:
 
 
 def test_gradient_and_cost_are_those_of_finite_differences() -> None:
-    sample = Sample.of(made_lit(60, true_lamp(), noise=0.01)[0], 40, np.random.default_rng(0))
+    sample = PointsByPixel.of(made_lit(60, true_lamp(), noise=0.01)[0], 40, np.random.default_rng(0))
     at = starting_point((0.1, -0.2, 0.05), 1.5, WaterParameters.of_channels(WATER_ROWS * 1.2))
     at[[0, 1, 6]] = 0.1, -0.05, 0.3
     system, numeric = reduced_system(sample, at), np.empty(17)
@@ -101,7 +101,7 @@ def test_lit_observations_have_the_lamps_own_least_squares() -> None:
     observations, J = made_lit(400, true_lamp(), noise=0.004)
     even = lit(observations, true_lamp())
     kept = replace(observations, weight=(even.weight > 0).astype(np.float32))
-    sample = Sample.of(kept, 400, np.random.default_rng(0))
+    sample = PointsByPixel.of(kept, 400, np.random.default_rng(0))
     unknowns = np.concatenate([starting_point((0.15, 0.25, 0), 1, HALVED)[:8], WATER_ROWS.ravel()])
     unknowns[[0, 1]] = 0.04, 0.06
     M = np.linalg.cholesky(true_lamp().precision).T
