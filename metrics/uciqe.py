@@ -27,7 +27,7 @@ from sucre_bench.imaging.cielab import lab_d50_of_linear
 from sucre_bench.imaging.eight_bit import Palette, eight_bit, palette
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.imaging.once import locked, once
-from sucre_bench.imaging.value_counts import Counted
+from sucre_bench.imaging.value_counts import ValueCounts
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 
@@ -107,7 +107,7 @@ def _of_hsv(colours: Palette, variant: str) -> float:
 
     rgb = np.ascontiguousarray(colours.rgb[:, ::-1] if variant == "hue-bgr" else colours.rgb)
     H, S, V = cv2.cvtColor(rgb.reshape(-1, 1, 3), cv2.COLOR_RGB2HSV).reshape(-1, 3).T
-    value, counts = Counted.of(V, colours.counts), colours.counts
+    value, counts = ValueCounts.of(V, colours.counts), colours.counts
     n = max(value.size // 100, 1)
     if variant == "hsv-bytes":
         return _weigh(_deviation(H, counts), value.mean(value.size - n), _mean(S, counts))
@@ -138,35 +138,35 @@ def _relative_spread(c: Array, counts: npt.NDArray[np.int64]) -> float:
 # -- contrast ------------------------------------------------------------------------------------------------
 
 
-def _percentiles(L: Counted) -> float:
+def _percentiles(L: ValueCounts) -> float:
     return L.percentile(99) - L.percentile(1)
 
 
-def _share_of_range(L: Counted) -> float:
+def _share_of_range(L: ValueCounts) -> float:
     return _percentiles(L) / max(_range(L), 1e-9)
 
 
-def _range(L: Counted) -> float:
+def _range(L: ValueCounts) -> float:
     return float(L.values[-1] - L.values[0])
 
 
-def _ends(L: Counted) -> float:
+def _ends(L: ValueCounts) -> float:
     n = max(round(0.01 * L.size), 1)
     return L.mean(L.size - n) - L.mean(0, n)
 
 
-def _strides(L: Counted) -> float:
+def _strides(L: ValueCounts) -> float:
     n = max(round(0.01 * L.size), 1)
     return float(L.at(np.arange(L.size - 1, -1, -n)).mean() - L.at(np.arange(0, L.size, n)).mean())
 
 
-def _stretch_limits(L: Counted) -> float:
+def _stretch_limits(L: ValueCounts) -> float:
     """The least level with more than 1 % of the pixels up to it, and with at least 99 % of them."""
     share = L.upto / L.size
     return float(L.values[np.argmax(share >= 0.99)] - L.values[np.argmax(share > 0.01)])
 
 
-_CONTRAST: dict[str, Callable[[Counted], float]] = {
+_CONTRAST: dict[str, Callable[[ValueCounts], float]] = {
     "yang2015": _percentiles,
     "matlab": _stretch_limits,
     "range-contrast": _share_of_range,
@@ -205,13 +205,13 @@ def _lab(shown: npt.NDArray[Any], space: Space) -> Array:
 
 
 @once
-def _lightness(shown: npt.NDArray[Any], space: Space) -> Counted:
+def _lightness(shown: npt.NDArray[Any], space: Space) -> ValueCounts:
     L, counts = _lab(shown, space)[0], palette(shown).counts
     if space == "cie":
-        return Counted.of(L, counts)
+        return ValueCounts.of(L, counts)
     of_level = np.bincount(np.rint(L * 255).astype(np.intp), weights=counts)
     levels = np.flatnonzero(of_level)
-    return Counted.of(levels / 255, of_level[levels].astype(np.int64))
+    return ValueCounts.of(levels / 255, of_level[levels].astype(np.int64))
 
 
 def _hsv_saturation(rgb: npt.NDArray[np.uint8]) -> Array:

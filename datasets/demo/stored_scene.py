@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.datasets.demo.made_scene import MadeScene
-from sucre_bench.datasets.demo.write_scene import LAST, write
+from sucre_bench.datasets.demo.write_made_scene import LAST, write_made_scene
 from sucre_bench.errors import OutputError
 from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.machine.files import user_cache
@@ -40,9 +40,12 @@ def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
     folder.parent.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True) as work:
         try:
-            write(made, Path(work) / "scene")
+            write_made_scene(made, Path(work) / "scene")
         except OutputError as fault:
-            there = folder / Path(fault.place).relative_to(Path(work) / "scene")
+            scene = Path(work) / "scene"
+            if not Path(fault.place).is_relative_to(scene):
+                raise
+            there = folder / Path(fault.place).relative_to(scene)  # the folder of the work is gone when the user looks
             raise type(fault)(fault.fault, there, fault.remedy) from fault
         if folder.exists() and not (folder / LAST).is_file():
             shutil.rmtree(folder)

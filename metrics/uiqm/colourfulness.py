@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from sucre_bench.imaging.eight_bit import palette
 from sucre_bench.imaging.once import once
-from sucre_bench.imaging.value_counts import Counted
+from sucre_bench.imaging.value_counts import ValueCounts
 
 _ALPHA = 0.1  # the share trimmed at each end
 
@@ -42,7 +42,7 @@ def uicm(shown: npt.NDArray[Any], form: Colourfulness = Colourfulness()) -> floa
 
 
 @once
-def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[Counted, ...]:
+def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[ValueCounts, ...]:
     """R - G and (R + G) / 2 - B of every pixel."""
     colours = palette(shown)
     if not colours.counts.size:
@@ -54,14 +54,14 @@ def _opponents(shown: npt.NDArray[Any], wraparound: bool, order: str) -> tuple[C
     return _counted(RG, colours.counts), _counted(sum_RG - 2 * B, colours.counts, 2)
 
 
-def _counted(x: npt.NDArray[np.int32], counts: npt.NDArray[np.int64], divisor: int = 1) -> Counted:
+def _counted(x: npt.NDArray[np.int32], counts: npt.NDArray[np.int64], divisor: int = 1) -> ValueCounts:
     """Whole numbers from -512 on, over a divisor."""
     every = np.bincount(x + 512, weights=counts).astype(np.int64)
     there = np.flatnonzero(every)
-    return Counted.of((there - 512) / divisor, every[there])
+    return ValueCounts.of((there - 512) / divisor, every[there])
 
 
-def _trimmed(x: Counted, form: Colourfulness) -> tuple[float, float]:
+def _trimmed(x: ValueCounts, form: Colourfulness) -> tuple[float, float]:
     """Mean and variance of an opponent colour."""
     if form.rounded:
         low, end = _nearest(_ALPHA * x.size), _nearest((1 - _ALPHA) * x.size)

@@ -15,6 +15,7 @@ ENDINGS: Mapping[str, tuple[str, ...]] = {
 
 
 def check_ending(path: Path, kind: str) -> None:
-    """Raise InputError unless a file's name ends as ENDINGS has it for its kind; capital letters are the same."""
+    """Raise InputError unless a file's name has an ending of its kind in `ENDINGS`, in small or capital letters."""
     if path.suffix.lower() not in ENDINGS[kind]:
-        raise InputError(f"has no suffix of a {kind}", path, f"end it in {' or '.join(ENDINGS[kind])}")
+        noun = "picture" if kind == "contact sheet" else kind
+        raise InputError(f"has no suffix of a {noun}", path, f"end it in {', '.join(ENDINGS[kind])}")

@@ -1,17 +1,17 @@
 """`sucre-bench run`: restore a dataset with methods, and score the restorations."""
 
 import contextlib
-import json
 import sys
 from collections.abc import Sequence
 from contextlib import AbstractContextManager
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.shared_options import json_option, plugin_files_option, refuse_options
+from sucre_bench.commands.shared_options import json_option, plugin_files_option, print_json, refuse_options
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -98,7 +98,7 @@ def _forecast(overrides: Sequence[str], multirun: bool, as_json: bool) -> None:
     with _no_prints(as_json):
         found = forecast(overrides, multirun)
     if as_json:
-        click.echo(run_forecast.as_json(found))
+        print_json(asdict(found))
     else:
         run_forecast.show(found)
 
@@ -114,7 +114,7 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool) -> int:
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
     try:
         if as_json:
-            click.echo(json.dumps(summary, indent=1))
+            print_json(summary)
         else:
             run_summary.show(outcome, comparisons)
         sys.stdout.flush()

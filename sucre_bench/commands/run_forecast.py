@@ -2,14 +2,12 @@
 
 import math
 from collections.abc import Iterator, Sequence
-from dataclasses import asdict
 
 import click
 from rich.table import Table
 
 from sucre_bench.engine.forecast import Expected, Forecast
 from sucre_bench.machine import terminal
-from sucre_bench.machine.json_text import json_text
 from sucre_bench.machine.measured_rates import rates_path
 from sucre_bench.machine.time_left import duration
 
@@ -72,11 +70,6 @@ def _side_by_side(found: Forecast) -> Iterator[str]:
         yield f"memory         the cluster decides; hydra.launcher.mem_gb={memory} is enough"
     elif found.mem_gb < memory:
         yield f"too little     a job gets {found.mem_gb:g} GB; give hydra.launcher.mem_gb={memory}"
-
-
-def as_json(found: Forecast) -> str:
-    """Return the forecast as one JSON object; what is not known is null."""
-    return json_text(asdict(found))
 
 
 def _sum(jobs: Sequence[Expected]) -> Expected:

@@ -75,10 +75,8 @@ def score(
         names = names or match_published.variants_to_try(published, files)
         for warning in published.warnings:
             say(warning, "yellow")
-    with (
-        contextlib.redirect_stdout(sys.stderr),
-        progress_display.live(),
-    ):  # what a metric prints is no part of the table
+    # What a metric prints is not part of the table.
+    with contextlib.redirect_stdout(sys.stderr), progress_display.live():
         rows = score_folder.score_folder(images, reference, names)
     if file:
         write_atomically(file, csv_text(rows).encode())

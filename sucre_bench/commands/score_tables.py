@@ -55,9 +55,10 @@ def print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> N
 
 def _table(column: Column, candidates: Sequence[Candidate], most: int = 10) -> Table:
     """Return the nearest variants of a column, a line each."""
-    table = terminal.table([], [])
-    for name in (column.metric, "mean difference", "largest", "at", "compared", ""):
-        table.add_column(name, justify="left" if name in (column.metric, "at", "") else "right", no_wrap=True)
+    table = terminal.table([column.metric], ["mean difference", "largest"])
+    table.add_column("at", no_wrap=True)
+    table.add_column("compared", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
     for one in candidates[:most]:
         note = f"no score of {one.lacking}" if one.lacking else ""
         figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)

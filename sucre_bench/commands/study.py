@@ -177,7 +177,7 @@ def _sentences(found: Evaluated) -> list[str]:
     verb, chance = ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
     lead = f"{methods[first]} {verb} {methods[second]} by {number(gap)} [{number(low)}, {number(high)}], {chance}"
     if not gap:
-        lead = f"{methods[first]} and {methods[second]} are equal, within {number(high)}"
+        lead = f"{methods[first]} and {methods[second]} are equal; the difference is at most {number(high)}"
     of_few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
     over = f"intervals: bootstrap over {'observers' if people.over_observers else of_few}"
     alpha, n = found.observers.alpha, found.observers.n

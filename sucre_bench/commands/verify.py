@@ -18,7 +18,7 @@ from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.verify.outcome import Verified
+    from sucre_bench.programs.verify.outcome import Outcome
 
 _MOST = 20  # scores that are listed
 
@@ -91,7 +91,7 @@ def data_folders(labels: Collection[str], given: Sequence[str]) -> dict[str, Pat
     return folders
 
 
-def _print(found: Verified, tolerance: float) -> None:
+def _print(found: Outcome, tolerance: float) -> None:
     by = f" by {found.by}" if found.by else ""
     click.echo(f"bundle   {found.id}{by}")
     click.echo(f"files    {found.n_files} hashes checked")
@@ -118,7 +118,7 @@ def _print(found: Verified, tolerance: float) -> None:
         say(f"         and {more} more; --json lists all", "red")
 
 
-def _verdict(found: Verified, is_other: bool) -> str:
+def _verdict(found: Outcome, is_other: bool) -> str:
     if is_other or not found.holds:
         return "NOT verified: something differs"
     if found.is_whole:
@@ -128,7 +128,7 @@ def _verdict(found: Verified, is_other: bool) -> str:
     return "hashes hold; no score could be computed again"
 
 
-def _as_object(found: Verified, is_other: bool) -> dict[str, object]:
+def _as_object(found: Outcome, is_other: bool) -> dict[str, object]:
     differing = [
         {k: (str(v) if isinstance(v, float) and v - v else v) for k, v in asdict(one).items()}
         for one in found.differing

@@ -156,7 +156,7 @@ class _Degraded:
         assert water is not None
         if (water.encoding or self.view.encoding) != self.view.encoding:
             fault = f"degrade.add_water has the encoding {water.encoding}, the view {self.view.encoding}"
-            raise InputError(f"{fault}", self.view.name, "give water of the view's encoding")
+            raise InputError(fault, self.view.name, "give water of the view's encoding")
         return under_water(self._dry(), depth if camera is None else distance_map(camera, depth), water)
 
     def _scaled(self, plane: Array | None) -> Array | None:

@@ -18,14 +18,14 @@ Counts = npt.NDArray[np.integer[Any]]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Counted:
+class ValueCounts:
     """Numbers in ascending order. values: (V,) float64, ascending; upto: (V,) how many numbers are no greater."""
 
     values: Array
     upto: Counts
 
     @classmethod
-    def of(cls, values: npt.NDArray[Any], counts: Counts) -> Counted:
+    def of(cls, values: npt.NDArray[Any], counts: Counts) -> ValueCounts:
         """Count numbers (V,), in any order, of which each occurs counts (V,) times. V > 0."""
         order = np.argsort(values)
         return cls(values[order].astype(np.float64), np.cumsum(counts[order], dtype=np.int64))

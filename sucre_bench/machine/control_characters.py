@@ -37,10 +37,10 @@ def _replaced(fault: UnicodeError) -> tuple[str, int]:
     return "".join(letter if letter.isascii() else "?" for letter in text), fault.end
 
 
-def shown(text: str) -> str:
+def escaped(text: str) -> str:
     r"""Return a text with control characters written out.
 
-    >>> print(shown("a\x1b[2J.png"))
+    >>> print(escaped("a\x1b[2J.png"))
     a\x1b[2J.png
     """
     return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
@@ -53,7 +53,7 @@ class _Escaped:
         self.rich_proxied_file = stream
 
     def write(self, text: str) -> int:
-        return self.rich_proxied_file.write(shown(text))
+        return self.rich_proxied_file.write(escaped(text))
 
     def __getattr__(self, name: str) -> Any:
         return getattr(self.rich_proxied_file, name)

@@ -7,7 +7,10 @@ from typing import Any
 
 
 def filled_in(package: str, template: str, **values: Any) -> bytes:
-    """Return a package's template with its values: every text is escaped that is no Markup; none may be missing."""
+    """Return a package's template, filled in with values. It escapes every text that is not Markup.
+
+    Raises jinja2.UndefinedError if a value that the template uses is missing.
+    """
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     pages = Environment(loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined)

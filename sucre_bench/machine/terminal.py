@@ -12,7 +12,7 @@ from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
 
-from sucre_bench.machine.control_characters import shown
+from sucre_bench.machine.control_characters import escaped
 
 
 class _Console(Console):
@@ -32,7 +32,7 @@ class _Console(Console):
 
     def render(self, renderable: RenderableType, options: ConsoleOptions | None = None) -> Iterable[Segment]:
         for text, style, control in super().render(renderable, options):
-            yield Segment(text if control else shown(text), style, control)
+            yield Segment(text if control else escaped(text), style, control)
 
 
 out = _Console(highlight=False, soft_wrap=not sys.stdout.isatty())

@@ -42,12 +42,16 @@ class Registry:
         other._known = {kind: dict(known) for kind, known in self._known.items()}
         return other
 
-    def load_file(self, path: str | Path) -> None:
-        """Register the plugins of one Python file. Raises PluginError if it does not exist or cannot be imported."""
+    def load_file(self, path: str | Path) -> list[Plugin]:
+        """Register the plugins of one Python file, and return them in its order.
+
+        Raises PluginError if it does not exist, cannot be imported or holds no plugin.
+        """
         path = Path(path).resolve()
         if path not in self._files:
             self._files[path] = _module_of(path)
             self._known.clear()
+        return _plugins_in(self._files[path])
 
     def discover(self, kind: Kind) -> dict[str, Plugin | Broken]:
         """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
@@ -169,8 +173,16 @@ def _module_of(path: Path) -> ModuleType:
         del sys.modules[module.__name__]
         raise PluginError(f"does not import, {one_line(fault)}", path, "mend the file") from fault
     if not _plugins_in(module):
-        raise PluginError("holds no plugin", path, "decorate a class with @method, @dataset or @metric")
+        raise PluginError("holds no plugin", path, _remedy(module))
     return module
+
+
+def _remedy(module: ModuleType) -> str:
+    """What to do where a plugin file holds no plugin: give the file from which it imports one, or write one."""
+    places = sorted({_where(cls.__dict__["__plugin__"]) for cls in _decorated(module)})
+    if places:
+        return f"give {places[0]}, from which it imports one"
+    return "decorate a class with @method, @dataset or @metric"
 
 
 def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
@@ -184,12 +196,23 @@ def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
 
 
 def _plugins_in(module: ModuleType) -> list[Plugin]:
-    """The decorated classes a module (or a folder's own modules) defines, imported ones left out."""
-    inside = (module.__name__, module.__name__ + ".")
-    classes = [c for c in vars(module).values() if isinstance(c, type) and "__plugin__" in vars(c)]
-    return [
-        c.__dict__["__plugin__"] for c in classes if c.__module__ == inside[0] or c.__module__.startswith(inside[1])
-    ]
+    """The plugins that a module defines; of an `__init__.py` also those that it imports from its folder."""
+    return [cls.__dict__["__plugin__"] for cls in _decorated(module) if _is_part(cls, module)]
+
+
+def _decorated(module: ModuleType) -> list[type]:
+    return [cls for cls in vars(module).values() if isinstance(cls, type) and "__plugin__" in vars(cls)]
+
+
+def _is_part(cls: type, module: ModuleType) -> bool:
+    """Whether a class stands in a module or, of a package, in its folder.
+
+    A package that is loaded by its path has another name than the one by which its `__init__.py` imports from it.
+    """
+    if cls.__module__ == module.__name__ or cls.__module__.startswith(f"{module.__name__}."):
+        return True
+    folders = [Path(folder).resolve() for folder in getattr(module, "__path__", ())]
+    return any(Path(_where(cls.__dict__["__plugin__"])).is_relative_to(folder) for folder in folders)
 
 
 def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ") -> UnknownPluginError:

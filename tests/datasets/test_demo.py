@@ -11,7 +11,7 @@ import pytest
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
-from sucre_bench.datasets.demo import Demo
+from sucre_bench.datasets.demo import Demo, stored_scene
 from sucre_bench.datasets.demo.camera_path import make_camera
 from sucre_bench.datasets.demo.chart_boards import SITES, place_board
 from sucre_bench.datasets.demo.made_scene import MadeScene, make
@@ -21,7 +21,7 @@ from sucre_bench.datasets.demo.stored_scene import make_once
 from sucre_bench.datasets.demo.terrain import make_terrain
 from sucre_bench.datasets.demo.texture import make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DiskFullError, InputError
 from sucre_bench.imaging.charts.kinds import KINDS
 from sucre_bench.imaging.charts.patches import measure
 from sucre_bench.plugins.options import create
@@ -123,6 +123,20 @@ def test_a_failure_leaves_nothing_behind(tmp_path: Path, small: MadeScene) -> No
     with pytest.raises(InputError):
         make_once(tmp_path / "scene", fails)
     assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize("place", ["", "images/view_000.png", "/elsewhere/a.png"])
+def test_a_scene_that_cannot_be_written_is_an_error_of_its_own_folder(
+    tmp_path: Path, small: MadeScene, monkeypatch: pytest.MonkeyPatch, place: str
+) -> None:
+    def full(_: MadeScene, folder: Path) -> None:
+        raise DiskFullError("disk is full", folder / place if place.startswith("images") else place, "make room")
+
+    monkeypatch.setattr(stored_scene, "write_made_scene", full)
+    with pytest.raises(DiskFullError) as fault:
+        make_once(tmp_path / "scene", lambda: small)
+    expected = str(tmp_path / "scene" / place) if place.startswith("images") else place
+    assert (fault.value.place, fault.value.fault, fault.value.remedy) == (expected, "disk is full", "make room")
 
 
 def test_a_finished_scene_is_not_made_again(tmp_path: Path, small: MadeScene) -> None:

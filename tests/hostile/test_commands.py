@@ -23,7 +23,7 @@ from support.command_line import PROGRAM, forks, run_bounded, run_here
 from support.watching import Lines
 
 from sucre_bench.machine import progress
-from sucre_bench.machine.control_characters import shown
+from sucre_bench.machine.control_characters import escaped
 from sucre_bench.machine.locks import waited_lock
 from sucre_bench.programs.charts import open_session
 from sucre_bench.programs.charts.server import PageServer
@@ -150,7 +150,7 @@ def test_control_characters_of_names_are_written_out_in_every_line(tmp_path: Pat
 
 
 def test_a_name_that_no_output_can_encode_is_written_out():
-    assert shown("a\udcffb\tc\nd") == "a\\udcffb\tc\nd"
+    assert escaped("a\udcffb\tc\nd") == "a\\udcffb\tc\nd"
 
 
 def _hold(path: Path, held: multiprocessing.synchronize.Event) -> None:

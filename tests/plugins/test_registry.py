@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import json
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -61,8 +62,23 @@ def test_the_built_in_restorers_are_found():
 def test_a_class_imported_from_elsewhere_is_not_a_plugin_of_the_file(tmp_path: Path):
     path = tmp_path / "imports.py"
     path.write_text("from sucre_bench.methods.gray_world import GrayWorld\n")
-    with pytest.raises(PluginError, match=r"imports\.py: "):
+    with pytest.raises(PluginError, match=r"imports\.py: .*gray_world\.py"):
         load_file(path)
+
+
+@pytest.mark.parametrize("imported", ["from .method import InAFolder", "from a_folder.method import InAFolder"])
+def test_the_file_of_a_package_has_the_plugins_of_its_folder(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, imported: str
+):
+    folder = tmp_path / "a_folder"
+    folder.mkdir()
+    write(folder, "InAFolder", "method.py")
+    (folder / "__init__.py").write_text(f"{imported}\nfrom sucre_bench.methods.gray_world import GrayWorld\n")
+    monkeypatch.syspath_prepend(tmp_path)
+    assert [plugin.name for plugin in plugins.current().load_file(folder / "__init__.py")] == ["in_a_folder"]
+    assert find("method", "in_a_folder").summary == "Give the view back."
+    monkeypatch.delitem(sys.modules, "a_folder", raising=False)
+    monkeypatch.delitem(sys.modules, "a_folder.method", raising=False)
 
 
 @pytest.mark.parametrize(

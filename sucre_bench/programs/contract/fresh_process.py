@@ -69,9 +69,10 @@ def restored(subjects: Sequence[Subject]) -> list[Array]:
 
 
 def _place(subject: Subject) -> str:
-    """How another process imports a plugin: by its module, or by its file if that is in no package."""
+    """How another process imports a plugin: by its module, or by the file that was loaded if that is in no package."""
     module = subject.plugin.cls.__module__
-    return str(subject.file) if module.startswith("sucre_bench_plugin_") else module
+    loaded = sys.modules[module.partition(".")[0]]
+    return str(loaded.__file__) if module.startswith("sucre_bench_plugin_") else module
 
 
 def _told(task: Mapping[str, Any]) -> Any:

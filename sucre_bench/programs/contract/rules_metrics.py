@@ -99,7 +99,7 @@ def _remedy(reason: str) -> str:
     return "mend it; where there is nothing to score, yield nothing"
 
 
-@rule("stays in its range, whatever the image", "metric")
+@rule("stays in its range on difficult images", "metric")
 def stays_in_range(subject: Subject) -> Iterator[Finding]:
     chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
@@ -120,7 +120,9 @@ def runs_with_least(subject: Subject) -> Iterator[Finding]:
     # Without depth and poses the engine finds no points that two views share.
     needs = subject.plugin.needs | ({"depth", "poses"} if subject.plugin.is_of_pairs else set())
     rows = _rows(subject, least(_scene(subject), needs, cameras="depth" in needs))
-    yield from _faults(subject, rows, f"a view with {' and '.join(sorted(needs)) or 'an image'}")
+    given = sorted(needs - {"restored_views"})
+    noun = "restored views" if subject.plugin.is_of_pairs else "a view"
+    yield from _faults(subject, rows, f"{noun} with {' and '.join(given) or 'an image'}")
     is_of_a_method = "restoration" in needs  # what that told of its work is not here
     if not is_of_a_method and not any(row.status == "ok" for row in rows):
         yield breach(f"no variant gives a score there, {rows[0].reason}; add what it uses to needs=")
@@ -205,7 +207,7 @@ _Attempts = list[Callable[[str], Iterable[Score]]]
 
 
 def _on_view(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
-    """What a metric of one view is given, and calls, by variant, that must give the same scores."""
+    """Return the arrays that a metric of one view gets, and three calls by variant that must give the same scores."""
     view = charted()[TARGET]
     image = view.rgb.copy()
     shown = display(image, "none")
@@ -216,7 +218,7 @@ def _on_view(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
 
 
 def _on_pair(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
-    """The same of a metric of pairs."""
+    """Return the arrays that a metric of pairs gets, and two calls by variant that must give the same scores."""
     pair = _pair(submerged())
     points = [pair.points.here, pair.points.there, pair.points.distance]
     planes = [*points, pair.here.view.rgb, pair.here.view.depth]  # what is restored is read-only

@@ -1,8 +1,6 @@
 """The plugins that a command names, by name or file, with their options."""
 
-import inspect
-import sys
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -41,17 +39,7 @@ def _named(name: str, kind: Kind | None) -> Plugin:
 
 def _of_file(path: Path) -> list[Plugin]:
     """The plugins of a file, in its order. Raises PluginError for an unusable one."""
-    plugins.load_file(path)
-    return [plugins.find(one.kind, one.name) for one in _written_in(path.resolve())]
-
-
-def _written_in(path: Path) -> Iterator[Plugin]:
-    for module in list(sys.modules.values()):
-        if getattr(module, "__file__", None) == str(path):
-            for cls in vars(module).values():
-                is_here = isinstance(cls, type) and "__plugin__" in vars(cls) and cls.__module__ == module.__name__
-                if is_here and Path(inspect.getsourcefile(cls) or "") == path:
-                    yield cls.__dict__["__plugin__"]
+    return [plugins.find(one.kind, one.name) for one in plugins.current().load_file(path)]
 
 
 def _options(plugin: Plugin, overrides: Sequence[str]) -> Mapping[str, Any]:

@@ -77,7 +77,7 @@ class NoExposure(enum.Enum):
     """Why the exposure of views is not known."""
 
     FEW_VIEWS = "fewer than two views have an image, depth, a camera and a pose"
-    NO_OVERLAP = "no two views see the same points"
+    NO_OVERLAP = "no two views have enough points in common"
     UNLIKE = "views see the same points only at unlike distances, or too dark or bright"
 
 

@@ -22,7 +22,7 @@ from sucre_bench.programs.prepare.relief import relief_of
 from sucre_bench.programs.prepare.resumable_stages import Stage, stage
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
 from sucre_bench.programs.prepare.undistort import undistort
-from sucre_bench.programs.prepare.write_scene import write
+from sucre_bench.programs.prepare.write_scene import write_scene
 
 
 def prepare(
@@ -73,7 +73,7 @@ def prepare(
     more = {**_asked(folder, options), "attempt": mapped.attempt}
     result = stage(work, "result", surface.key, scale, sorted(damaged))
     with _full_disk_named(out):
-        made = write(made, pinhole, mapped.model, shots, maps, more, result.folder)
+        made = write_scene(made, pinhole, mapped.model, shots, maps, more, result.folder)
     result.finish()
     return made
 

@@ -20,7 +20,7 @@ _PACKAGES = ("sucre-bench", "pycolmap", "opencv-python-headless", "open3d", "num
 _ATTEMPTS = {"usual": "first", "faint": "second"}  # as the page calls them
 
 
-def write(
+def write_scene(
     made: Prepared,
     pinhole: Path,
     mapped: Path,

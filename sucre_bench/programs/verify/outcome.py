@@ -7,7 +7,7 @@ from sucre_bench.compare import Pixels
 
 
 @dataclass(frozen=True)
-class Differing:
+class DifferingScore:
     """A score that another value comes out for."""
 
     dataset: str
@@ -23,7 +23,7 @@ class Differing:
 
 
 @dataclass(frozen=True)
-class Verified:
+class Outcome:
     """What became of a bundle's check.
 
     id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
@@ -36,7 +36,7 @@ class Verified:
     by: str
     n_files: int
     faults: tuple[str, ...]
-    differing: tuple[Differing, ...]
+    differing: tuple[DifferingScore, ...]
     n_agree: int
     n_common: int
     unchecked: Mapping[str, int]

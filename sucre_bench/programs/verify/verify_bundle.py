@@ -26,7 +26,7 @@ from sucre_bench.programs.verify.common_pixels import (
 )
 from sucre_bench.programs.verify.metrics import Metrics
 from sucre_bench.programs.verify.open_data import Opened, open_data
-from sucre_bench.programs.verify.outcome import Differing, Verified
+from sucre_bench.programs.verify.outcome import DifferingScore, Outcome
 from sucre_bench.programs.verify.pictures import Held, Restored, held, picture, restoration_of
 from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
@@ -35,7 +35,7 @@ from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
 
 
-def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Verified:
+def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Outcome:
     """Check a bundle. data: folders of the data, by dataset label; tolerance: allowed difference as share of a score.
 
     Raises InputError if the bundle has no score table.
@@ -50,7 +50,7 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     n_own, common = check.n_agree, _common(bundle, file_faults)
     for of_view in progress.track(list(common_views(common, rows)), "scoring common pixels again"):
         check.view(of_view)
-    return Verified(
+    return Outcome(
         bundle.id,
         bundle.by,
         len(names),
@@ -113,7 +113,7 @@ class _Check:
         self, bundle: Bundle, opened: Opened, tolerance: float, sizes: Mapping[tuple[str, str], float]
     ) -> None:
         self.faults: list[str] = []
-        self.differing: list[Differing] = []
+        self.differing: list[DifferingScore] = []
         self.unchecked: Counter[str] = Counter()
         self.needs_data = False
         self.other_versions: set[str] = set()
@@ -245,8 +245,8 @@ class _Check:
             self.other_versions.add(score.metric)
 
 
-def _differing(score: Any, value: float) -> Differing:
-    return Differing(
+def _differing(score: Any, value: float) -> DifferingScore:
+    return DifferingScore(
         score.dataset,
         score.method,
         score.scene,

@@ -22,7 +22,7 @@ from sucre_bench.scene import Chart
 LAST = "water.json"  # written after all else: a folder without it is not finished
 
 
-def write(made: MadeScene, folder: Path) -> None:
+def write_made_scene(made: MadeScene, folder: Path) -> None:
     """Write a made scene into a new folder."""
     for kind in ("images", "reference", "depths", "sparse"):
         (folder / kind).mkdir(parents=True)
