@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.find_folders import existing, scene_name
 from sucre_bench.loading.image_folder import image_folder_scene, paired_folders
 from sucre_bench.loading.image_scale import ImageScaleOption
@@ -41,7 +41,7 @@ class Lsui(ImageScaleOption):
         for place, images, references in paired_folders(root, ("input",), ("gt", "reference")):
             found = True
             if references is None:
-                raise InputError(f"{place / 'GT'}: no such folder; unpack the references there, beside {images}")
+                raise MissingFileError("no such folder", place / "GT", f"unpack the references there, beside {images}")
             yield image_folder_scene(scene_name(place, root), images, references, self.image_scale)
         if not found:
             raise InputError(f"{root}: holds no folder input; unpack it there, or give the folder that holds it")

@@ -20,7 +20,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError, file_error
+from sucre_bench.errors import InputError, MissingFileError, file_error
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
 from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.depth_maps import read_depth
@@ -96,13 +96,13 @@ class Nerfstudio(ImageScaleOption):
     def _files(self, root: Path) -> list[Path]:
         if self.transforms:
             if not (root / self.transforms).is_file():
-                raise InputError(f"{root / self.transforms}: no such file; correct or drop dataset.transforms=...")
+                raise MissingFileError("no such file", root / self.transforms, "correct or drop dataset.transforms=...")
             return [root / self.transforms]
         for names in _USUAL:
             there = [root / name for name in names if (root / name).is_file()]
             if there:
                 return there
-        raise InputError(f"{root / 'transforms.json'}: no such file; put it there or set dataset.transforms=FILE")
+        raise MissingFileError("no such file", root / "transforms.json", "put it there or set dataset.transforms=FILE")
 
 
 def _read(path: Path) -> dict[str, Any]:

@@ -26,7 +26,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays, scaled_camera
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
@@ -138,7 +138,9 @@ def _beside(folder: Path) -> Path:
     for place in (folder.parent, folder):
         if found := sorted(place.glob("stereoParams*.mat")):
             return found[0]
-    raise InputError(f"{folder.parent / 'stereoParams0.5.mat'}: no such file; copy it there from the site's download")
+    raise MissingFileError(
+        "no such file", folder.parent / "stereoParams0.5.mat", "copy it there from the site's download"
+    )
 
 
 def _calibration(path: Path) -> tuple[tuple[Camera, Camera], Array]:

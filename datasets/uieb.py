@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.image_folder import image_folder_scene, paired_folders
 from sucre_bench.loading.image_scale import ImageScaleOption
@@ -52,5 +52,7 @@ class Uieb(ImageScaleOption):
             raise InputError(f"{root}: holds no folder {names[0]}; unpack it there, or give the folder that holds it")
         place, images, references = found
         if paired and references is None:
-            raise InputError(f"{place / _REFERENCES[0]}: no such folder; unpack the references there, beside {images}")
+            raise MissingFileError(
+                "no such folder", place / _REFERENCES[0], f"unpack the references there, beside {images}"
+            )
         yield image_folder_scene(self.subset, images, references if paired else None, self.image_scale)

@@ -25,7 +25,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.fingerprints import data_id_of
@@ -126,7 +126,9 @@ def _beside(folder: Path, root: Path, name: str) -> Path:
         for path in (place / name, place / Path(name).name):
             if path.is_file():
                 return path
-    raise InputError(f"{folder / name}: no such file, nor in the folders above up to {root}; copy it from the download")
+    raise MissingFileError(
+        f"no such file, nor in the folders above up to {root}", folder / name, "copy it from the download"
+    )
 
 
 def _read_depth(path: Path) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import errno
 import re
 from collections.abc import Iterable
 from dataclasses import dataclass
@@ -13,8 +14,9 @@ from typing import Any, Literal
 class SucreBenchError(Exception):
     """The base class of all errors that the user can mend. The command line prints their message as one line.
 
-    place: the file, folder or option that is wrong; fault: what is wrong with it; remedy: what the user can do. Code
-    that reads none of them may raise a message as one text.
+    fault: what is wrong; place: the file, folder or option that is wrong; remedy: what the user can do; text: the
+    message without the place. Give the three apart: other code shows one of them without the others. Given a message
+    as one text, `place` and `remedy` are empty, and `without_remedy` and `beside` return all of it.
 
     >>> issubclass(InputError, SucreBenchError)
     True
@@ -24,15 +26,11 @@ class SucreBenchError(Exception):
 
     def __init__(self, fault: str = "", place: object = "", remedy: str = "") -> None:
         self.fault, self.place, self.remedy = fault, str(place), remedy
+        self.text = f"{fault}; {remedy}" if remedy else fault
         super().__init__(self._at_place(self.text))
 
     def __reduce__(self) -> tuple[Any, ...]:  # else a process would get errors of other parameters as other errors
         return _again, (type(self), self.args, self.__dict__)
-
-    @property
-    def text(self) -> str:
-        """The message without the place."""
-        return f"{self.fault}; {self.remedy}" if self.remedy else self.fault
 
     @property
     def without_remedy(self) -> str:
@@ -45,6 +43,10 @@ class SucreBenchError(Exception):
     def beside(self, place: object) -> str:
         """Return the message where a place is named already: without it, if it is the error's own."""
         return self.text if self.place == str(place) else str(self)
+
+    def within(self, place: object) -> InputError:
+        """Return the error with a place before its own: the file that holds a wrong name, say."""
+        return InputError(self.without_remedy, place, self.remedy)
 
 
 def _again(cls: type[SucreBenchError], args: tuple[object, ...], fields: dict[str, Any]) -> SucreBenchError:
@@ -69,13 +71,13 @@ class InputError(SucreBenchError):
 class UnknownPluginError(InputError):
     """No plugin has a name. kind: what it should be, "method" say."""
 
-    def __init__(self, text: str, kind: str = "") -> None:
-        super().__init__(text)
+    def __init__(self, fault: str, kind: str = "", remedy: str = "") -> None:
+        super().__init__(fault, remedy=remedy)
         self.kind = kind
 
 
 class FileError(InputError):
-    """A file or folder cannot be used. place: its path."""
+    """A file or folder cannot be used. place: its path, or the option that names it."""
 
 
 class MissingFileError(FileError):
@@ -86,6 +88,10 @@ class NotAFileError(FileError):
     """A path leads to a folder, a pipe or a device, or no file system can have it."""
 
 
+class NotAFolderError(FileError):
+    """A path leads to a file, where a folder is expected."""
+
+
 class ForbiddenFileError(FileError):
     """The system does not let this user read a file."""
 
@@ -94,10 +100,20 @@ class DamagedFileError(FileError):
     """The content of a file is not what it should be: cut short, changed, or of another kind."""
 
 
+_KINDS = {FileNotFoundError: MissingFileError, PermissionError: ForbiddenFileError, IsADirectoryError: NotAFileError}
+
+# Numbers of errors about the content: a decoder's own error has none, and a damaged offset is an invalid one.
+_OF_CONTENT = (None, errno.EINVAL)
+
+
 def file_error(path: object, fault: OSError, remedy: str) -> FileError:
-    """Return the error for a file that the system could not read."""
-    kinds = {FileNotFoundError: MissingFileError, PermissionError: ForbiddenFileError, IsADirectoryError: NotAFileError}
-    return kinds.get(type(fault), DamagedFileError)(f"cannot be read, {fault.strerror or fault}", path, remedy)
+    """Return the error for a file that could not be read, of the class that tells the cause.
+
+    The class is FileError itself where the fault is not the file's: too many open files, say, or a disk that fails.
+    """
+    otherwise = DamagedFileError if fault.errno in _OF_CONTENT else FileError
+    kind = next((ours for theirs, ours in _KINDS.items() if isinstance(fault, theirs)), otherwise)
+    return kind(f"cannot be read, {fault.strerror or fault}", path, remedy)
 
 
 class OutputError(SucreBenchError):

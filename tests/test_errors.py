@@ -1,6 +1,8 @@
 """Errors: they come whole out of another process, and their class says what is wrong with a file."""
 
+import errno
 import importlib
+import os
 import pickle
 import pkgutil
 from collections.abc import Callable, Iterator
@@ -14,10 +16,12 @@ from sucre_bench.compare.refusals import Difference, NotComparableError, Refusal
 from sucre_bench.errors import (
     DamagedFileError,
     FileError,
+    ForbiddenFileError,
     MissingFileError,
     NotAFileError,
     SucreBenchError,
     UnknownPluginError,
+    file_error,
 )
 from sucre_bench.imaging.array_files import read_array
 from sucre_bench.imaging.image_files import read_rgb
@@ -87,6 +91,35 @@ def test_a_folder_in_place_of_a_file_is_neither(tmp_path: Path):
     ):
         with pytest.raises(NotAFileError):
             read()
+
+
+@pytest.mark.parametrize(
+    ("number", "kind"),
+    [
+        (errno.ENOENT, MissingFileError),
+        (errno.EACCES, ForbiddenFileError),
+        (errno.EPERM, ForbiddenFileError),
+        (errno.EISDIR, NotAFileError),
+        (errno.EMFILE, FileError),
+        (errno.EIO, FileError),
+        (errno.ESTALE, FileError),
+        (None, DamagedFileError),
+    ],
+)
+def test_only_an_error_about_the_content_calls_a_file_damaged(number: int | None, kind: type[FileError]):
+    fault = OSError("broken header") if number is None else OSError(number, os.strerror(number))
+    found = file_error("a.png", fault, "copy it again")
+    assert type(found) is kind
+    assert (found.place, found.remedy) == ("a.png", "copy it again")
+
+
+def test_an_error_of_a_file_inside_another_names_both_and_keeps_its_remedy():
+    fault = FileError("is cut short", "a.png", "copy it again").within("dive.zip")
+    assert (fault.place, fault.without_remedy, fault.remedy) == (
+        "dive.zip",
+        "dive.zip: a.png: is cut short",
+        "copy it again",
+    )
 
 
 def test_an_error_of_a_file_has_its_parts_as_data():

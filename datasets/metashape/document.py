@@ -14,7 +14,7 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from sucre_bench.errors import InputError, did_you_mean, file_error
+from sucre_bench.errors import InputError, MissingFileError, did_you_mean, file_error
 from sucre_bench.loading.find_folders import inside
 from sucre_bench.machine.files import regular
 
@@ -35,7 +35,7 @@ def find_document(root: Path, name: str) -> Path:
     """Return the document in a folder: the one named, or the only one. InputError when there is none or several."""
     if name:
         if not (root / name).is_file():
-            raise InputError(f"{root / name}: no such file; correct or drop dataset.document={name}")
+            raise MissingFileError("no such file", root / name, f"correct or drop dataset.document={name}")
         return root / name
     there = sorted(path for path in root.iterdir() if path.suffix.lower() in _SUFFIXES and path.is_file())
     if not there:
@@ -102,7 +102,9 @@ def _archived(path: Path) -> Element:
                 raise InputError(f"{path}: its doc.xml is larger than {_LARGEST >> 20} MiB; {_EXPORT}")
             return _parsed(path, archive.read("doc.xml"))
     except FileNotFoundError as fault:
-        raise InputError(f"{path}: no such file; copy the project with its .files folder, or {_EXPORT}") from fault
+        raise MissingFileError(
+            "no such file", path, f"copy the project with its .files folder, or {_EXPORT}"
+        ) from fault
     except (OSError, zipfile.BadZipFile, zlib.error, KeyError, NotImplementedError, RuntimeError) as fault:
         raise InputError(
             f"{path}: is not an archive with a doc.xml, or damaged; copy it again, or {_EXPORT}"

@@ -17,7 +17,7 @@ from typing import Literal
 from sucre_bench.camera import Camera
 from sucre_bench.datasets.metashape.chunk import Aligned, Component, read_components
 from sucre_bench.datasets.metashape.document import find_document, read_chunk
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.fingerprints import data_id_of
@@ -102,7 +102,9 @@ class Metashape(ImageScaleOption):
 def _photographs(folder: Path, document: Path, cameras: Sequence[Aligned], undistorted: bool) -> list[Photograph]:
     """Return the photograph of each camera; InputError when none of their files is there, or one is two cameras'."""
     if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; put the images there or name their folder with dataset.images=DIR")
+        raise MissingFileError(
+            "no such folder", folder, "put the images there or name their folder with dataset.images=DIR"
+        )
     files, found, owners = ImageFolder(folder), [], defaultdict(list)
     for camera in cameras:
         fits = files.find(camera.named)

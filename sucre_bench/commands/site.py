@@ -12,6 +12,7 @@ import click
 
 from sucre_bench.commands.shared_options import plugin_option
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.plural import counted
 
@@ -69,8 +70,7 @@ def _check_folders(data: Sequence[str]) -> None:
         label, _, folder = text.rpartition("=")
         if not label:
             raise InputError(f"--data {text}: names no dataset; write DATASET=DIR")
-        if not Path(folder).is_dir():
-            raise InputError(f"{folder}: no such folder; give the folder of the data")
+        check_folder(Path(folder), "give the folder of the data")
 
 
 def _note_unknown(data: Sequence[str], entries: Sequence[Entry]) -> None:

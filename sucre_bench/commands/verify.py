@@ -13,7 +13,8 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands.shared_options import echo_wrapped, json_option, plugin_option, print_json
-from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.errors import unknown_name
+from sucre_bench.machine.files import check_folder
 from sucre_bench.machine.notices import say
 from sucre_bench.programs.verify import TOLERANCE
 
@@ -86,8 +87,7 @@ def data_folders(labels: Collection[str], given: Sequence[str]) -> dict[str, Pat
             given_folders = dict.fromkeys(labels, Path(text))
         folders |= given_folders
         for place in given_folders.values():
-            if not place.is_dir():
-                raise InputError(f"{place}: no such folder; give the folder of the data")
+            check_folder(place, "give the folder of the data")
     return folders
 
 

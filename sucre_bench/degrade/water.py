@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.machine.files import expanded
 from sucre_bench.scene import Water
 
@@ -48,7 +48,7 @@ def _from_file(path: Path) -> Water:
     try:
         water = in_file(path)
     except FileNotFoundError:
-        raise InputError("no such file", path, remedy) from None
+        raise MissingFileError("no such file", path, remedy) from None
     if water is None:
         raise InputError("no B, beta and gamma in it", path, remedy)
     return water

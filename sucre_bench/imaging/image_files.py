@@ -82,7 +82,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
         _check_shrinks(path, found, size)
     stored = decode(path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"is {stored.dtype}; save it with 8 or 16 bits a channel", path)
+        raise InputError(f"is {stored.dtype}", path, "save it with 8 or 16 bits a channel")
     note_few_bits(path, stored)
     image = stored[..., ::-1].astype(np.float32) / np.iinfo(stored.dtype).max
     height, width = image.shape[:2]
@@ -95,7 +95,7 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
 def _check_shrinks(path: Path, found: tuple[int, int], size: tuple[int, int]) -> None:
     """Raise InputError unless an image of its own size (width, height) shrinks to another."""
     if found[0] < size[0] or found[1] < size[1] or not same_shape(found, size):
-        raise InputError(f"is {found[0]}x{found[1]}, expected {size[0]}x{size[1]}; resize it or the others", path)
+        raise InputError(f"is {found[0]}x{found[1]}, expected {size[0]}x{size[1]}", path, "resize it or the others")
 
 
 def decode(path: Path, flags: int) -> np.ndarray:
@@ -104,7 +104,7 @@ def decode(path: Path, flags: int) -> np.ndarray:
     """
     try:
         if regular(path).stat().st_size > _MOST_BYTES_A_PIXEL * most_pixels():
-            raise InputError(f"is larger than any image of {most_pixels() / 1e6:g} megapixels; copy it again", path)
+            raise InputError(f"is larger than any image of {most_pixels() / 1e6:g} megapixels", path, "copy it again")
         data = path.read_bytes()
     except OSError as fault:
         raise file_error(path, fault, "copy the file again") from fault
@@ -119,8 +119,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     if header is None:  # OpenCV might still allocate what a damaged header says
         raise DamagedFileError("cannot be read, damaged or not an image", place, "copy it again")
     check_pixels(place, header.size)
-    if header.fault:
-        raise InputError(header.fault, place)
+    header.check(place)
     if begins_like_jpeg(data):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
         try:
             with pillow().open(io.BytesIO(data)) as image:

@@ -32,12 +32,12 @@ class Header:
     is_tiff: bool = False
     has_planes: bool = False
 
-    @property
-    def fault(self) -> str:
-        """Why the file's picture is not known, and what to do; empty if it is."""
+    def check(self, place: object) -> None:
+        """Raise InputError if the file's picture is not known. place: the file."""
         if self.is_thumbnail:
-            return "begins with a thumbnail; save its picture as the only one of a file"
-        return "holds several pictures; save the wanted one as a file of its own" if self.has_more else ""
+            raise InputError("begins with a thumbnail", place, "save its picture as the only one of a file")
+        if self.has_more:
+            raise InputError("holds several pictures", place, "save the wanted one as a file of its own")
 
 
 def read_header(file: IO[bytes]) -> Header | None:

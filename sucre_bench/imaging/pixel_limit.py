@@ -40,7 +40,7 @@ def check_array(place: object, shape: Sequence[int]) -> None:
 def _too_large(place: object, size: str, pixels: int) -> InputError:
     needed = -(-pixels // 1_000_000)
     return InputError(
-        f"is {size}, more than {most_pixels() / 1e6:g} megapixels; "
-        f"if that is right, set {VARIABLE}={needed} before the command",
+        f"is {size}, more than {most_pixels() / 1e6:g} megapixels",
         place,
+        f"if that is right, set {VARIABLE}={needed} before the command",
     )

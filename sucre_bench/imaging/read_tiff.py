@@ -73,10 +73,10 @@ def _by_opencv(data: bytes, page: Any, place: str) -> Stored | None:
     alpha = values[..., 3] if values.shape[2:] == (4,) else None
     if page.bitspersample == 8 and _STRAIGHT in page.extrasamples and (alpha is None or alpha.min() < 255):
         raise InputError(
-            "has transparency in a form that cannot be read; save it without transparency, or as PNG", place
+            "has transparency in a form that cannot be read", place, "save it without transparency, or as PNG"
         )
     if page.bitspersample != 8 and page.planarconfig == _PLANES:
-        raise InputError("has planes that cannot be read; copy it again, or save it as PNG", place)
+        raise InputError("has planes that cannot be read", place, "copy it again, or save it as PNG")
     return Stored(bgr, alpha)
 
 

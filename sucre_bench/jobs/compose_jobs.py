@@ -188,7 +188,7 @@ def _at_its_place(
     is_typed_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in keys)
     if fault.place in keys or is_typed_name or not line_up.place:
         return InputError(fault.fault, fault.place, fault.remedy)
-    return InputError(str(fault), line_up.place)
+    return fault.within(line_up.place)
 
 
 def _compose(overrides: Sequence[str]) -> DictConfig:

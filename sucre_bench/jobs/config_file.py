@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, FileError, file_error
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine.files import regular
 
@@ -36,8 +36,12 @@ def read_config(path: Path) -> Iterator[Job]:
         each, swept = told.pop("jobs", [{}]), told.pop("swept", ())
         for name in ("sweep", "sharing"):
             told.pop(name, None)
-    except (OSError, ValueError, AttributeError, RecursionError, yaml.YAMLError) as fault:
-        raise InputError("cannot be read as a run's configuration", path, "repeat the run's command") from fault
+    except FileError:
+        raise
+    except OSError as fault:
+        raise file_error(path, fault, "repeat the run's command") from fault
+    except (ValueError, AttributeError, RecursionError, yaml.YAMLError) as fault:
+        raise DamagedFileError("is no run's configuration", path, "repeat the run's command") from fault
     for file in told.get("plugins") or ():
         plugins.load_file(file)
     for one in each:

@@ -96,7 +96,7 @@ def check_names(group: str, value: Any) -> None:
         if name in presets:
             continue
         if group not in GROUPS:
-            raise InputError(f"no {group} is called '{name}'; {did_you_mean(name, presets)}")
+            raise InputError(f"no {group} is called '{name}'", remedy=did_you_mean(name, presets))
         kind = GROUPS[group]
         known = plugins.discover(kind)
         if isinstance(known.get(name), Broken):
@@ -104,7 +104,7 @@ def check_names(group: str, value: Any) -> None:
         if kind == "dataset" and name not in known and Path(name).exists():
             remedy = f"sucre-bench run {name}" if Path(name).is_file() else f"dataset=./{name}"
             raise UnknownPluginError(
-                f"no dataset is called '{name}', but there is a path of this name; write {remedy}", kind
+                f"no dataset is called '{name}', but there is a path of this name", kind, f"write {remedy}"
             )
         if name not in known:
             raise plugins.unknown(kind, name, {*known, *presets})

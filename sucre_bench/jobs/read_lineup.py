@@ -43,7 +43,7 @@ def read_line_up(path: Path) -> LineUp:
     try:
         return _line_up(content, path)
     except SucreBenchError as fault:
-        raise InputError(str(fault), path) from fault
+        raise fault.within(path) from fault
 
 
 def _line_up(content: Mapping[str, Any], path: Path) -> LineUp:

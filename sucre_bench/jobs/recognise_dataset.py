@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.jobs.lineup import Entry
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.machine import progress
@@ -38,15 +38,16 @@ def recognised(folder: Path) -> Entry:
     """
     place = f"dataset={_typed(folder)}"
     if not folder.is_dir():
-        fault = "is a file; give its folder" if folder.exists() else "no such folder; correct the path"
-        raise InputError(fault, place)
+        if folder.exists():
+            raise InputError("is a file", place, "give its folder")
+        raise MissingFileError("no such folder", place, "correct the path")
     fits = _likely(folder)
     root = f"dataset.root={quoted(str(folder))}"
     if len(fits) > 1:
         either = " or ".join(f"{fit.command} (for {fit.sign.relative_to(folder)})" for fit in fits)
         raise InputError("fits several datasets", place, f"give {root} and {either}")
     if not fits:
-        raise InputError(_nothing_in(folder), place)
+        raise InputError(_looked_for(), place, _hint(folder))
     (fit,) = fits
     progress.say(f"{folder} is {fit.command} {root}, for it holds {fit.sign.relative_to(folder)}")
     return Entry(fit.plugin.name, {"root": str(folder)})
@@ -74,11 +75,15 @@ def _with_signs() -> list[Plugin]:
     return [plugin for plugin in plugins.usable("dataset").values() if plugin.signs]
 
 
-def _nothing_in(folder: Path) -> str:
-    """What was looked for, and a folder below that fits."""
+def _looked_for() -> str:
+    """What a folder lacks that no dataset fits."""
     of_users = [plugin for plugin in _with_signs() if not plugin.licence]  # those with a licence are published data
     looked_for = ", ".join(f"{plugin.signs[0]} ({plugin.name})" for plugin in of_users)
+    return f"holds none of {looked_for}, and no published dataset"
+
+
+def _hint(folder: Path) -> str:
+    """What to write for a folder that no dataset fits: a folder below that one fits, if there is one."""
     below = sorted(path for path in folder.iterdir() if path.is_dir())[:_MOST_FOLDERS]
     inner = next((path for path in below if _likely(path)), None)
-    remedy = f"give dataset={_typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"
-    return f"holds none of {looked_for}, and no published dataset; {remedy}"
+    return f"give dataset={_typed(inner)}" if inner else "name the dataset: dataset=NAME dataset.root=DIR"

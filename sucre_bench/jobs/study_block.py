@@ -82,7 +82,7 @@ def _check_metric(text: str) -> None:
     try:
         plugin = plugins.find("metric", name)
     except InputError as fault:
-        raise InputError(str(fault), "study.metrics") from fault
+        raise fault.within("study.metrics") from fault
     if variant:
         _known("study.metrics", split_variant(variant)[0], plugin.variants, f"variant of {name}")
 

@@ -68,7 +68,7 @@ def chart_of(path: Path, image: str, name: str, entry: Any, kind: Any, size: tup
     try:
         chart_kind(kind)
     except InputError as fault:
-        raise InputError(str(fault), place) from fault
+        raise fault.within(place) from fault
     try:
         corners = np.array(entry, dtype=np.float64)
     except (TypeError, ValueError, OverflowError):

@@ -20,7 +20,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import DamagedFileError, InputError, file_error
+from sucre_bench.errors import DamagedFileError, InputError, MissingFileError, file_error
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import regular
 
@@ -114,8 +114,8 @@ def _find(sparse: Path) -> tuple[Path, Path]:
             both = folder / f"cameras{suffix}", folder / f"images{suffix}"
             if all(path.is_file() for path in both):
                 return both
-    fault = "holds no COLMAP model" if sparse.is_dir() else "no such folder"
-    raise InputError(fault, sparse, "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
+    kind, fault = (InputError, "holds no COLMAP model") if sparse.is_dir() else (MissingFileError, "no such folder")
+    raise kind(fault, sparse, "put cameras.bin and images.bin (or .txt) there or set dataset.sparse=DIR")
 
 
 def _intrinsics(parameters: tuple[float, ...], inner: int, width: int, height: int, place: str) -> Array:

@@ -134,7 +134,7 @@ def _read_tiff(path: Path) -> Array:
         values = read_tiff(path)
     except InputError:
         raise
-    except (FileNotFoundError, PermissionError) as fault:
+    except OSError as fault:
         raise file_error(path, fault, "copy the file again") from fault
     except Exception as fault:  # each of its decoders raises errors of its own
         if "imagecodecs" not in str(fault):

@@ -35,7 +35,7 @@ def read_exr(path: Path) -> Array:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except InputError:
         raise
-    except (FileNotFoundError, PermissionError) as fault:
+    except OSError as fault:
         raise file_error(path, fault, "copy the file again") from fault
     except Exception as fault:  # the decoder raises errors of many kinds
         raise DamagedFileError("cannot be read, cut short or not an OpenEXR file", path, "copy it again") from fault

@@ -5,17 +5,15 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.errors import FileError, InputError, MissingFileError
-from sucre_bench.machine.files import expanded
+from sucre_bench.errors import InputError, MissingFileError
+from sucre_bench.machine.files import check_folder, expanded
 from sucre_bench.machine.progress import say
 
 
 def existing(root: Path, holds: str = "the data") -> Path:
     """Return `root` with ~ expanded. Raises InputError, naming the expected content, if it is no folder."""
     root = expanded(root)
-    if not root.is_dir():
-        kind, fault = (FileError, "is a file, not a folder") if root.exists() else (MissingFileError, "no such folder")
-        raise kind(fault, root, f"give the one that holds {holds} as dataset.root=DIR")
+    check_folder(root, f"give the one that holds {holds} as dataset.root=DIR")
     return root
 
 
@@ -37,9 +35,9 @@ def check_chosen(dataset: object, folders: Sequence[Path], option: str, kind: Li
     places = [folder / expanded(given) for folder in folders]
     is_there = any(place.is_dir() if kind == "folder" else place.is_file() for place in places)
     if places and given != getattr(type(dataset), option) and not is_there:
-        fault = f"is no {kind}" if places[0].exists() else f"no such {kind}"
+        error, fault = (InputError, f"is no {kind}") if places[0].exists() else (MissingFileError, f"no such {kind}")
         others = f", in none of {len(places)} folders" * (len(places) > 1)
-        raise InputError(f"{fault}{others}", places[0], f"correct or drop dataset.{option}={given}")
+        raise error(f"{fault}{others}", places[0], f"correct or drop dataset.{option}={given}")
 
 
 def walk(root: Path) -> Iterator[tuple[Path, list[str], list[str]]]:

@@ -19,7 +19,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.errors import DamagedFileError, InputError, file_error
+from sucre_bench.errors import DamagedFileError, file_error
 from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.files import regular
 
@@ -63,7 +63,7 @@ def read_dmap_depth(path: Path) -> Array:
     with path.open("rb") as file:
         there = os.fstat(file.fileno()).st_size - header.offset
         if there < count * header.dtype.itemsize:  # before memory of that size is allocated
-            raise InputError(f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY)
+            raise DamagedFileError(f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY)
         file.seek(header.offset)
         stored = np.fromfile(file, header.dtype, count).reshape(header.shape)
     return np.asarray(stored.astype(np.float32) * np.float32(header.factor))

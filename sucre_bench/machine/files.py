@@ -12,7 +12,15 @@ from collections.abc import Iterator
 from pathlib import Path
 from typing import IO
 
-from sucre_bench.errors import DiskFullError, FileError, ForbiddenFileError, NotAFileError, OutputError
+from sucre_bench.errors import (
+    DiskFullError,
+    FileError,
+    ForbiddenFileError,
+    MissingFileError,
+    NotAFileError,
+    NotAFolderError,
+    OutputError,
+)
 from sucre_bench.machine.sigterm import interrupts_held_back
 
 _UNFINISHED = ".writing-"
@@ -58,13 +66,23 @@ def regular(path: Path) -> Path:
     except FileNotFoundError:
         raise
     except (OSError, ValueError) as fault:  # a name that no file system has, a link to itself
-        kind = ForbiddenFileError if isinstance(fault, PermissionError) else NotAFileError
-        raise kind(f"cannot be read, {getattr(fault, 'strerror', fault)}", path, "give another file") from fault
+        said = f"cannot be read, {getattr(fault, 'strerror', fault)}"
+        if isinstance(fault, PermissionError):
+            raise ForbiddenFileError(said, path, "let this user read it") from fault
+        raise NotAFileError(said, path, "give another file") from fault
     if not stat.S_ISREG(state.st_mode):
         raise NotAFileError(f"is {_KINDS.get(stat.S_IFMT(state.st_mode), 'no file')}", path, "give a file")
     if state.st_dev in _kernel_devices():
         raise NotAFileError("is a file of the kernel", path, "give a file on a disk")
     return path
+
+
+def check_folder(path: Path, remedy: str) -> None:
+    """Raise MissingFileError if nothing is there, NotAFolderError if it is no folder."""
+    if not path.is_dir():
+        is_file = path.exists()
+        kind, fault = (NotAFolderError, "is a file, not a folder") if is_file else (MissingFileError, "no such folder")
+        raise kind(fault, path, remedy)
 
 
 @functools.cache

@@ -221,8 +221,8 @@ def unknown(kind: str, name: str, known: Iterable[str], give: str = "--plugin ")
     give: what stands before a file in the command.
     """
     if Path(f"{name}.py").is_file():
-        return UnknownPluginError(f"no {kind} is called '{name}', but {name}.py is here; give {give}{name}.py", kind)
-    return UnknownPluginError(f"no {kind} is called '{name}'; {did_you_mean(name, known)}", kind)
+        return UnknownPluginError(f"no {kind} is called '{name}', but {name}.py is here", kind, f"give {give}{name}.py")
+    return UnknownPluginError(f"no {kind} is called '{name}'", kind, did_you_mean(name, known))
 
 
 def _unusable(plugin: Plugin) -> str:

@@ -8,13 +8,13 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.python_api import score
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb
 from sucre_bench.imaging.image_header import is_jpeg
 from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.machine import progress
-from sucre_bench.machine.files import fault_of
+from sucre_bench.machine.files import check_folder, fault_of
 from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
 
@@ -72,8 +72,7 @@ def images_in(folder: Path) -> dict[str, Path]:
     """Return the images under a folder, or the one image, by their path below it. InputError if there is none."""
     if folder.is_file():
         return {folder.name: folder}
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give a folder of images, or one image")
+    check_folder(folder, "give a folder of images, or one image")
     found = sorted(p for p in folder.rglob("*") if p.suffix.lower() in SUFFIXES and p.is_file())
     if not found:
         raise InputError(f"{folder}: holds no image ({', '.join(sorted(SUFFIXES))}); give a folder of images")
@@ -86,9 +85,11 @@ class _References:
     def __init__(self, place: Path) -> None:
         """Raises InputError where there is no such image or folder."""
         if not place.is_dir():
-            fault = fault_of(place) if place.exists() else "no such folder"
-            if fault or image_size(place) is None:
-                raise InputError(f"{place}: {fault or 'is no image'}; give the references as a folder or one image")
+            remedy = "give the references as a folder or one image"
+            if not place.exists():
+                raise MissingFileError("no such folder", place, remedy)
+            if (fault := fault_of(place)) or image_size(place) is None:
+                raise InputError(fault or "is no image", place, remedy)
         self._place, self._folder = place, None if place.is_file() else ImageFolder(place)
 
     def of(self, name: str) -> Path:
@@ -104,7 +105,7 @@ class _References:
         found = self._fitting(name)
         if not found:
             stem = PurePosixPath(name).stem
-            raise InputError(f"{self._place / name}: no such reference; give a folder with an image named {stem}")
+            raise MissingFileError("no such reference", self._place / name, f"give a folder with an image named {stem}")
         if len(found) > 1:
             raise InputError(
                 f"{self._place}: {name} may be {' or '.join(found[:2])}; give the folder of one of them as --reference"

@@ -27,7 +27,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.errors import InputError, one_line
+from sucre_bench.errors import InputError, MissingFileError, NotAFileError, one_line
 from sucre_bench.machine.files import open_atomically
 from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.damaged_table import check_values
@@ -90,24 +90,24 @@ class Bundle:
         """Return a file's content. Raises InputError if it is not there, is damaged or has another hash."""
         content = self.unchecked(name)
         if name != MANIFEST and (fault := self._fault_of(name, content)):
-            raise InputError(f"{name}: {fault}; get the bundle again from who made it", self.path)
+            raise InputError(f"{name}: {fault}", self.path, "get the bundle again from who made it")
         return content
 
     def unchecked(self, name: str) -> bytes:
         """Return a file's content, whatever its hash. Raises InputError if it is not there or does not unpack."""
         if name not in self.entries:
-            raise InputError(f"holds no {name}; get the bundle again from who made it", self.path)
+            raise InputError(f"holds no {name}", self.path, "get the bundle again from who made it")
         try:
             return self._unpacked(name)
         except InputError as fault:
-            raise InputError(str(fault), self.path) from fault
+            raise fault.within(self.path) from fault
 
     def _unpacked(self, name: str) -> bytes:
         try:
             with self.archive.open(name) as file:
                 return file.read(self.entries[name] + 1)
         except (OSError, EOFError, zipfile.BadZipFile, zlib.error, NotImplementedError, RuntimeError) as fault:
-            raise InputError(f"cannot be unpacked ({one_line(fault)}); copy it again", name) from fault
+            raise InputError(f"cannot be unpacked ({one_line(fault)})", name, "copy it again") from fault
 
     def fault_of(self, name: str) -> str:
         """Say what is wrong with a file that the bundle lists; empty if nothing is."""
@@ -204,19 +204,19 @@ def open_bundle(path: Path, limits: Limits = LIMITS) -> Iterator[Bundle]:
     Raises InputError if the file is no bundle, or an entry's name, kind or size is not one that a bundle may have.
     """
     if path.is_dir():
-        raise InputError(f"is a folder, not a bundle; `sucre-bench bundle {path} FILE.zip` makes one of it", path)
+        raise NotAFileError("is a folder, not a bundle", path, f"`sucre-bench bundle {path} FILE.zip` makes one of it")
     if not path.is_file():
-        raise InputError("no such file; give a bundle that `sucre-bench bundle` wrote", path)
+        raise MissingFileError("no such file", path, "give a bundle that `sucre-bench bundle` wrote")
     try:
         archive = zipfile.ZipFile(path)
     except (OSError, ValueError, zipfile.BadZipFile, NotImplementedError) as fault:
         raise InputError(
-            f"is no bundle ({one_line(fault)}); give a file that `sucre-bench bundle` wrote", path
+            f"is no bundle ({one_line(fault)})", path, "give a file that `sucre-bench bundle` wrote"
         ) from fault
     with archive:
         infos = archive.infolist()
         if fault_found := _fault_of_entries(infos, limits):
-            raise InputError(f"{fault_found}; do not unpack it, ask who made it for another", path)
+            raise InputError(fault_found, path, "do not unpack it, ask who made it for another")
         entries = {info.filename: info.file_size for info in infos}
         unread = Bundle(path, "", "", "", {}, {}, entries, archive)
         yield _described(unread, unread.read(MANIFEST))
@@ -278,7 +278,7 @@ def _described(bundle: Bundle, manifest: bytes) -> Bundle:
         inside, outside = _hashes(told["inside"]), _hashes(told["outside"])
         by, version = str(told["by"])[:200], str(told["sucre_bench"])[:40]
     except (ValueError, KeyError, TypeError, AttributeError, RecursionError) as fault:
-        raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)}); bundle again", bundle.path) from fault
+        raise InputError(f"{MANIFEST} is not one of ours ({one_line(fault)})", bundle.path, "bundle again") from fault
     return Bundle(bundle.path, _id(manifest), by, version, inside, outside, bundle.entries, bundle.archive)
 
 
@@ -300,7 +300,7 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
             if not (isinstance(names := json.loads(text), list) and all(isinstance(name, str) for name in names)):
                 raise ValueError("column 'methods' is no list of labels")
     except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
-        raise InputError(f"is no score table ({one_line(fault)}); bundle again", path) from fault
+        raise InputError(f"is no score table ({one_line(fault)})", path, "bundle again") from fault
     check_values(path, encoded(Table.from_pandas(rows, preserve_index=False)))
     return rows
 

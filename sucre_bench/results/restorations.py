@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import ANY_FAULT, InputError
+from sucre_bench.errors import ANY_FAULT, DamagedFileError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import write_image, write_png
@@ -126,7 +126,7 @@ def read_record(row: Any, out: Path) -> dict[str, Any]:
     try:
         content: dict[str, Any] = json.loads(path.read_bytes())
     except (ValueError, RecursionError) as fault:
-        raise InputError(f"{path}: cannot be read ({fault}); delete it and run again") from fault
+        raise DamagedFileError(f"cannot be read ({fault})", path, "delete it and run again") from fault
     return content
 
 

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask, Picture
-from sucre_bench.errors import InputError, MissingFileError, NotApplicableError
+from sucre_bench.errors import DamagedFileError, InputError, MissingFileError, NotApplicableError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.results.layout import Place
 from sucre_bench.results.masks import read_mask
@@ -69,7 +69,7 @@ def stored_mask(out: Path, place: Place, base: Row) -> Mask:
             raise
     if int(mask.sum()) != base.n_pixels:
         path = place.mask(out, base.method)
-        raise InputError(f"{path}: is of another restoration; run {base.method} again with overwrite=always")
+        raise DamagedFileError("is of another restoration", path, f"run {base.method} again with overwrite=always")
     return mask
 
 

@@ -84,7 +84,7 @@ def test_without_a_trajectory_there_are_no_poses(tmp_path: Path) -> None:
         ("12 1 2 3 0 0 1 1", "line 2"),
         ("12 1 2 nan 0 0 0 1", "line 2"),
         ("12 1 2 three 0 0 0 1", "line 2"),
-        ("", "pose"),
+        ("", "holds"),
         ("99 1 2 3 0 0 0 1", "frames, 99"),
     ],
 )

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from sucre_bench import plugins
 from sucre_bench.engine.select_views import Selection, select
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.charts.kinds import chart_kind
 from sucre_bench.jobs.quoting import quoted
 from sucre_bench.loading.view_files import Files
@@ -59,7 +59,7 @@ def _in_images(word: str, dataset: str) -> tuple[Path, str]:
     """The folder of a scene that an image belongs to, and the image's name in it."""
     path = expanded(word).absolute()
     if not path.is_file():
-        raise InputError(f"{word}: no such image; give one in a folder images/, or add dataset=")
+        raise MissingFileError("no such image", word, "give one in a folder images/, or add dataset=")
     for folder in path.parents:
         if folder.name == "images":
             return folder.parent, path.relative_to(folder).as_posix()

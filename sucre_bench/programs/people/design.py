@@ -16,7 +16,7 @@ from typing import Any
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame, evenly
-from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import LEAST_FILLED
@@ -111,7 +111,7 @@ def picture_path(folder: Path, key: Key, shown: Shown) -> Path:
     place = layout.find(key.dataset, shown.scene, shown.view, folder)
     path = place.restored(folder, shown.method) if place else folder / "restored"
     if not path.is_file():
-        raise InputError(f"{path}: the restored image of {shown.view} is gone; repeat the run's command")
+        raise MissingFileError(f"the restored image of {shown.view} is gone", path, "repeat the run's command")
     return path
 
 

@@ -9,10 +9,10 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.errors import InputError
+from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size, same_shape, write_png
 from sucre_bench.loading.find_folders import walk
-from sucre_bench.machine.files import regular
+from sucre_bench.machine.files import check_folder, regular
 from sucre_bench.machine.progress import track
 
 
@@ -41,8 +41,7 @@ def find_photos(folder: Path, masks: Path | None, max_size: int, leave_out: Path
     that of the masks.
     Raises InputError if there are fewer than two photos, or if a mask is missing or has another shape.
     """
-    if not folder.is_dir():
-        raise InputError(f"{folder}: no such folder; give the one that holds the photos")
+    check_folder(folder, "give the one that holds the photos")
     names = sorted(
         name for name in _files(folder, (leave_out, *([masks] if masks else []))) if name.lower().endswith(SUFFIXES)
     )
@@ -94,9 +93,8 @@ def _mask(masks: Path, name: PurePosixPath, size: tuple[int, int]) -> Path:
                 fault = f"is {found[0]}x{found[1]}, its photo {size[0]}x{size[1]}"
                 raise InputError(f"{file}: {fault}; make the mask in the photo's shape")
             return file
-    raise InputError(
-        f"{masks / f'{name}.png'}: is not there; make a mask for every photo, white where it is to be used"
-    )
+    remedy = "make a mask for every photo, white where it is to be used"
+    raise MissingFileError("is not there", masks / f"{name}.png", remedy)
 
 
 def read_photo(photo: Photo) -> npt.NDArray[Any]:
@@ -105,7 +103,7 @@ def read_photo(photo: Photo) -> npt.NDArray[Any]:
 
     stored = decode(photo.path, cv2.IMREAD_COLOR | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION)
     if stored.dtype not in (np.uint8, np.uint16):
-        raise InputError(f"is {stored.dtype}; save it with 8 or 16 bits a channel", photo.path)
+        raise InputError(f"is {stored.dtype}", photo.path, "save it with 8 or 16 bits a channel")
     return stored if stored.shape[1::-1] == photo.size else cv2.resize(stored, photo.size, interpolation=cv2.INTER_AREA)
 
 

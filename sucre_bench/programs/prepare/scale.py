@@ -13,7 +13,7 @@ from pathlib import Path, PurePosixPath
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.machine.files import regular
 from sucre_bench.programs.prepare.registered_photos import Shot
 
@@ -142,9 +142,11 @@ def _read_track(path: Path) -> dict[str, float]:
         with regular(path).open(newline="", encoding="utf-8-sig") as file:
             return {row["image"].strip(): float(row["depth"]) for row in csv.DictReader(file)}
     except OSError as fault:
-        raise InputError(f"{path}: cannot be read, {fault.strerror}; give a CSV file of image,depth") from fault
+        raise file_error(path, fault, "give a CSV file of image,depth") from fault
     except (KeyError, ValueError, TypeError, AttributeError) as fault:
-        raise InputError(f"{path}: is not a table of image,depth in metres ({fault}); write that header") from fault
+        raise DamagedFileError(
+            f"is not a table of image,depth in metres ({fault})", path, "write that header"
+        ) from fault
 
 
 def _from_depths(centres: Array, depths: Array, path: Path) -> Scale:

@@ -53,11 +53,11 @@ def picture(bundle: Bundle, name: str) -> Array:
 
     content = bundle.read(name)
     if not content.startswith(_PNG if name.endswith(".png") else (_PNG, _JPEG)):
-        raise InputError(f"{name}: is no PNG or JPEG; ask who made the bundle for another", bundle.path)
+        raise InputError(f"{name}: is no PNG or JPEG", bundle.path, "ask who made the bundle for another")
     try:
         stored = decode_bytes(content, cv2.IMREAD_COLOR, name)[..., ::-1]
     except InputError as fault:
-        raise InputError(str(fault), bundle.path) from fault
+        raise fault.within(bundle.path) from fault
     return np.asarray(stored, dtype=np.float32) / 255
 
 
@@ -84,8 +84,9 @@ def restoration_of(bundle: Bundle, names: Held, n_coloured: int) -> Restored:
     if not 0 <= holes <= black.sum():
         raise InputError(
             f"{names.restored}: {black.size - int(black.sum())} pixels have a colour, the score table says "
-            f"{n_coloured}; ask who made the bundle",
+            f"{n_coloured}",
             bundle.path,
+            "ask who made the bundle",
         )
     if holes:
         image = np.where(black[..., None], np.float32(np.nan), image)
@@ -100,5 +101,5 @@ def _record(bundle: Bundle, name: str) -> dict[str, Any]:
     try:
         told = json.loads(bundle.read(name))
     except (ValueError, RecursionError) as fault:
-        raise InputError(f"{name}: is no JSON; ask who made the bundle for another", bundle.path) from fault
+        raise InputError(f"{name}: is no JSON", bundle.path, "ask who made the bundle for another") from fault
     return told if isinstance(told, dict) else {}
