@@ -21,8 +21,8 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
 
     apart: methods that are not compared, unless all are: their cells have no place.
     """
-    mean = means(measured.views)
-    low, high = _interval(column, measured)
+    size = _size(measured.views)  # beside it, what is left of scores that cancel out is rounding
+    mean, low, high = (_known(one, size) for one in (means(measured.views), *_interval(column, measured)))
     made = [
         Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))
         for m in range(len(mean))

@@ -52,6 +52,13 @@ def test_the_better_direction_decides_the_rank():
     assert (lower["a"].rank, lower["b"].rank) == (1, 2)
 
 
+def test_scores_that_cancel_out_have_the_mean_zero():
+    assert np.sum([0.1, 0.2, -0.3]) != 0
+    found = cells(table({"a": [0.1, 0.2, -0.3], "b": [-0.1, -0.2, 0.3], "c": [1e-9, 2e-9, 3e-9]}))
+    assert (found["a"].mean, found["b"].mean) == (0, 0)
+    assert found["c"].mean == pytest.approx(2e-9)
+
+
 def test_methods_are_compared_only_on_what_all_of_them_have():
     """b failed on the view where a is worst: taking each method's own mean would favour b."""
     comparison = table({"a": [10, 10, 0], "b": [9, 9, None]})

@@ -22,6 +22,7 @@ from sucre_bench.machine.progress import line, say, track
 from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching
 from sucre_bench.programs.prepare.photos import Photo, write_gray
+from sucre_bench.programs.prepare.placed_photos import PlacedPhotos
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
 _NEIGHBOURS = 10
@@ -242,8 +243,14 @@ def _map(pycolmap: Any, database: Path, folder: Path, count: int, attempt: _Atte
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir()
     with line("placing photos", count) as step:
+        placed = PlacedPhotos(step, count)
         models = pycolmap.incremental_mapping(
-            database, folder / "gray", output, options, initial_image_pair_callback=step, next_image_callback=step
+            database,
+            folder / "gray",
+            output,
+            options,
+            initial_image_pair_callback=placed.first_two,
+            next_image_callback=placed.another,
         )
     return sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
 

@@ -6,6 +6,7 @@ import json
 import shutil
 import subprocess
 import sys
+from collections import Counter
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -26,6 +27,7 @@ from support.photographed_valley import (
     true_depth,
     write,
 )
+from support.watching import Lines
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
@@ -35,6 +37,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
+from sucre_bench.machine import progress
 from sucre_bench.programs.prepare import mapping, write_scene
 from sucre_bench.programs.prepare.options import Options
 from sucre_bench.programs.prepare.photos import find_photos
@@ -230,6 +233,41 @@ def test_equal_photos_give_an_equal_model(tmp_path: Path):
         models.append([path.read_bytes() for path in sorted(mapped.model.glob("*.bin"))])
     assert len(models[0]) >= 3
     assert models[0] == models[1]
+
+
+class _Steps(Lines):
+    """Counts the steps of each line."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.texts: list[str] = []
+        self.steps: Counter[str] = Counter()
+
+    def started(self, what: str, total: int | None) -> int:
+        self.texts.append(what)
+        return len(self.texts) - 1
+
+    def advanced(self, line: int) -> None:
+        self.steps[self.texts[line]] += 1
+
+
+def test_progress_counts_each_photo_once_where_mapping_begins_again(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
+    import pycolmap
+
+    real = pycolmap.incremental_mapping
+
+    def begins_again(*given: Any, **named: Any) -> Any:
+        named["initial_image_pair_callback"]()
+        named["next_image_callback"]()
+        return real(*given, **named)
+
+    monkeypatch.setattr(pycolmap, "incremental_mapping", begins_again)
+    for i, pose in enumerate(POSES[:4]):
+        write(tmp_path / "photos" / f"{i}.png", photograph(pose))
+    photos, _ = find_photos(tmp_path / "photos", None, 0, tmp_path / "out")
+    with progress.watched_by(steps := _Steps()):
+        mapped = mapping.map_photos(photos, tmp_path / "out", mapping.Rules("auto", "SIMPLE_RADIAL", "single"))
+    assert steps.steps["placing photos"] == len(mapped.registered) == 4
 
 
 # -- stopped half-way ------------------------------------------------------------------------------------
