@@ -45,7 +45,7 @@ class Combination:
     """One job.
 
     overrides: as Hydra takes them; swept: the keys that its labels name; typed: how the user typed a key that Hydra
-    gets by another name; method_word: what stands before an option of this method alone, "sucre" say.
+    or a plugin knows by another name; method_word: what stands before an option of this method alone, "sucre" say.
     """
 
     overrides: tuple[str, ...]
@@ -127,7 +127,9 @@ def _of_pair(
         texts.pop(key, None)  # the last word counts, in its place
         texts[key] = values
         if option:
-            typed[key] = word.key_or_group
+            plugin = plugin_of(option.kind, pair[option.kind].name)
+            names = {key, *([f"{plugin.name}.{option.name}"] if plugin else [])}
+            typed |= dict.fromkeys(names, word.key_or_group)
         if word.is_sweep_override():
             swept.append(option.key if option else word.key_or_group)
     for chosen in itertools.product(*texts.values()):

@@ -6,6 +6,7 @@ any work.
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
@@ -17,7 +18,7 @@ from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError
 from sucre_bench.jobs.combinations import combinations, parse
 from sucre_bench.jobs.explain_mistakes import in_our_words
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.lineup import LineUp
+from sucre_bench.jobs.lineup import KINDS, LineUp
 from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
 from sucre_bench.jobs.refuse_words import (
     is_bare,
@@ -183,12 +184,22 @@ def _at_its_place(
     """The fault with the key as it was typed, or with the line-up that it comes from."""
     if fault.place in typed_keys:
         fault = InputError(fault.fault, typed_keys[fault.place], fault.remedy)
-    keys = {text for word in typed for text in (word.key_or_group, word.input_line)}
+    keys = {word.key_or_group for word in typed}
     # The names in a line-up were checked when it was read.
     is_typed_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in keys)
-    if fault.place in keys or is_typed_name or not line_up.place:
+    if _is_typed(fault.place, typed) or is_typed_name or not line_up.place:
         return InputError(fault.fault, fault.place, fault.remedy)
     return fault.within(line_up.place)
+
+
+def _is_typed(place: str, typed: Sequence[Override]) -> bool:
+    """Whether an error's place is a typed word, its key or group, or begins with a name that it chooses: psnr:x."""
+    texts, chosen = set(), set()
+    for word in typed:
+        texts |= {word.input_line, word.key_or_group, word.key_or_group.partition(".")[0]}
+        if word.key_or_group in (*KINDS, "metrics", "views"):
+            chosen |= set(re.findall(r"[^][,'\":]+", word.get_value_string()))
+    return place in texts | chosen or place.partition("=")[0] in texts or re.split("[.:]", place)[0] in chosen
 
 
 def _compose(overrides: Sequence[str]) -> DictConfig:

@@ -76,7 +76,7 @@ class Job:
         try:
             values = {str(key): _resolved(config[key]) for key in config if key != "hydra"}
         except OmegaConfBaseException as fault:
-            raise InputError(f"{str(fault).splitlines()[0]}; mend the ${{...}} in an override") from fault
+            raise InputError(str(fault).splitlines()[0], fault.full_key or "", "mend the ${...} in it") from fault
         return cls.of(values, swept)
 
     @classmethod

@@ -82,7 +82,7 @@ def _variants(plugin: Plugin, names: Sequence[str]) -> tuple[str, ...]:
         if resizing and not plugin.needs <= {"reference"}:
             needs = " and ".join(sorted(plugin.needs))
             raise InputError(
-                f"{plugin.name}:{text}: has no score at another size, it needs {needs}; leave @ and size out"
+                f"has no score at another size, it needs {needs}", f"{plugin.name}:{text}", "leave @ and size out"
             )
         chosen += [variant + text[len(name) :] for variant in (plugin.variants if name == "all" else [name])]
     return tuple(dict.fromkeys(chosen))

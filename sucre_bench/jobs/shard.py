@@ -21,8 +21,10 @@ class Shard:
     def __post_init__(self) -> None:
         if not 0 <= self.index < self.count:
             raise InputError(
-                f"shard: block {self.index} of {self.count}; shard.index goes from 0 to shard.count - 1; "
-                "run -m shard.count=8 'shard.index=range(8)' runs all blocks"
+                f"block {self.index} of {self.count}",
+                "shard",
+                "shard.index goes from 0 to shard.count - 1; "
+                "run -m shard.count=8 'shard.index=range(8)' runs all blocks",
             )
 
     def of(self, items: Sequence[T]) -> Sequence[T]:

@@ -189,7 +189,7 @@ def plugin_choice(kind: Kind, values: Any) -> Choice:
     plugin = find(kind, values.pop("name"))
     label, display = values.pop("label", None), values.pop("display", "")
     if kind == "method":
-        check_display(display)
+        _check_display(display)
     if label and not str(label).strip():
         raise InputError("is blank", f"{kind}.label", "write a name, or leave it out")
     types = {o.name: o.type for o in options_of(plugin.cls)}
@@ -235,6 +235,13 @@ def _check_paths(plugin: Plugin, values: Mapping[str, Any], out: Path | None) ->
         if (fault := fault_of(path)) and not path.is_dir():
             words = f", or one of {', '.join(option.choices)}" * bool(option.choices)
             raise InputError(fault, path, f"give a path that exists in {plugin.kind}.{option.name}{words}")
+
+
+def _check_display(display: str) -> None:
+    try:
+        check_display(display)
+    except InputError as fault:
+        raise InputError(f"'{display}' is unknown", "method.display", fault.remedy) from fault
 
 
 def _may_be_made_in(out: Path, path: Path) -> bool:

@@ -81,6 +81,35 @@ def test_a_wrong_option_is_blamed_on_its_own_word(words: list[str], named: set[s
 
 
 @pytest.mark.parametrize(
+    ("word", "place"),
+    [
+        ("metrics=[psnr:foo]", "psnr"),
+        ("dataset=colmap", "colmap.root"),
+        ("dataset=nowhere/", "dataset=./nowhere"),
+        ("views=none.txt", "none.txt"),
+        ("shard.index=5", "shard"),
+        ("halved.display=foo", "halved.display"),
+        ("method.display=foo", "method.display"),
+        ("out=${nowhere}", "out"),
+    ],
+)
+def test_a_typed_mistake_is_not_blamed_on_the_line_up(tmp_path: Path, word: str, place: str):
+    file = tmp_path / "l.yaml"
+    file.write_text("datasets: [toy]\nmethods: [gain, halved]\nmetrics: [psnr]")
+    with pytest.raises(InputError) as fault:
+        compose_jobs.jobs([str(file), word], False)
+    assert fault.value.place == place
+
+
+def test_a_mistake_of_the_line_up_is_not_blamed_on_the_words(tmp_path: Path):
+    file = tmp_path / "l.yaml"
+    file.write_text("datasets: [toy]\nmethods: [gain, {name: halved, display: foo}]\nmetrics: [psnr]")
+    with pytest.raises(InputError) as fault:
+        compose_jobs.jobs([str(file), "metrics=[redness]", "every=2", "gain.gain=2"], False)
+    assert fault.value.place == str(file)
+
+
+@pytest.mark.parametrize(
     ("words", "meant"),
     [
         (["demo", "gray_world"], "sucre-bench run dataset=demo method=gray_world"),
