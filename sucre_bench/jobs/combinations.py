@@ -115,7 +115,7 @@ def _of_pair(
     """The combinations of the other words' values, for one dataset and one method."""
     texts: dict[str, list[str]] = {}
     swept = [key for kind, entry in pair.items() for key in _telling_apart(kind, entry, entries[kind])]
-    typed = {}
+    typed: dict[str, str] = {}
     for kind, entry in pair.items():
         texts |= {text.partition("=")[0]: [text] for text in [f"{kind}={value_of(entry.name)}", *entry.words(kind)]}
     for word in words:
