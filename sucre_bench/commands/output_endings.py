@@ -18,4 +18,6 @@ def check_ending(path: Path, kind: str) -> None:
     """Raise InputError unless a file's name has an ending of its kind in `ENDINGS`, in small or capital letters."""
     if path.suffix.lower() not in ENDINGS[kind]:
         noun = "picture" if kind == "contact sheet" else kind
-        raise InputError(f"has no suffix of a {noun}", path, f"end it in {', '.join(ENDINGS[kind])}")
+        *others, last = ENDINGS[kind]
+        endings = f"{', '.join(others)} or {last}" if others else last
+        raise InputError(f"has no suffix of a {noun}", path, f"end it in {endings}")
