@@ -52,11 +52,12 @@ def read(out: str | Path, **labels: str) -> DataFrame:
 
     labels: a column and its text, for example method= or metric=, for these rows alone, which is quicker.
     Ordered by dataset, method, scene and view, whichever job was first; a view's scores as its metrics were run.
-    Raises MissingFileError if there are none, DamagedFileError if a file is damaged.
+    Raises MissingFileError if there are none, DamagedFileError if a file is damaged, ForbiddenFileError if this user
+    may not read one.
     """
     out = Path(out)
     # In this order: a merge writes the table before it removes the parts.
-    if not list((out / PARTS).glob("*.parquet")) and not (out / TABLE).exists():
+    if not _parts(out) and not (out / TABLE).exists():
         raise MissingFileError(f"no {TABLE} here", out, "give the folder that `sucre-bench run out=...` wrote")
     return read_any(out, **labels)
 
@@ -72,14 +73,22 @@ def read_any(out: Path, **labels: str) -> DataFrame:
 def _tables(out: Path, labels: Mapping[str, str]) -> list[pyarrow.Table]:
     """The table and the parts; read again if one is gone by then: a merge is at work, and its rows are elsewhere."""
     for _ in range(_ATTEMPTS):
-        paths = sorted((out / PARTS).glob("*.parquet"))
+        paths = _parts(out)
         parts = [_table(path, labels) for path in paths]
         whole = _table(out / TABLE, labels)  # last: what a merge took from the parts by now is in it
-        if all(part is not None for part in parts) and (
-            whole is not None or paths == sorted((out / PARTS).glob("*.parquet"))
-        ):
+        if all(part is not None for part in parts) and (whole is not None or paths == _parts(out)):
             break
     return [table for table in (whole, *parts) if table is not None]
+
+
+def _parts(out: Path) -> list[Path]:
+    """The files of the parts, in order of name. Raises FileError if the system does not list them."""
+    try:
+        return sorted(path for path in (out / PARTS).iterdir() if path.suffix == ".parquet")
+    except (FileNotFoundError, NotADirectoryError):
+        return []
+    except OSError as fault:  # rows must not be left out without a word
+        raise file_error(out / PARTS, fault, "let this user read it") from fault
 
 
 def _table(path: Path, labels: Mapping[str, str]) -> pyarrow.Table | None:

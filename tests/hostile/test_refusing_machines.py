@@ -31,7 +31,13 @@ FORBIDDEN: dict[str, tuple[str, int, str, str]] = {
     "enter a folder of photos": ("dive/images", 0o600, "prepare dive/images x", r"\ba\.png .*Permission"),
     "read a score table": ("results/scores.parquet", 0o200, "compare results", r"parquet: .*Permission denied; let"),
     "read the score table of a run": ("results/scores.parquet", 0o200, RESULTS, r"parquet: .*Permission denied; let"),
-    "enter a results folder": ("results", 0o600, "compare results", r"results/.*: Permission denied; "),
+    "enter a results folder": ("results", 0o600, "compare results", r"results/.*Permission denied; let"),
+    "list the parts of a score table": (
+        "parted/parts",
+        0o300,
+        "compare parted",
+        r"parted/parts: .*Permission denied; let",
+    ),
     "write into a results folder": ("results", 0o500, RESULTS, r"results/.*: .*written.*; "),
     "write a plugin": ("full", 0o500, "new method mine --package full", r"full/.*: .*written.*; "),
 }
@@ -42,6 +48,7 @@ def place(tmp_path_factory: pytest.TempPathFactory) -> Path:
     folder = tmp_path_factory.mktemp("refused")
     write_dive(folder / "dive", ("a.png", "b.png"))
     (folder / "full").mkdir()
+    (folder / "parted" / "parts").mkdir(parents=True)
     assert run_here(folder, *RESULTS.split()).returncode == 0
     return folder
 
