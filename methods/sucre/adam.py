@@ -67,17 +67,50 @@ def minimise(
 
     J_now = torch.tensor(J, dtype=torch.float32, device=device)
     water_now = torch.tensor(water.by_channel())
-    J_now.grad = torch.zeros_like(J_now)
-    adam = torch.optim.Adam([J_now, water_now], lr=lr, eps=eps, fused=True)  # fused: one pass over memory, not ten
+    J_grad = torch.zeros_like(J_now)
+    adam = Adam([J_now, water_now], lr=lr, eps=eps, fused=True)  # fused: one pass over memory, not ten
     with Objective.on(observations, device) as objective:
         first = None
         for _ in track(range(steps), "SUCRe (Adam)"):
-            cost, water_now.grad = objective.evaluate(J_now, water_now, J_now.grad)
+            cost, water_grad = objective.evaluate(J_now, water_now, J_grad)
             first = cost if first is None else first
-            adam.step()
-        cost, _ = objective.evaluate(J_now, water_now, J_now.grad)
+            adam.step([J_grad, water_grad])
+        cost, _ = objective.evaluate(J_now, water_now, J_grad)
     first = cost if first is None else first
     return Fit(J_now.cpu().numpy(), WaterParameters.of_channels(water_now.numpy()), cost.numpy(), first.numpy())
+
+
+class Adam:
+    """PyTorch's Adam, without `torch.optim.Adam`: its first step imports PyTorch's compiler, which takes a second."""
+
+    def __init__(self, unknowns: list[torch.Tensor], lr: float, eps: float, fused: bool = False) -> None:
+        import torch
+
+        self.unknowns, self.lr, self.eps, self.fused = unknowns, lr, eps, fused
+        self._means = [torch.zeros_like(unknown) for unknown in unknowns]
+        self._squares = [torch.zeros_like(unknown) for unknown in unknowns]
+        self._steps = [torch.zeros((), device=unknown.device if fused else "cpu") for unknown in unknowns]
+
+    def step(self, gradients: list[torch.Tensor]) -> None:
+        """Change the unknowns by their gradients."""
+        from torch.optim.adam import adam
+
+        adam(
+            self.unknowns,
+            gradients,
+            self._means,
+            self._squares,
+            [],
+            self._steps,
+            fused=self.fused,
+            amsgrad=False,
+            beta1=0.9,
+            beta2=0.999,
+            lr=self.lr,
+            weight_decay=0,
+            eps=self.eps,
+            maximize=False,
+        )
 
 
 @dataclass(frozen=True, slots=True, eq=False)

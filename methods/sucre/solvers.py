@@ -95,12 +95,13 @@ def solve_adam_closed_form(
     """Take Adam's steps on the water, with the best colours at each. SolveError when they diverge."""
     import torch
 
+    from sucre_bench.methods.sucre.adam import Adam
+
     rows = torch.tensor(_INITIAL_WATER.by_channel())
-    adam = torch.optim.Adam([rows], lr=lr, eps=_EPS)
+    adam = Adam([rows], lr=lr, eps=_EPS)
     with opened(observations, backend, device) as kernel:
         for _ in track(range(steps), "SUCRe (Adam, closed form)"):
-            rows.grad = torch.from_numpy(-2 * kernel.system(WaterParameters.of_channels(rows.numpy())).g)
-            adam.step()
+            adam.step([torch.from_numpy(-2 * kernel.system(WaterParameters.of_channels(rows.numpy())).g)])
         _check_finite(rows.numpy(), steps, lr)
         water = WaterParameters.of_channels(rows.numpy())
         uncertainty = _uncertainty(kernel, observations, water)
