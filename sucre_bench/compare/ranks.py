@@ -21,7 +21,7 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
 
     apart: methods that are not compared, unless all are: their cells have no place.
     """
-    size = _size(measured.views)  # beside it, what is left of scores that cancel out is rounding
+    size = _size(measured.views)  # scores that cancel out leave rounding errors, far below their size
     mean, low, high = (_known(one, size) for one in (means(measured.views), *_interval(column, measured)))
     made = [
         Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))

@@ -17,7 +17,7 @@ from sucre_bench.results.layout import at_work_path, file_name
 
 
 def rescue(planned: Sequence[Planned], started: str) -> None:
-    """Run what is left undone after a worker of this machine died, each job in a process of its own.
+    """Run the jobs that a dead worker of this machine left undone, each in a process of its own.
 
     A view or score that ends its process again gets a row that says so, and the job goes on in the next process.
     """

@@ -53,7 +53,8 @@ def metres(value: float):
     return write
 
 
-# The file that is named, {} the view; what is named of its fault; what is done to the view's image or depth map.
+# For each fault: the file that the message names ({} is the view), other words of the message, and how the test makes
+# the fault in the view's image or depth map.
 FAULTS: list[tuple[str, set[str], Callable[[Path, Path], object]]] = [
     ("images/{}.png", {"file"}, lambda image, depth: image.unlink()),
     ("images/{}.png", {"cut", "copy"}, lambda image, depth: cut(image)),

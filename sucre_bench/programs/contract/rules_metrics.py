@@ -123,7 +123,7 @@ def runs_with_least(subject: Subject) -> Iterator[Finding]:
     given = sorted(needs - {"restored_views"})
     noun = "restored views" if subject.plugin.is_of_pairs else "a view"
     yield from _faults(subject, rows, f"{noun} with {' and '.join(given) or 'an image'}")
-    is_of_a_method = "restoration" in needs  # what that told of its work is not here
+    is_of_a_method = "restoration" in needs  # a made picture has no notes of a method
     if not is_of_a_method and not any(row.status == "ok" for row in rows):
         yield breach(f"no variant gives a score there, {rows[0].reason}; add what it uses to needs=")
 

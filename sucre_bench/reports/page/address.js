@@ -54,7 +54,7 @@ watch([...PARTS, ...Object.keys(WORDS), "panels"], () => {
   if (opened !== null) opened = now;
 });
 
-// From now on the address follows what is chosen.
+// From now on, every choice of the reader goes into the address.
 export function keepAddress() {
   opened = addressNow();
 }
