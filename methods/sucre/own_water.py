@@ -227,9 +227,8 @@ class OwnWater:
                 return None
             if find_falloff(even, self.view.name, found.water, seed=self.options.seed):
                 return None  # a lamp that moves with the camera can pass for gains
-            if observations.view is None:
-                observations = self.options.observe(self.scene, self.view, with_view=True)
-            observations, solution = self._with_gains(observations, matched, found)
+            with_views = self.options.with_views(self.scene, self.view, observations)
+            observations, solution = self._with_gains(with_views, matched, found)
         except SolveError:
             return None
         if solution.is_photograph:

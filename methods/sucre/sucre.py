@@ -170,6 +170,10 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
         return paired(scene, view, self.pairs, **self.pairing_with(with_view=with_view, with_ray=with_ray))
 
+    def with_views(self, scene: Scene, view: View, observations: Observations) -> Observations:
+        """Return the observations of a view with their views; they are paired again only if they have none."""
+        return observations if observations.view is not None else self.observe(scene, view, with_view=True)
+
     def pairing_with(self, *, with_view: bool = False, with_ray: bool = False) -> Options:
         """Return the options of pairing."""
         return {
@@ -214,8 +218,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
 
         if not known.gains:
             return observations, colours_for_water(observations, known.water, None, self.backend, self.device)
-        with_views = observations if observations.view is not None else self.observe(scene, view, with_view=True)
-        even = AtOneExposure.of(with_views, known.gains, known.water, view.name)
+        even = AtOneExposure.of(self.with_views(scene, view, observations), known.gains, known.water, view.name)
         solution = colours_for_water(even.observations, known.water, None, self.backend, self.device)
         return even.observations, replace(solution, about=solution.about | {"gains": dict(even.gains)}).with_limits(
             even.limits
