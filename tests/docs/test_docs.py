@@ -170,7 +170,7 @@ def test_every_dataset_and_method_has_its_place():
 def test_contributing_names_files_that_are_there():
     text = (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8")
     places = {place for place in re.findall(r"`([\w./-]+)`", text) if place.endswith(("/", ".py"))}
-    assert len(places) > 80
+    assert places
     roots = (ROOT, ROOT / "sucre_bench")
     assert not sorted(place for place in places if not any((root / place).exists() for root in roots))
 
