@@ -11,7 +11,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, get_args
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError
@@ -19,6 +19,7 @@ from sucre_bench.jobs.combinations import combinations, parse
 from sucre_bench.jobs.explain_mistakes import in_our_words
 from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import KINDS, LineUp
+from sucre_bench.jobs.quoting import quoted
 from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
 from sucre_bench.jobs.refuse_words import (
     is_bare,
@@ -31,6 +32,7 @@ from sucre_bench.jobs.refuse_words import (
 )
 from sucre_bench.jobs.run_options import CONF, register
 from sucre_bench.machine.files import expanded
+from sucre_bench.plugins.options import options_of
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
@@ -72,7 +74,7 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
     refuse_line_breaks(words)
-    words = [_expand_home(text) for text in words]
+    words = [_with_numbers_as_text(_expand_home(text)) for text in words]
     file = _line_up_file(words)
     overrides = [word for word in words if "=" in word or Path(word) != file]
     refuse_bare_words(overrides)
@@ -96,6 +98,33 @@ def _expand_home(override: str) -> str:
     key, equals, value = override.partition("=")
     bare = value.strip("'\"")
     return f"{key}='{expanded(bare)}'" if equals and bare.startswith("~/") else override
+
+
+def _with_numbers_as_text(override: str) -> str:
+    """Quote numbers and truth values where an option is a name or a path: Hydra makes 20261122 of 2026_11_22."""
+    key, equals, value = override.partition("=")
+    if not equals or re.search(r"""['"(){}[\]]""", value) or not _is_text(key):
+        return override
+    pieces = (quoted(piece) if _is_number_or_truth(piece) else piece for piece in value.split(","))
+    return f"{key}={','.join(pieces)}"
+
+
+def _is_text(key: str) -> bool:
+    """Whether an option is a name or a path."""
+    owner, _, name = key.rpartition(".")
+    if not owner:
+        return name in ("out", "baseline")
+    known = [plugin for kind in KINDS for plugin in plugins.usable(kind).values()]
+    paths = (o.name for plugin in known for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type)))
+    return name == "label" or name in paths
+
+
+def _is_number_or_truth(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return text.lower() in ("true", "false")
+    return True
 
 
 def _line_up_file(words: Sequence[str]) -> Path | None:

@@ -66,6 +66,15 @@ def test_options_reach_the_plugin_with_their_types(tmp_path: Path):
     assert (method.gain, method.log, method.mode) == (2.0, tmp_path / "log", "plain")
 
 
+@pytest.mark.parametrize("typed", ["2026_11_22", "3.10", "1e3", "1_000", "+1", "007", "true", "nan", "plain-1"])
+def test_names_and_paths_stay_as_typed(typed: str):
+    (one,) = jobs(f"out={typed}", f"method.label={typed}", f"dataset.label={typed}", f"method.log={typed}").jobs
+    assert (str(one.out), one.method.label, one.dataset.label) == (typed, typed, typed)
+    assert one.method.options["log"] == Path(typed)
+    swept = jobs(f"method.log={typed},other", multirun=True)
+    assert [job.method.label for job in swept.jobs] == [f"gain,log={typed}", "gain,log=other"]
+
+
 def test_the_label_is_the_methods_name_and_what_the_sweep_changed():
     def label(*overrides: str) -> str:
         return jobs(*overrides).jobs[0].method.label
