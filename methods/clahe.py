@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from sucre_bench import Restoration, Scene, View, method
-from sucre_bench.imaging.filters.clahe import equalised
+from sucre_bench.imaging.filters import equalised
 from sucre_bench.plugins.ranges import check_ranges
 
 

@@ -18,7 +18,7 @@ from sucre_bench import InputError, Restoration, Scene, SolveError, View, method
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.imaging.encoding import converted, srgb_decode
 from sucre_bench.imaging.fill import FillOption, with_filled
-from sucre_bench.imaging.filters.water_column import distances
+from sucre_bench.imaging.image_formation import distances
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding

@@ -14,14 +14,16 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.bilateral import denoised
-from sucre_bench.imaging.filters.clahe import equalised
-from sucre_bench.imaging.filters.luma import luma
-from sucre_bench.imaging.filters.pyramid import blended, most_levels
-from sucre_bench.imaging.filters.saliency import binomial, saliency
-from sucre_bench.imaging.filters.white_balance import (
+from sucre_bench.imaging.cielab import luma
+from sucre_bench.imaging.filters import (
+    binomial,
+    blended,
+    denoised,
+    equalised,
     gray_world,
+    most_levels,
     red_from_green,
+    saliency,
     shifted_to_gray,
     stretched_by_weakness,
     stretched_together,

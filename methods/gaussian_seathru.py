@@ -14,7 +14,7 @@ from sucre_bench import Restoration, Scene, View, Water, method
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.fill import FillOption, with_filled
-from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.imaging.image_formation import TwoTerm, channels, distances, is_flat, trusted, without_water
 
 Kind = Literal["constant", "two_term"]
 

@@ -12,10 +12,9 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.dark_channel import window_max
-from sucre_bench.imaging.filters.guided_filter import guided_filter
-from sucre_bench.imaging.filters.haze_model import highest, nearest_depth, reduced, restoration, stretched_plane
-from sucre_bench.imaging.filters.luma import luma
+from sucre_bench.imaging.cielab import luma
+from sucre_bench.imaging.filters import guided_filter, window_max
+from sucre_bench.imaging.image_formation import highest, nearest_depth, reduced, restoration, stretched_plane
 from sucre_bench.plugins.ranges import check_ranges
 
 _WAVELENGTH_NM = np.array([620.0, 540.0, 450.0])  # of red, green and blue

@@ -11,10 +11,9 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
+from sucre_bench.imaging.cielab import from_lab, to_lab
 from sucre_bench.imaging.display import stretch
-from sucre_bench.imaging.filters.guided_filter import box_mean
-from sucre_bench.imaging.filters.lab import from_lab, to_lab
-from sucre_bench.imaging.filters.white_balance import stretched_together
+from sucre_bench.imaging.filters import box_mean, stretched_together
 from sucre_bench.plugins.ranges import check_ranges
 
 _DETAIL_PX = 1.0  # standard deviation of the Gaussian that separates detail; not published

@@ -11,7 +11,7 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.imaging.display import stretch
-from sucre_bench.imaging.filters.white_balance import gray_world, red_from_green
+from sucre_bench.imaging.filters import gray_world, red_from_green
 from sucre_bench.plugins.ranges import check_ranges
 
 

@@ -13,9 +13,8 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.bilateral import denoised
-from sucre_bench.imaging.filters.lab import from_lab, to_lab
-from sucre_bench.imaging.filters.white_balance import mid_gray_gain
+from sucre_bench.imaging.cielab import from_lab, to_lab
+from sucre_bench.imaging.filters import denoised, mid_gray_gain
 from sucre_bench.plugins.ranges import check_ranges
 
 _SPREAD = math.sqrt((4 - math.pi) / 2)  # sigma / a

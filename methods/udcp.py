@@ -11,9 +11,8 @@ import numpy as np
 
 from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.dark_channel import dark_channel
-from sucre_bench.imaging.filters.guided_filter import guided_filter
-from sucre_bench.imaging.filters.haze_model import brightest, restoration
+from sucre_bench.imaging.filters import dark_channel, guided_filter
+from sucre_bench.imaging.image_formation import brightest, restoration
 from sucre_bench.plugins.ranges import check_ranges
 
 

@@ -11,7 +11,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera, distance_map, unproject
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.imaging.charts.patches import image_from_chart
+from sucre_bench.imaging.chart_patches import image_from_chart
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View
 

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.kinds import Patch
-from sucre_bench.imaging.charts.patches import measure
+from sucre_bench.imaging.chart_kinds import Patch
+from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.imaging.cielab import lab_d50
 from sucre_bench.metrics.psi_and_de00 import chart_scores, patch_region
 from sucre_bench.plugins.decorators import metric

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.patches import measure
+from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.imaging.cielab import lab_d50
 from sucre_bench.metrics.psi_and_de00 import chart_scores
 from sucre_bench.plugins.decorators import metric

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.patches import measure
+from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.metrics.psi_and_de00 import patch_region
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.kinds import Patch
-from sucre_bench.imaging.charts.patches import PatchReading, measure
+from sucre_bench.imaging.chart_kinds import Patch
+from sucre_bench.imaging.chart_patches import PatchReading, measure
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Chart, Restoration, Score, View

@@ -1,4 +1,4 @@
-"""Seams: steps of a picture that its photograph and distances do not account for (`sucre_bench.imaging.filters.seams`).
+"""Seams: steps of a picture that its photograph and distances do not account for (`sucre_bench.imaging.seams`).
 
 Meant for pictures that are put together from several photographs (SUCRe, supplementary material, SUCRe vs. image
 stitching: "apparent seams at places where different viewpoints were used"), and defined without knowing from which. A
@@ -13,7 +13,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.filters.seams import find_seams
+from sucre_bench.imaging.seams import find_seams
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

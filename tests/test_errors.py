@@ -23,8 +23,7 @@ from sucre_bench.errors import (
     UnknownPluginError,
     file_error,
 )
-from sucre_bench.imaging.array_files import read_array
-from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.imaging.image_files import read_array, read_rgb
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.results.masks import read_mask

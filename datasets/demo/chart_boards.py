@@ -7,7 +7,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.datasets.demo.terrain import Terrain, height_at
 from sucre_bench.datasets.demo.texture import Texture, make_texture
-from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS
 
 _FRAME_M, _RIM_M, _FOOT_M = 0.02, 0.05, 0.12  # the board around the chart: black frame, bare rim, bare foot
 _BARE = (0.86, 0.86, 0.84)

@@ -11,7 +11,7 @@ from typing import Any
 from sucre_bench.datasets.demo.made_scene import MadeScene
 from sucre_bench.datasets.demo.write_made_scene import LAST, write_made_scene
 from sucre_bench.errors import OutputError
-from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.machine.files import user_cache
 
 VERSION = 1  # to be raised whenever equal options make another scene than before

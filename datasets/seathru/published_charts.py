@@ -37,7 +37,7 @@ def _frame(patches: Array) -> Array:
     """Return the corners (4, 2) of a chart's frame from those of its patches' extent, through the chart's plane."""
     import cv2
 
-    from sucre_bench.imaging.charts.kinds import chart_kind
+    from sucre_bench.imaging.chart_kinds import chart_kind
 
     boxes = np.array([patch.box for patch in chart_kind("dgk").patches])
     (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)

@@ -22,7 +22,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.datasets.seathru.published_charts import FULL_SIZE, published_charts
 from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, raw_size, read_raw
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.patches import scaled_chart
+from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model

@@ -13,9 +13,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.array_files import read_array
 from sucre_bench.imaging.encoding import converted
-from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_of_only_page
+from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape, size_of_only_page
 from sucre_bench.results.water_file import read_water
 from sucre_bench.scene import Encoding, View, Water
 

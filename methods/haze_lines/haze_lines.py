@@ -12,7 +12,7 @@ from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.imaging.filters.haze_model import recovered, reduced, transmissions
+from sucre_bench.imaging.image_formation import recovered, reduced, transmissions
 from sucre_bench.machine.progress import track
 from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
 from sucre_bench.methods.haze_lines.lines import channel_transmission, transmission

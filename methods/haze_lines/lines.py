@@ -11,7 +11,7 @@ import functools
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.guided_filter import guided_filter
+from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.methods.haze_lines.jerlov import WaterType
 
 _HAZE_FREE = 0.9  # transmission of a line's farthest pixel: it, too, has water before it

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.imaging.filters.dark_channel import window_max
+from sucre_bench.imaging.filters import window_max
 
 _LUMINANCE = np.array([0.2126, 0.7152, 0.0722], dtype=np.float32)  # ITU-R BT.709
 _QUANTISATION = 1e-5  # variance added to each channel's, about that of 8 bits: a flat area has none of its own

@@ -7,8 +7,7 @@ import numpy as np
 
 from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.clahe import equalised
-from sucre_bench.imaging.filters.white_balance import stretched_by_weakness
+from sucre_bench.imaging.filters import equalised, stretched_by_weakness
 from sucre_bench.machine.cores import Device
 from sucre_bench.methods.networks.run_torch import loaded
 from sucre_bench.methods.networks.sizes import limited, restored_at, tiled

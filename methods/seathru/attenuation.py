@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.filters.water_column import TwoTerm
+from sucre_bench.imaging.image_formation import TwoTerm
 
 Kind = Literal["two_term", "constant"]
 

@@ -19,7 +19,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import gray_world_gain
 from sucre_bench.imaging.encoding import converted
 from sucre_bench.imaging.fill import FillOption, with_filled
-from sucre_bench.imaging.filters.water_column import TwoTerm, channels, distances, is_flat, trusted, without_water
+from sucre_bench.imaging.image_formation import TwoTerm, channels, distances, is_flat, trusted, without_water
 from sucre_bench.methods.seathru.attenuation import (
     Kind,
     amplified,

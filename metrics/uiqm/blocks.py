@@ -10,7 +10,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.imaging.eight_bit import eight_bit
+from sucre_bench.imaging.encoding import eight_bit
 from sucre_bench.imaging.once import once
 from sucre_bench.machine.compile_loops import compiled
 

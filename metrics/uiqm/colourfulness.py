@@ -6,9 +6,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from sucre_bench.imaging.eight_bit import palette
+from sucre_bench.imaging.encoding import palette
 from sucre_bench.imaging.once import once
-from sucre_bench.imaging.value_counts import ValueCounts
+from sucre_bench.imaging.percentiles import ValueCounts
 
 _ALPHA = 0.1  # the share trimmed at each end
 

@@ -30,7 +30,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.imaging.eight_bit import eight_bit
+from sucre_bench.imaging.encoding import eight_bit
 from sucre_bench.imaging.once import locked
 from sucre_bench.metrics.uiqm.colourfulness import Colourfulness, uicm
 from sucre_bench.metrics.uiqm.contrast import Contrast, uiconm, uiconm_blocks

@@ -21,7 +21,7 @@ from sucre_bench.degrade.random_numbers import generator
 from sucre_bench.degrade.views import around
 from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.patches import scaled_chart
+from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.scene import Chart, Plane, Scene, View
 
 

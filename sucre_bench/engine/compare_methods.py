@@ -21,8 +21,8 @@ from sucre_bench.engine.common_pixels.in_memory import InMemory, score_in_memory
 from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.python_api import restore, score
 from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line
-from sucre_bench.imaging.caption import captioned
 from sucre_bench.imaging.display import display
+from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.jobs.presets import method_choice, presets

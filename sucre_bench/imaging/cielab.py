@@ -1,7 +1,8 @@
-"""CIE Lab of colour charts: from and to sRGB, and between illuminants (CIE 1931 2 degree observer, Bradford).
+"""CIE Lab of colour charts (D50): from and to sRGB, and between illuminants; Lab (D65) and luma of images.
 
-sRGB and its matrices are those of IEC 61966-2-1, Lab that of CIE 15:2004. The package colour-science gives the same
-within 1e-9; it is imported for rare illuminants only, since it brings matplotlib and takes seconds.
+Charts: CIE 1931 2 degree observer, Bradford. sRGB and its matrices are those of IEC 61966-2-1, Lab that of CIE 15:2004.
+The package colour-science gives the same within 1e-9; it is imported for rare illuminants only, since it brings
+matplotlib and takes seconds.
 """
 
 from collections.abc import Mapping
@@ -112,3 +113,24 @@ def _white(illuminant: str) -> Array:
         raise InputError(f"illuminant '{illuminant}': unknown; {did_you_mean(illuminant, known)}")
     x, y = known[illuminant]
     return np.array([x / y, 1, (1 - x - y) / y])
+
+
+def to_lab(rgb: Array) -> Array:
+    """Return L in [0, 100], a and b about [-110, 110], (H, W, 3) float32, of RGB in [0, 1], clipped."""
+    import cv2
+
+    return np.asarray(cv2.cvtColor(np.clip(rgb, 0, 1).astype(np.float32), cv2.COLOR_RGB2Lab))
+
+
+def from_lab(lab: Array) -> Array:
+    """Return RGB (H, W, 3) float32 in [0, 1], colours outside of sRGB clipped."""
+    import cv2
+
+    return np.asarray(cv2.cvtColor(np.ascontiguousarray(lab, dtype=np.float32), cv2.COLOR_Lab2RGB)).clip(0, 1)
+
+
+def luma(rgb: Array) -> Array:
+    """Return 0.299 R + 0.587 G + 0.114 B, (H, W) float32; rgb: (H, W, 3) float32. A gray pixel keeps its value."""
+    import cv2
+
+    return np.asarray(cv2.cvtColor(rgb, cv2.COLOR_RGB2GRAY))

@@ -1,8 +1,14 @@
-"""Encodings of intensities: sRGB gamma, linear, 8 bit."""
+"""Encodings of intensities: sRGB gamma, linear, 8 bit; and the palette of an 8-bit picture."""
+
+from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
+import numpy.typing as npt
 
-from sucre_bench.arrays import Array
+from sucre_bench.arrays import Array, Mask
+from sucre_bench.imaging.once import locked, once
+from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.scene import Encoding
 
 
@@ -26,3 +32,71 @@ def converted(image: Array, source: Encoding, target: Encoding) -> Array:
 def to_8bit(shown: Array) -> np.ndarray:
     """Round a picture in [0, 1] to uint8; pixels without colour become black (SUCRe's convention)."""
     return np.asarray(np.nan_to_num(shown, nan=0.0).clip(0, 1) * 255 + 0.5).astype(np.uint8)
+
+
+Bytes = npt.NDArray[np.uint8]
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class EightBit:
+    """planes: (3, H, W) uint8, red, green, blue, 0 where no colour; valid: (H, W) where there is a colour;
+    n_valid: how many pixels have one.
+    """
+
+    planes: Bytes
+    valid: Mask
+    n_valid: int
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every pixel has a colour."""
+        return self.n_valid == self.valid.size
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Palette:
+    """The colours of a picture. rgb: (U, 3) uint8, each once; counts: (U,) pixels of each."""
+
+    rgb: Bytes
+    counts: npt.NDArray[np.int64]
+
+
+@once
+def eight_bit(shown: npt.NDArray[Any]) -> EightBit:
+    """Round a picture (H, W, 3) in [0, 1] to 8 bits; a pixel has a colour where all three channels are finite."""
+    height, width, _ = shown.shape
+    planes, valid = np.empty((3, height, width), np.uint8), np.empty((height, width), np.bool_)
+    n_valid = compiled(_round)(locked(shown), planes, valid)
+    return EightBit(locked(planes), locked(valid), int(n_valid))
+
+
+def _round(shown: Array, planes: Bytes, valid: Mask) -> int:
+    """In float32, as `colour.to_8bit` does."""
+    n_valid = 0
+    zero, one, scale, half = np.float32(0), np.float32(1), np.float32(255), np.float32(0.5)
+    for row in range(shown.shape[0]):
+        for column in range(shown.shape[1]):
+            total = shown[row, column, 0] + shown[row, column, 1] + shown[row, column, 2]
+            known = total - total == 0  # False for NaN and infinity
+            valid[row, column] = known
+            n_valid += known
+            for channel in range(3):
+                level = np.float32(shown[row, column, channel]) if known else zero
+                planes[channel, row, column] = np.uint8(min(max(level, zero), one) * scale + half)
+    return n_valid
+
+
+@once
+def palette(shown: npt.NDArray[Any]) -> Palette:
+    """Return the colours of a picture (H, W, 3) in [0, 1], rounded to 8 bits; none where nothing has a colour."""
+    picture = eight_bit(shown)
+    red, green, blue = picture.planes.reshape(3, -1) if picture.is_whole else picture.planes[:, picture.valid]
+    code = red.astype(np.uint32)
+    for plane in (green, blue):
+        code <<= 8
+        code |= plane
+    code.sort()
+    starts = np.flatnonzero(np.r_[code.size > 0, code[1:] != code[:-1]])
+    codes, counts = code[starts], np.diff(starts, append=code.size)
+    rgb = np.stack([codes >> 16, codes >> 8, codes], axis=-1).astype(np.uint8)
+    return Palette(locked(rgb), locked(counts.astype(np.int64)))

@@ -16,8 +16,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.imaging.encoding import converted
-from sucre_bench.imaging.filters.guided_filter import guided_filter
-from sucre_bench.imaging.filters.water_column import distances, without_water
+from sucre_bench.imaging.filters import guided_filter
+from sucre_bench.imaging.image_formation import distances, without_water
 from sucre_bench.scene import Restoration, View, Water
 
 # The longest side of the grid in cells, the contrast that counts as an edge, and the least link across one.

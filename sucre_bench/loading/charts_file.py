@@ -5,7 +5,7 @@
 
 Corners are pixels of the image as stored, of the chart's frame: top left, top right, bottom right, bottom left as the
 chart is read. "kind" applies to charts without a kind of their own; its default is "dgk". It may be the path, relative
-to charts.json, of a CSV file that describes the chart (see `imaging.charts.kinds`). Other entries are ignored.
+to charts.json, of a CSV file that describes the chart (see `imaging.chart_kinds`). Other entries are ignored.
 """
 
 import difflib
@@ -17,8 +17,8 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.errors import DamagedFileError, InputError, file_error, in_one_line
-from sucre_bench.imaging.charts.kinds import chart_kind
-from sucre_bench.imaging.charts.patches import check_corners
+from sucre_bench.imaging.chart_kinds import chart_kind
+from sucre_bench.imaging.chart_patches import check_corners
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Chart
 

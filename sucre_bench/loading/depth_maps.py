@@ -13,8 +13,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error
-from sucre_bench.imaging.array_files import read_array
-from sucre_bench.imaging.image_files import decode, read_tiff, same_shape, size_of_only_page
+from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape, size_of_only_page
 from sucre_bench.loading.exr import read_exr
 from sucre_bench.loading.find_folders import walk
 

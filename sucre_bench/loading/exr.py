@@ -10,7 +10,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error
-from sucre_bench.imaging.pixel_limit import check_array
+from sucre_bench.imaging.image_files import check_pixels
 from sucre_bench.machine.files import regular
 
 _DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
@@ -30,7 +30,7 @@ def read_exr(path: Path) -> Array:
             least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
         if not (most >= least).all():
             raise ValueError("its size")
-        check_array(path, most - least + 1)
+        check_pixels(path, (most - least + 1).tolist(), channels=4)
         with exr.File(str(path), separate_channels=True) as file:
             channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
     except InputError:

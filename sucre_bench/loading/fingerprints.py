@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.kinds import kind_id
+from sucre_bench.imaging.chart_kinds import kind_id
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track

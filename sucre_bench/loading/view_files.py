@@ -6,8 +6,7 @@ from pathlib import Path
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.image_files import read_rgb
-from sucre_bench.imaging.image_header import is_jpeg
+from sucre_bench.imaging.image_files import is_jpeg, read_rgb
 from sucre_bench.loading.depth_maps import check_header, fitted, read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.scene import Plane

@@ -9,9 +9,8 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, scaled_camera
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.patches import scaled_chart
-from sucre_bench.imaging.image_files import image_size, read_rgb, same_shape
-from sucre_bench.imaging.pixel_limit import check_pixels
+from sucre_bench.imaging.chart_patches import scaled_chart
+from sucre_bench.imaging.image_files import check_pixels, image_size, read_rgb, same_shape
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.lens import Lens
 from sucre_bench.loading.view_files import Files

@@ -9,8 +9,7 @@ from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.python_api import score
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb
-from sucre_bench.imaging.image_header import is_jpeg
+from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.loading.named_images import ImageFolder
 from sucre_bench.machine import progress

@@ -18,7 +18,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, is_number_in
-from sucre_bench.imaging.array_files import read_array
+from sucre_bench.imaging.image_files import read_array
 from sucre_bench.machine.files import regular
 from sucre_bench.scene import Encoding, Water
 

@@ -22,8 +22,8 @@ from sucre_bench.datasets.demo.terrain import make_terrain
 from sucre_bench.datasets.demo.texture import make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
 from sucre_bench.errors import DiskFullError, InputError
-from sucre_bench.imaging.charts.kinds import KINDS
-from sucre_bench.imaging.charts.patches import measure
+from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.plugins.options import create
 from sucre_bench.plugins.registry import find
 from sucre_bench.scene import Scene, View

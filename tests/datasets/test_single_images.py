@@ -22,7 +22,7 @@ from sucre_bench.datasets.photos import Photos
 from sucre_bench.datasets.u45 import U45
 from sucre_bench.datasets.uieb import Uieb
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.scene import Scene
 
 

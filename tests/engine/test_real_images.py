@@ -13,7 +13,7 @@ from support.places import DATA
 import sucre_bench as sb
 from sucre_bench.engine import sweep
 from sucre_bench.engine.outcome import Outcome
-from sucre_bench.imaging.charts.patches import measure
+from sucre_bench.imaging.chart_patches import measure
 
 # psi-bar of the unrestored photographs, degrees, by chart from near to far.
 INPUT_PSI = {"D5_fig01_LFT_3374.png": [30.8, 33.8, 35.9, 36.8], "LFT_3411.png": [23.2, 26.9, 29.6, 34.9]}

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench import Arrays, Scene, View
-from sucre_bench.imaging.filters.lab import to_lab
+from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.methods.clahe import Clahe
 
 RNG = np.random.default_rng(0)

@@ -8,7 +8,7 @@ from scipy import ndimage
 from skimage.color import rgb2lab
 
 from sucre_bench import Arrays, Scene, View
-from sucre_bench.imaging.filters.saliency import binomial, saliency
+from sucre_bench.imaging.filters import binomial, saliency
 from sucre_bench.methods.fusion import Fusion2012, Fusion2018, blend, sharpened, weight_2012, weight_2018
 
 RNG = np.random.default_rng(0)

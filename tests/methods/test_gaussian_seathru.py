@@ -13,7 +13,7 @@ from support.made_seabed import alone
 
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
-from sucre_bench.imaging.filters.water_column import TwoTerm, trusted
+from sucre_bench.imaging.image_formation import TwoTerm, trusted
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru, Parameters, negative_log_likelihood
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.plugins.registry import discover

@@ -9,7 +9,7 @@ import pytest
 import skimage.color
 
 from sucre_bench import Arrays, Scene, View
-from sucre_bench.imaging.filters.lab import to_lab
+from sucre_bench.imaging.cielab import to_lab
 from sucre_bench.methods.rghs import Rghs
 
 RNG = np.random.default_rng(0)

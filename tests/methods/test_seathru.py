@@ -14,7 +14,7 @@ from support.places import DATA
 import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.imaging.filters.water_column import TwoTerm
+from sucre_bench.imaging.image_formation import TwoTerm
 from sucre_bench.methods.seathru import Seathru
 from sucre_bench.methods.seathru.attenuation import (
     amplified,

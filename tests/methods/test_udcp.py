@@ -7,7 +7,7 @@ import pytest
 from support.made_haze import NOISE, UNWANTED, hazy, restored, tiles, transmission_of
 
 from sucre_bench import InputError
-from sucre_bench.imaging.filters.guided_filter import guided_filter
+from sucre_bench.imaging.filters import guided_filter
 from sucre_bench.methods.udcp import Udcp
 
 A = np.array([0.1, 0.7, 0.8])

@@ -12,7 +12,7 @@ from support.painted_charts import TILTED, painted
 from support.places import DATA
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.imaging.display import stretch
 from sucre_bench.metrics.patch_colour import PatchColour

@@ -7,7 +7,7 @@ import pytest
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.imaging.filters.seams import find_seams
+from sucre_bench.imaging.seams import find_seams
 from sucre_bench.metrics.seams import Seams
 from sucre_bench.scene import Arrays, Restoration, Score, View
 

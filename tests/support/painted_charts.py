@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.kinds import ChartKind
+from sucre_bench.imaging.chart_kinds import ChartKind
 
 TILTED = np.array([[61.0, 40.0], [352.0, 22.0], [377.0, 268.0], [33.0, 241.0]])
 

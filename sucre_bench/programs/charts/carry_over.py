@@ -13,7 +13,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at, moved, project
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.patches import are_corners, image_from_chart
+from sucre_bench.imaging.chart_patches import are_corners, image_from_chart
 from sucre_bench.scene import Chart, View
 
 _AGREES = 0.05  # greatest |Z - d| / Z on the chart: photogrammetry rounds a chart's edges

@@ -6,8 +6,8 @@ Its model of the Digital SG is not used: it found clearly visible painted charts
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.imaging.charts.kinds import ChartKind, chart_kind
-from sucre_bench.imaging.charts.patches import are_corners
+from sucre_bench.imaging.chart_kinds import ChartKind, chart_kind
+from sucre_bench.imaging.chart_patches import are_corners
 from sucre_bench.imaging.display import stretch
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.scene import Chart

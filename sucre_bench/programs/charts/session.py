@@ -11,9 +11,8 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
-from sucre_bench.imaging.charts.kinds import KINDS, chart_kind
-from sucre_bench.imaging.charts.orientation import reading_order
-from sucre_bench.imaging.charts.patches import image_from_chart, measure
+from sucre_bench.imaging.chart_kinds import KINDS, chart_kind
+from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png

@@ -8,7 +8,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera
-from sucre_bench.imaging.charts.kinds import KINDS
+from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.scene import Arrays, Chart, Scene, View, Water
 
 TARGET = "far.png"  # the view to restore; the other view is nearer to the wall

@@ -13,8 +13,8 @@ from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import Camera
 from sucre_bench.engine.select_views import open_scenes
 from sucre_bench.errors import InputError, one_line
-from sucre_bench.imaging.charts.kinds import chart_kind
-from sucre_bench.imaging.charts.patches import check_corners
+from sucre_bench.imaging.chart_kinds import chart_kind
+from sucre_bench.imaging.chart_patches import check_corners
 from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.plural import counted
 from sucre_bench.plugins.options import Choice, options_of

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import evenly
-from sucre_bench.imaging.depth_colours import depth_colours
+from sucre_bench.imaging.drawing import depth_colours
 from sucre_bench.programs.describe.view_facts import Look, ViewFacts
 
 _MOST = 60  # views on a sheet, evenly chosen

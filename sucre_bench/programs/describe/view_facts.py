@@ -13,8 +13,7 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.camera import Camera, distance_map, scaled_camera
 from sucre_bench.errors import InputError, one_line
-from sucre_bench.imaging.charts.orientation import reading_order
-from sucre_bench.imaging.charts.patches import image_from_chart
+from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import converted, to_8bit
 from sucre_bench.machine.progress import track

@@ -10,7 +10,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import depth_at
-from sucre_bench.imaging.depth_colours import depth_colours
+from sucre_bench.imaging.drawing import depth_colours
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.html_pages import filled_in

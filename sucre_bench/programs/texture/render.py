@@ -12,7 +12,7 @@ from sucre_bench.arrays import Array, Picture
 from sucre_bench.camera import Camera, unproject
 from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.caption import captioned
+from sucre_bench.imaging.drawing import captioned
 from sucre_bench.programs.texture.surface import Model
 
 _SIZE = (960, 720)  # size of a picture in pixels

@@ -7,7 +7,7 @@ import numpy as np
 
 from sucre_bench.arrays import Picture
 from sucre_bench.engine.reopen_results import INPUT, Frame
-from sucre_bench.imaging.caption import captioned
+from sucre_bench.imaging.drawing import captioned
 from sucre_bench.machine.progress import track
 
 _SWEEP_SECONDS = 6.0  # of the divider, there and back

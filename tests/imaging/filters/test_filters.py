@@ -5,19 +5,20 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench.imaging.filters.bilateral import denoised
-from sucre_bench.imaging.filters.clahe import equalised
-from sucre_bench.imaging.filters.dark_channel import dark_channel, window_max
-from sucre_bench.imaging.filters.guided_filter import box_mean, guided_filter
-from sucre_bench.imaging.filters.lab import from_lab, to_lab
-from sucre_bench.imaging.filters.luma import luma
-from sucre_bench.imaging.filters.white_balance import (
+from sucre_bench.imaging.cielab import from_lab, luma, to_lab
+from sucre_bench.imaging.filters import (
+    box_mean,
+    dark_channel,
+    denoised,
+    equalised,
     gray_world,
+    guided_filter,
     mid_gray_gain,
     red_from_green,
     shifted_to_gray,
     stretched_by_weakness,
     stretched_together,
+    window_max,
 )
 
 RNG = np.random.default_rng(0)

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from support.made_haze import hazy
 
-from sucre_bench.imaging.filters.haze_model import brightest, highest, nearest_depth, recovered, reduced, restoration
+from sucre_bench.imaging.image_formation import brightest, highest, nearest_depth, recovered, reduced, restoration
 
 RNG = np.random.default_rng(0)
 A = np.array([0.2, 0.5, 0.6])

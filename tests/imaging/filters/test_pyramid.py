@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy import ndimage
 
-from sucre_bench.imaging.filters.pyramid import blended, most_levels
+from sucre_bench.imaging.filters import blended, most_levels
 
 RNG = np.random.default_rng(0)
 SIZES = [(61, 47), (48, 64), (33, 2), (4, 6), (1, 1), (1, 9)]

@@ -14,7 +14,7 @@ import sucre_bench as sb
 from sucre_bench import Arrays, Restoration, View, Water
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.imaging.filters.water_column import TwoTerm, channels, is_flat, trusted
+from sucre_bench.imaging.image_formation import TwoTerm, channels, is_flat, trusted
 from sucre_bench.methods.gaussian_seathru import GaussianSeathru
 
 each = pytest.mark.parametrize("method", ["seathru", "gaussian_seathru"])

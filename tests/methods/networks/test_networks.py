@@ -12,8 +12,7 @@ from support.made_networks import ARCHITECTURES, random_state
 from support.small_networks import NOISE, OWN_SIZE, restored, saved
 
 from sucre_bench import Arrays, InputError, Scene, View, restore
-from sucre_bench.imaging.filters.clahe import equalised
-from sucre_bench.imaging.filters.white_balance import stretched_by_weakness
+from sucre_bench.imaging.filters import equalised, stretched_by_weakness
 from sucre_bench.methods.networks.sizes import limited, resized
 from sucre_bench.methods.networks.weights import read_state
 

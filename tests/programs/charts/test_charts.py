@@ -26,9 +26,8 @@ import sucre_bench as sb
 from sucre_bench.arrays import Array
 from sucre_bench.commands.charts import charts
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.kinds import KINDS
-from sucre_bench.imaging.charts.orientation import reading_order
-from sucre_bench.imaging.charts.patches import image_from_chart, measure
+from sucre_bench.imaging.chart_kinds import KINDS
+from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order
 from sucre_bench.loading.view_files import Files
 from sucre_bench.programs.charts.carry_over import propose
 from sucre_bench.programs.charts.charts_json import ChartsFile

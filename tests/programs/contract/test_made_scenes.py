@@ -27,7 +27,7 @@ def test_both_views_of_the_wall_see_it_at_the_same_place() -> None:
 
 
 def test_the_painted_charts_are_read_as_what_they_are() -> None:
-    from sucre_bench.imaging.charts.patches import measure
+    from sucre_bench.imaging.chart_patches import measure
 
     view = charted()["far.png"]
     for chart in view.charts:

@@ -1,4 +1,4 @@
-"""Pictures beside one another, with the steps that the photograph does not have (`sucre_bench.imaging.filters.seams`).
+"""Pictures beside one another, with the steps that the photograph does not have (`sucre_bench.imaging.seams`).
 
 Of each dataset, the views with the highest score of the metric seams are drawn, a figure each: the photograph, and
 every method that changed it, all at full contrast (percentiles 1 and 99 of each channel), as the metric sees them;
@@ -16,8 +16,8 @@ from matplotlib.patches import Rectangle
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.imaging.filters.seams import Seams, find_seams
 from sucre_bench.imaging.image_files import read_rgb
+from sucre_bench.imaging.seams import Seams, find_seams
 from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.study_results import StudyResults

@@ -1,4 +1,4 @@
-"""sucre_bench.imaging.charts.patches: the tables against published data, the measuring against painted charts."""
+"""sucre_bench.imaging.chart_patches: the tables against published data, the measuring against painted charts."""
 
 from __future__ import annotations
 
@@ -12,8 +12,8 @@ from support.painted_charts import TILTED, painted
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.charts.kinds import KINDS, ChartKind, chart_kind, kind_id
-from sucre_bench.imaging.charts.patches import measure
+from sucre_bench.imaging.chart_kinds import KINDS, ChartKind, chart_kind, kind_id
+from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.imaging.cielab import colour_science
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.scene import Chart

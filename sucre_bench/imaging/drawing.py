@@ -1,8 +1,8 @@
-"""Writes a caption into a corner of a picture."""
+"""Draws captions into pictures, and maps of depth as pictures."""
 
 import numpy as np
 
-from sucre_bench.arrays import Picture
+from sucre_bench.arrays import Array, Picture
 
 
 def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
@@ -24,3 +24,16 @@ def captioned(picture: Picture, text: str, right: bool = False) -> Picture:
     place = slice(-words.shape[1], None) if right else slice(words.shape[1])
     marked[: words.shape[0], place] = words
     return marked
+
+
+def depth_colours(depth: Array, near: float, far: float, unknown: int) -> np.ndarray:
+    """Return a picture (h, w, 3) uint8 RGB of a map (h, w), 0 = unknown.
+
+    near, far: the values at the ends of the colour map; unknown: the gray, 0 to 255, for unknown values.
+    """
+    import cv2
+
+    share = ((depth - near) / max(far - near, 1e-9)).clip(0, 1)
+    coloured = cv2.applyColorMap(np.rint(255 * (1 - share)).astype(np.uint8), cv2.COLORMAP_TURBO)[..., ::-1].copy()
+    coloured[depth <= 0] = unknown
+    return np.asarray(coloured)

@@ -1,1 +1,0 @@
-"""Colour charts: their kinds, their orientation, and how patches are measured."""

@@ -1,0 +1,266 @@
+"""Image filters that several methods use. If OpenCV or scikit-image has a filter, it is used here.
+
+Planes are (H, W) and images (H, W, 3) float32 RGB in [0, 1]. White balance and saliency take gamma-encoded intensities;
+the others work on linear intensities, too. No filter changes its input.
+"""
+
+from collections.abc import Iterable, Iterator, Sequence
+
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.imaging.cielab import from_lab, to_lab
+from sucre_bench.imaging.display import gray_world_gain
+
+_ACROSS, _SPACE = 5, 3.0  # pixels: of the window, and the spatial standard deviation
+
+
+def denoised(rgb: Array, noise: float) -> Array:
+    """Return the image (H, W, 3) float32 after a bilateral filter; itself where noise is 0.
+
+    noise: standard deviation, in intensity, of the differences of colour that count as noise.
+    """
+    import cv2
+
+    return np.asarray(cv2.bilateralFilter(rgb, _ACROSS, noise, _SPACE)) if noise else rgb
+
+
+def equalised(rgb: Array, clip: float, tiles: int) -> Array:
+    """Equalise the lightness within tiles, its slope limited, hue and chroma kept.
+
+    rgb: (H, W, 3), [0, 1]; clip: limit of the histogram, in multiples of its mean; tiles: how many along each side.
+    Lightness is taken at 256 levels, for which published values of `clip` are meant.
+    """
+    import cv2
+
+    lab = to_lab(rgb)
+    lightness = np.rint(lab[..., 0] * 2.55).astype(np.uint8)
+    lab[..., 0] = cv2.createCLAHE(clip, (tiles, tiles)).apply(lightness) / np.float32(2.55)
+    return from_lab(lab)
+
+
+def dark_channel(channels: Array, size: int) -> Array:
+    """Return (H, W): the least value of any of the channels (H, W, C) in a window of size x size pixels, size odd.
+
+    Windows are cut at the border.
+    """
+    import cv2
+
+    darkest = np.ascontiguousarray(channels.min(axis=-1), dtype=np.float32)
+    return np.asarray(cv2.erode(darkest, np.ones((size, size), np.uint8)))
+
+
+def window_max(plane: Array, size: int) -> Array:
+    """Return the greatest value (H, W) in each pixel's window, cut at the border."""
+    import cv2
+
+    return np.asarray(cv2.dilate(np.ascontiguousarray(plane, dtype=np.float32), np.ones((size, size), np.uint8)))
+
+
+def saliency(rgb: Array) -> Array:
+    """Return (H, W) float32: how far each pixel's smoothed colour is from the image's mean colour, in L*a*b* / 100.
+
+    rgb: (H, W, 3) in [0, 1]. Without the division by the image's maximum that is for display, so that maps of
+    two images can be compared; the unit is the distance from black to white.
+    """
+    lab = to_lab(rgb) / 100
+    mean = lab.mean(axis=(0, 1), dtype=np.float64).astype(np.float32)
+    return np.asarray(np.linalg.norm(binomial(lab) - mean, axis=-1))
+
+
+def binomial(image: Array) -> Array:
+    """Return the image smoothed by the 5 x 5 binomial kernel (1 4 6 4 1) / 16; (H, W) or (H, W, C) float32.
+
+    Its response falls to a half at pi / 2.75, the cut-off that is named w_hc where it is used.
+    """
+    import cv2
+
+    kernel = np.array([1, 4, 6, 4, 1], np.float32) / 16
+    return np.asarray(cv2.sepFilter2D(image, -1, kernel, kernel))
+
+
+_FLAT = 1e-6  # a range of intensities below this is no contrast
+_CUT = 0.005  # share of the strongest channel's pixels that the simplest colour balance cuts at each end
+
+
+def red_from_green(rgb: Array, strength: float = 1.0) -> Array:
+    """Return the image with red lifted where green is strong: R + strength (mean G - mean R) (1 - R) G.
+
+    Ancuti et al. 2018, eq. 4. Nothing is lifted where the mean of red is at least that of green.
+    """
+    red, green = rgb[..., 0], rgb[..., 1]
+    lacking = max(0.0, float(green.mean(dtype=np.float64) - red.mean(dtype=np.float64)))
+    lifted = red + np.float32(strength * lacking) * (1 - red) * green
+    return np.stack([lifted, green, rgb[..., 2]], axis=-1)
+
+
+def gray_world(rgb: Array) -> Array:
+    """Return the image with channels scaled to equal means (Buchsbaum 1980), cut at 1; a black channel stays black."""
+    gain = gray_world_gain(rgb.reshape(-1, 3)).astype(np.float32)
+    return np.minimum(rgb * gain, 1)
+
+
+def mid_gray_gain(rgb: Array) -> Array:
+    """Return the (3,) float32 factors that bring each channel's mean to 0.5; 1 for a black channel."""
+    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
+    there = mean > 1e-6
+    return np.where(there, 0.5 / np.where(there, mean, 1), 1).astype(np.float32)
+
+
+def shifted_to_gray(rgb: Array, cast: float) -> Array:
+    """Return the image with each channel's mean mu moved to 0.5 + cast * mu by adding a constant; it may leave [0, 1].
+
+    cast: share of the colour cast that stays; 0 removes all of it. A shift keeps each channel's contrast, so a channel
+    with little light gains no noise.
+    """
+    mean = rgb.mean(axis=(0, 1), dtype=np.float64)
+    return rgb + (0.5 + (cast - 1) * mean).astype(np.float32)
+
+
+def stretched_together(rgb: Array, percent: float) -> Array:
+    """Return the image in [0, 1], stretched by one gain and one offset for all three channels.
+
+    percent: share of all values, in percent, that becomes 0, and as many 1. An image without contrast is only clipped.
+    """
+    low, high = (float(value) for value in np.percentile(rgb, [percent, 100 - percent]))
+    if high - low < _FLAT:
+        return rgb.clip(0, 1)
+    return ((rgb - np.float32(low)) / np.float32(high - low)).clip(0, 1)
+
+
+def stretched_by_weakness(rgb: Array) -> Array:
+    """Return the image with each channel stretched to [0, 1] by itself; the weaker a channel, the more of it is cut.
+
+    At both ends a share of 0.005 max(sum R, sum G, sum B) / sum of the channel is cut, always less than half: without
+    that bound a channel that is nearly black would be inverted. A constant channel stays as it is. This variant of the
+    simplest colour balance (Limare et al. 2011) is that of Water-Net's authors and of public programs for Ancuti et
+    al. 2012.
+    """
+    total = rgb.sum(axis=(0, 1), dtype=np.float64)
+    cut = np.minimum(_CUT * total.max() / np.maximum(total, 1e-12), 0.49)
+    channels = []
+    for c in range(3):
+        # MATLAB's quantiles: the k-th of n values is at (k - .5) / n.
+        bottom, top = np.quantile(rgb[..., c], [cut[c], 1 - cut[c]], method="hazen").astype(np.float32)
+        flat = top - bottom < _FLAT
+        channels.append(rgb[..., c] if flat else ((rgb[..., c] - bottom) / (top - bottom)).clip(0, 1))
+    return np.stack(channels, axis=-1)
+
+
+def guided_filter(guide: Array, plane: Array, radius: int, eps: float, *, rows: int = 512) -> Array:
+    """Return a plane (H, W) float32 that is, in each window, the linear function of the guide nearest to `plane`.
+
+    guide: (H, W) or (H, W, 3), [0, 1]; radius: of the square window, pixels; eps: variance of the guide below which it
+    counts as flat (eqs. 5 and 6, in colour 14 and 15). Windows are cut at the image's border. rows: filtered at
+    once, which bounds the memory: some thirty planes are kept of them. The result does not depend on it.
+    """
+    smooth = np.empty(plane.shape, dtype=np.float32)
+    height = len(plane)
+    for top in range(0, height, rows):
+        bottom = min(top + rows, height)
+        low, high = max(0, top - 2 * radius), min(height, bottom + 2 * radius)  # a mean of means reaches this far
+        band = _filtered(guide[low:high], plane[low:high], radius, eps)
+        smooth[top:bottom] = band[top - low : bottom - low]
+    return smooth
+
+
+def _filtered(guide: Array, plane: Array, radius: int, eps: float) -> Array:
+    guide = np.asarray(guide).astype(np.float32, copy=False)
+    plane = np.asarray(plane).astype(np.float32, copy=False)
+    slope: Array
+    mean_plane: Array = box_mean(plane, radius)
+    mean = box_mean(guide, radius)
+    if guide.ndim == 2:
+        variance = box_mean(guide * guide, radius) - mean * mean
+        slope = (box_mean(guide * plane, radius) - mean * mean_plane) / (variance + eps)
+        offset = mean_plane - slope * mean
+        return np.asarray(box_mean(slope, radius) * guide + box_mean(offset, radius))
+    covariance = box_mean(guide * plane[..., None], radius) - mean * mean_plane[..., None]
+    slope = _solved(_windows(guide, mean, radius, eps), covariance)
+    offset = mean_plane - (slope * mean).sum(axis=-1)
+    return (box_mean(slope, radius) * guide).sum(axis=-1) + box_mean(offset, radius)
+
+
+def box_mean(image: Array, radius: int) -> Array:
+    """Return the mean of each pixel's square window, cut at the border; image: (H, W) or (H, W, C) float32."""
+    import cv2
+
+    size, outside = (2 * radius + 1, 2 * radius + 1), cv2.BORDER_CONSTANT
+    total = cv2.boxFilter(np.ascontiguousarray(image), cv2.CV_32F, size, normalize=False, borderType=outside)
+    height, width = (_counts(n, radius) for n in image.shape[:2])
+    count = height[:, None] * width
+    return np.asarray(total / (count if image.ndim == 2 else count[..., None]))
+
+
+def _counts(length: int, radius: int) -> Array:
+    """How many of a line's pixels the window of each one holds (length,)."""
+    at = np.arange(length)
+    return (np.minimum(at + radius, length - 1) - np.maximum(at - radius, 0) + 1).astype(np.float32)
+
+
+def _windows(guide: Array, mean: Array, radius: int, eps: float) -> dict[tuple[int, int], Array]:
+    """The upper half of each window's covariance of the guide's channels, eps added on its diagonal."""
+    pairs = [(i, j) for i in range(3) for j in range(i, 3)]
+    return {
+        (i, j): box_mean(guide[..., i] * guide[..., j], radius) - mean[..., i] * mean[..., j] + eps * (i == j)
+        for i, j in pairs
+    }
+
+
+def _solved(window: dict[tuple[int, int], Array], right: Array) -> Array:
+    """Solve each pixel's symmetric 3 x 3 system by its adjugate: a plane of 24 megapixels has as many of them."""
+    a, b, c, d, e, f = (window[k].astype(np.float64) for k in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)))
+    adjugate = ((d * f - e * e, c * e - b * f, b * e - c * d), (a * f - c * c, b * c - a * e), (a * d - b * b,))
+    determinant = a * adjugate[0][0] + b * adjugate[0][1] + c * adjugate[0][2]
+    x, y, z = (right[..., k] for k in range(3))
+    (A, B, C), (D, E), (F,) = adjugate
+    rows = (A * x + B * y + C * z, B * x + D * y + E * z, C * x + E * y + F * z)
+    return np.stack([(row / determinant).astype(np.float32) for row in rows], axis=-1)
+
+
+def blended(images: Sequence[Array], weights: Iterable[Array], levels: int) -> Array:
+    """Return the images' weighted mean (H, W, 3), taken in each band of a pyramid: R_l = sum_k G_l(W_k) L_l(I_k).
+
+    images: (H, W, 3) float32; weights: (H, W) float32, one an image, of sum 1 at every pixel; levels: of the pyramid,
+    1 or more, the last one low-pass; at most `most_levels`. Values may leave the images' range near strong edges.
+    """
+    import cv2
+
+    levels = min(levels, most_levels(images[0].shape[:2]))
+    sums: list[Array] = []
+    for image, weight in zip(images, weights, strict=True):
+        for level, band in enumerate(_bands(image, levels)):
+            weight = np.asarray(cv2.pyrDown(weight)) if level else weight
+            if level == len(sums):
+                sums.append(band * weight[..., None])
+            else:
+                sums[level] += band * weight[..., None]
+    result = sums.pop()
+    while sums:
+        finer = sums.pop()
+        result = finer + _enlarged(result, finer.shape)
+    return result
+
+
+def most_levels(shape: tuple[int, ...]) -> int:
+    """Return how many levels an image of shape (H, W) has room for: the smaller side of the last is 2 to 4 pixels."""
+    return max(1, min(shape).bit_length() - 1)
+
+
+def _bands(image: Array, levels: int) -> Iterator[Array]:
+    """The Laplacian pyramid from fine to coarse: what each level has that the next has not, and the last level."""
+    import cv2
+
+    for _ in range(levels - 1):
+        coarse: Array = np.asarray(cv2.pyrDown(image))
+        yield image - _enlarged(coarse, image.shape)
+        image = coarse
+    yield image
+
+
+def _enlarged(coarse: Array, shape: tuple[int, ...]) -> Array:
+    """Enlarge a level to the size of the next finer one. The caller gives this size, because half of an odd size was
+    rounded up."""
+    import cv2
+
+    return np.asarray(cv2.pyrUp(coarse, dstsize=(shape[1], shape[0])))
