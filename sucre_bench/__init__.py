@@ -67,7 +67,7 @@ if TYPE_CHECKING:
     from sucre_bench.plugins.registry import load_file as load_file
     from sucre_bench.programs.contract import breaches as breaches
     from sucre_bench.restored_pair import RestoredPair as RestoredPair
-    from sucre_bench.results.wide_table import wide as wide
+    from sucre_bench.results.rows import wide as wide
     from sucre_bench.scene import Arrays as Arrays
     from sucre_bench.scene import Chart as Chart
     from sucre_bench.scene import Pixels as Pixels

@@ -176,34 +176,17 @@ _MOST_CHARACTERS = 2000  # of an exception's text
 # What the user can do after a `Death`.
 _AFTER_DEATH = "mend the plugin, or try again with overwrite=failed"
 
-# How a `Lack` describes a scene that has nothing more.
-_NOTHING = "only images"
-
 
 @dataclass(frozen=True)
 class Lack:
-    """What a plugin needs and a scene or view lacks. Rows store its text, and `read` reads it again."""
+    """What a plugin needs and a scene or view lacks. Rows store its text, which begins with the code "needs ..."."""
 
     needs: tuple[str, ...]
     has: tuple[str, ...]
     of: Literal["scene", "view"] = "scene"
 
-    @property
-    def brief(self) -> str:
-        """The needs, in words."""
-        return f"needs {' and '.join(self.needs)}"
-
     def __str__(self) -> str:
-        return f"{self.brief}, the {self.of} has {', '.join(self.has) or _NOTHING}"
-
-    @classmethod
-    def read(cls, text: str) -> Lack | None:
-        """Return the lack that a text describes; None for any other text."""
-        found = re.fullmatch(r"needs (\w+(?: and \w+)*), the (scene|view) has (\w+(?:, \w+)*|only images)", text)
-        if found is None:
-            return None
-        has = () if found[3] == _NOTHING else tuple(found[3].split(", "))
-        return cls(tuple(found[1].split(" and ")), has, "scene" if found[2] == "scene" else "view")
+        return f"needs {' and '.join(self.needs)}: the {self.of} has {', '.join(self.has) or 'only images'}"
 
 
 @dataclass(frozen=True)

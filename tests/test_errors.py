@@ -26,7 +26,7 @@ from sucre_bench.errors import (
 from sucre_bench.imaging.image_files import read_array, read_rgb
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.depth_maps import read_depth
-from sucre_bench.results.masks import read_mask
+from sucre_bench.results.restorations import read_mask
 
 pytestmark = pytest.mark.short
 

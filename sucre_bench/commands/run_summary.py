@@ -24,8 +24,7 @@ from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written
 from sucre_bench.results import with_remedy
 from sucre_bench.results.layout import log_path
-from sucre_bench.results.reasons import without_view
-from sucre_bench.results.unscored import unscored
+from sucre_bench.results.reasons import unscored, without_view
 
 if TYPE_CHECKING:
     from sucre_bench.compare import Comparison

@@ -8,7 +8,6 @@ import click
 
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.shared_options import plugin_option
-from sucre_bench.errors import Lack
 from sucre_bench.machine.notices import say
 
 
@@ -64,8 +63,8 @@ def score(
     from sucre_bench.machine import progress_display, terminal
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
-    from sucre_bench.results.csv_text import csv_text
-    from sucre_bench.results.rows import RESTORATION
+    from sucre_bench.results.reasons import Reason, brief
+    from sucre_bench.results.rows import RESTORATION, csv_text
 
     names = [name.strip() for name in metrics.split(",") if name.strip()]
     published = None
@@ -89,16 +88,11 @@ def score(
         terminal.out.print(score_tables.summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
-    lacks = {reason: lack for reason in asked["reason"].unique() if (lack := Lack.read(reason))}
-    for (metric, reason), _ in asked[asked["reason"].isin(lacks)].groupby(["metric", "reason"], sort=False):
-        say(f"failed  {metric}: {lacks[reason].brief}; {_remedy(lacks[reason])}", "red")
-    for (view, metric, reason), _ in asked[~asked["reason"].isin(lacks)].groupby(
-        ["view", "metric", "reason"], sort=False
-    ):
+    is_lack = asked["reason"].map(Reason.of) == Reason.LACK
+    for (metric, lack), _ in asked[is_lack].groupby(["metric", asked["reason"].map(brief)], sort=False):
+        is_reference = lack == "needs reference"
+        remedy = "give --reference DIR" if is_reference else "`sucre-bench run` scores it, on a dataset that has this"
+        say(f"failed  {metric}: {lack}; {remedy}", "red")
+    for (view, metric, reason), _ in asked[~is_lack].groupby(["view", "metric", "reason"], sort=False):
         say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
-
-
-def _remedy(lack: Lack) -> str:
-    is_reference = lack.needs == ("reference",)
-    return "give --reference DIR" if is_reference else "`sucre-bench run` scores it, on a dataset that has this"

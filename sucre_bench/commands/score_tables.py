@@ -12,7 +12,7 @@ from sucre_bench.compare.numbers import number, standard_deviation
 from sucre_bench.compare.words import ARROW
 from sucre_bench.machine import terminal
 from sucre_bench.programs.match_published import Candidate, Column, PublishedTable, compare
-from sucre_bench.results.csv_text import csv_text
+from sucre_bench.results.rows import csv_text
 
 
 def summary(rows: pd.DataFrame) -> Table:

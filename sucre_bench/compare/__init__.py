@@ -13,8 +13,8 @@ from sucre_bench.compare.load_folders import load
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
 from sucre_bench.compare.refusals import refusals, refuse
 from sucre_bench.compare.verdicts import verdicts
-from sucre_bench.results.newest_rows import is_fresh
 from sucre_bench.results.rows import COSTS, By
+from sucre_bench.results.table import is_fresh
 
 __all__ = [
     "COSTS",

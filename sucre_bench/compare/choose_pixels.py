@@ -15,9 +15,9 @@ from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
-from sucre_bench.results.newest_rows import is_fresh
 from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import restoration_rows, restorations, values_of
+from sucre_bench.results.table import is_fresh
 
 Pixels = Literal["own", "common"]
 

@@ -12,8 +12,8 @@ from sucre_bench.compare.means import column_of, measured_column, repetitions_of
 from sucre_bench.compare.missing_scores import notes
 from sucre_bench.compare.model import Cell, Column, Comparison, Note
 from sucre_bench.errors import InputError, did_you_mean
-from sucre_bench.results.newest_rows import is_fresh
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
+from sucre_bench.results.table import is_fresh
 
 # Columns that nothing here looks at; they are most of a table's memory.
 _UNUSED = frozenset({"options", "options_id", "n_pixels", "seconds", "peak_mb", "device", "seed", "code"})

@@ -12,8 +12,8 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare.compare_rows import asked_for
 from sucre_bench.compare.load_folders import names_of
 from sucre_bench.errors import InputError
-from sucre_bench.results.newest_rows import is_fresh
 from sucre_bench.results.rows import COSTS, values_of
+from sucre_bench.results.table import is_fresh
 
 T = TypeVar("T")
 

@@ -28,8 +28,8 @@ from sucre_bench.machine import progress
 from sucre_bench.machine.clock import now
 from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.layout import log_path
+from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.rows import Row, restorations, row_objects
-from sucre_bench.results.stored_pictures import PictureOnly, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene
 

@@ -28,7 +28,7 @@ from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.jobs.presets import method_choice, presets
 from sucre_bench.machine import progress, progress_display
 from sucre_bench.plugins.options import Choice
-from sucre_bench.results.wide_table import wide
+from sucre_bench.results.rows import wide
 from sucre_bench.scene import Scene, View
 
 if TYPE_CHECKING:

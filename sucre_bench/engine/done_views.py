@@ -11,8 +11,8 @@ from sucre_bench.engine.score import metric_code, score_code
 from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs.job import Job
 from sucre_bench.results.reasons import Reason
+from sucre_bench.results.restorations import are_stored
 from sucre_bench.results.rows import Row, tuples
-from sucre_bench.results.stored_hashes import are_as_written
 
 
 @dataclass(slots=True)
@@ -86,7 +86,7 @@ class Done:
         if any(k.metric == base.metric and k.status != "ok" for k in kept):
             return whole in there
         suffixes = [".png", *([".npz"] if self.job.save == "full" else [])]
-        return whole in there and self._wanted(base) <= there and are_as_written(picture, suffixes)
+        return whole in there and self._wanted(base) <= there and are_stored(picture, suffixes)
 
     def _wanted(self, base: Row) -> frozenset[tuple[str, str, str]]:
         """The scores, by metric, variant and code, of a view whose rows say `base`: the same for all with its code."""

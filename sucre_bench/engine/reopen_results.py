@@ -39,7 +39,7 @@ class Frame:
 
         Raises InputError when the picture cannot be read, or is not of the view's size.
         """
-        from sucre_bench.results.stored_pictures import stored_picture
+        from sucre_bench.results.restorations import stored_picture
 
         rgb = self.view.rgb
         if method == INPUT:

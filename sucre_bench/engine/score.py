@@ -20,9 +20,8 @@ from sucre_bench.machine.current_step import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.restorations import Measured
+from sucre_bench.results.restorations import Measured, PictureOnly
 from sucre_bench.results.rows import Row, fingerprint
-from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
 
 

@@ -1,6 +1,5 @@
 """The results folder: its score table, the parts that jobs write, and the restorations beside the pictures."""
 
-from sucre_bench.results.merge_parts import merge
 from sucre_bench.results.reasons import Reason, brief, with_remedy
 from sucre_bench.results.rows import (
     COLUMNS,
@@ -13,7 +12,7 @@ from sucre_bench.results.rows import (
     score_rows,
     unreplicated,
 )
-from sucre_bench.results.table import PARTS, TABLE, Part, read, write_rows
+from sucre_bench.results.table import PARTS, TABLE, Part, merge, read, write_rows
 
 __all__ = [
     "COLUMNS",

@@ -29,10 +29,8 @@ from typing import Any
 from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError, MissingFileError, NotAFileError, one_line
 from sucre_bench.machine.files import open_atomically
-from sucre_bench.results.csv_text import csv_text
-from sucre_bench.results.damaged_table import check_values
-from sucre_bench.results.encoded_rows import encoded
-from sucre_bench.results.rows import COLUMNS, NUMBERS, frame
+from sucre_bench.results.rows import COLUMNS, NUMBERS, csv_text, frame
+from sucre_bench.results.table import check_values
 
 MANIFEST, SCORES, COMMON = "bundle.json", "scores.csv", "common.csv"
 _FORMAT, _VERSION = "sucre_bench bundle", 1
@@ -301,7 +299,7 @@ def _table(path: Path, content: bytes, columns: Sequence[str]) -> DataFrame:
                 raise ValueError("column 'methods' is no list of labels")
     except (ValueError, KeyError, OverflowError, RecursionError, pd.errors.ParserError) as fault:
         raise InputError(f"is no score table ({one_line(fault)})", path, "bundle again") from fault
-    check_values(path, encoded(Table.from_pandas(rows, preserve_index=False)))
+    check_values(path, Table.from_pandas(rows, preserve_index=False))
     return rows
 
 

@@ -1,14 +1,18 @@
-"""Why a row has no value: the text that rows store, as data."""
+"""Why a row has no value: the codes that begin the reasons of rows, and what lines say of them."""
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from dataclasses import dataclass
 from enum import Enum
+from typing import Any
 
-from sucre_bench.errors import Death, Lack
+from sucre_bench.arrays import DataFrame
+from sucre_bench.results.rows import score_rows, values_of
 
 
 class Reason(Enum):
-    """Kinds of reasons. The value is the text that rows store, except where the text says more: see `of`."""
+    """Kinds of reasons. The value is the code: a row's reason begins with it. What follows it is for people."""
 
     NOTHING_TO_SCORE = "nothing to score in this view"
     NO_VALUE = "no value (NaN)"
@@ -18,37 +22,92 @@ class Reason(Enum):
     NO_SHARED_PIXELS = "no pixel that all methods fill"
     ONE_VIEW = "only one view of the scene is restored; two are needed"
     NO_OVERLAP = "no other restored view shows the same points"
-    LACK = "needs ..., the scene has ..."
-    DIED = "the process died ..."
-    OTHER = "..."
+    LACK = "needs "  # see `errors.Lack`
+    DIED = "the process died "  # see `errors.Death`
+    OTHER = ""
 
     @classmethod
     def of(cls, text: str) -> Reason:
-        """Return the kind of a row's reason: a `Lack`, a `Death`, a text that is equal in all rows, or any other."""
-        if Lack.read(text):
-            return cls.LACK
-        if Death.read(text):
-            return cls.DIED
-        return _FIXED.get(text, cls.OTHER)
-
-
-_FIXED = {reason.value: reason for reason in Reason if reason not in (Reason.LACK, Reason.DIED, Reason.OTHER)}
+        """Return the kind of a row's reason."""
+        return next(reason for reason in cls if text.startswith(reason.value))
 
 
 def brief(text: str) -> str:
     """Return a row's reason without what differs between scenes: what is needed, not what there is."""
-    lack = Lack.read(text)
-    return lack.brief if lack else text
+    if Reason.of(text) is not Reason.LACK:
+        return text
+    return text.partition(": ")[0].partition(", the ")[0]  # the comma: in rows of earlier versions
 
 
 def with_remedy(text: str) -> str:
     """Return a row's reason, followed by the command that makes what is lacking, if there is one."""
-    lack = Lack.read(text)
-    makes = {"depth", "poses"} & ({*lack.needs} - {*lack.has} if lack else set())
-    return f"{text}; `sucre-bench prepare` makes {' and '.join(sorted(makes))}" if makes else text
+    lacking = brief(text).split() if Reason.of(text) is Reason.LACK else []
+    makes = [name for name in ("depth", "poses") if name in lacking]
+    return f"{text}; `sucre-bench prepare` makes {' and '.join(makes)}" if makes else text
 
 
 def without_view(text: str, view: str) -> str:
     """Return a reason without the view's name at its start, so that views with one reason count together."""
     starts_with_it = bool(view) and text.startswith((f"{view} ", f"{view}:"))
     return text.removeprefix(view).lstrip(" :") if starts_with_it else text
+
+
+_VIEW = ["dataset", "scene", "view"]
+
+
+@dataclass(frozen=True)
+class Unscored:
+    """Scores that are missing for one reason.
+
+    metrics: their names, with the variants if others are there; methods: whose, empty for all; views: dataset, scene
+    and name of each, empty for all; datasets, n_views: of the whole table.
+    """
+
+    reason: str
+    metrics: tuple[str, ...]
+    methods: tuple[str, ...]
+    views: tuple[tuple[str, str, str], ...]
+    n_views: int
+    datasets: tuple[str, ...]
+    is_lack: bool
+
+    def __str__(self) -> str:
+        where = f" in {len(self.views)} of {self.n_views} views" if self.views else ""
+        of = f" of {', '.join(self.methods)}" if self.methods else ""
+        is_everywhere = self.is_lack and not (self.views or self.methods)
+        lack = f", which no view of {' or '.join(self.datasets)} has" if is_everywhere else ""
+        return f"{', '.join(self.metrics)}{of}{where}: {self.reason}{lack}"
+
+
+def unscored(rows: DataFrame, with_nothing_to_score: bool = False) -> Iterator[Unscored]:
+    """Yield what is skipped of the scores, once for each reason.
+
+    rows: of a score table; with_nothing_to_score: also scores of what a view or method does not have. If other scores
+    have values, it needs no line that a method estimates no water, for example.
+    """
+    rows = rows[[*_VIEW, "method", "metric", "variant", "status", "reason"]]
+    skipped = score_rows(rows[rows["status"] == "skipped"])
+    if not with_nothing_to_score:
+        skipped = skipped[skipped["reason"] != Reason.NOTHING_TO_SCORE.value]
+    n_views, n_methods = len(rows.loc[rows["view"] != "", _VIEW].drop_duplicates()), rows["method"].nunique()
+    briefs = {text: brief(text) for text in skipped["reason"].unique()}
+    for reason, of_reason in skipped.groupby(skipped["reason"].map(briefs), sort=False):
+        metrics = (_with_variants(name, scores, rows) for name, scores in of_reason.groupby("metric", sort=False))
+        methods = tuple(dict.fromkeys(of_reason["method"]))
+        views = tuple(values_of(of_reason[_VIEW].drop_duplicates(), *_VIEW))
+        yield Unscored(
+            str(reason),
+            tuple(metrics),
+            methods if len(methods) < n_methods else (),
+            views if len(views) < n_views else (),
+            n_views,
+            tuple(rows["dataset"].unique()),
+            all(Reason.of(text) is Reason.LACK for text in of_reason["reason"].unique()),
+        )
+
+
+def _with_variants(metric: Any, lost: DataFrame, rows: DataFrame) -> str:
+    """A metric's name, with the variants that are lost where others are not."""
+    variants = list(dict.fromkeys(lost["variant"]))
+    every = rows.loc[rows["metric"] == metric, "variant"].nunique()
+    return str(metric) if len(variants) == every else f"{metric} ({', '.join(variants)})"

@@ -1,31 +1,37 @@
 """Writes and reads stored restorations: picture, mask, record (.json), and with save=full the arrays (.npz).
 
-With save=full, a metric that is added later is computed from the stored restoration; the method does not run again.
+A mask says which pixels have a colour: a PNG of 1 bit a pixel, white where there is one. A restoration without holes
+has none. With save=full, a metric that is added later is computed from the stored restoration; the method does not run
+again.
 """
 
+from __future__ import annotations
+
+import hashlib
 import io
 import json
 import time
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from sucre_bench.arrays import Array
-from sucre_bench.errors import ANY_FAULT, DamagedFileError
+from sucre_bench.arrays import Array, Mask, Picture
+from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, MissingFileError, NotApplicableError
 from sucre_bench.imaging.display import display
 from sucre_bench.imaging.encoding import to_8bit
-from sucre_bench.imaging.image_files import write_image, write_png
-from sucre_bench.machine.files import regular, write_atomically
+from sucre_bench.imaging.image_files import decode, write_image, write_png
+from sucre_bench.machine.files import regular, remove, write_atomically
 from sucre_bench.results import layout
 from sucre_bench.results.layout import Place
-from sucre_bench.results.masks import write_mask
+from sucre_bench.results.reasons import Reason
 from sucre_bench.results.rows import Row
-from sucre_bench.results.stored_hashes import FILES, described
 from sucre_bench.results.water_file import water_of
 from sucre_bench.scene import Encoding, Restoration, View, Water
+
+FILES = "files"  # the name in the record of the sizes in bytes of the files beside it, by suffix
 
 
 @dataclass(frozen=True)
@@ -58,8 +64,25 @@ def write_pictures(
     picture = shown if filled is None else np.where(np.isnan(shown), filled, shown)
     write_png(path, to_8bit(picture)[..., ::-1], compression=1)
     write_mask(place.mask(out, method), restoration.valid)
-    more = {"write_seconds": time.perf_counter() - started, FILES: described(path)}
+    files = (path.with_suffix(suffix) for suffix in (".png", ".npz"))
+    sizes = {file.suffix: file.stat().st_size for file in files if file.is_file()}
+    more = {"write_seconds": time.perf_counter() - started, FILES: sizes}
     write_atomically(path.with_suffix(".json"), _record(restoration, more))
+
+
+def are_stored(picture: Path, suffixes: Iterable[str]) -> bool:
+    """Whether a picture's record is there, and its files with these suffixes are, in the size that was written."""
+    try:
+        sizes = json.loads(regular(picture.with_suffix(".json")).read_bytes()).get(FILES)
+        for suffix in suffixes:
+            size = regular(picture.with_suffix(suffix)).stat().st_size
+            if sizes is None:  # as in records of early versions; later ones list more than the size
+                continue
+            if size != (sizes[suffix][0] if isinstance(sizes[suffix], list) else sizes[suffix]):
+                return False
+    except (OSError, InputError, ValueError, TypeError, KeyError, AttributeError, RecursionError):
+        return False
+    return True
 
 
 def write_full(path: Path, measured: Measured, base: Row) -> None:
@@ -182,3 +205,109 @@ def _plain(value: Any) -> Any:
     if isinstance(value, Water):
         return _water_record(value)
     return value.tolist() if isinstance(value, (np.ndarray, np.generic)) else str(value)
+
+
+# -- masks and pictures -----------------------------------------------------------------------------------
+
+
+def write_mask(path: Path, mask: Mask) -> None:
+    """Write the mask (H, W) of a restoration; remove an older one if every pixel has a colour.
+
+    Raises OutputError if the file cannot be written.
+    """
+    import cv2
+
+    if mask.all():
+        remove(path)
+        return
+    bits = cv2.imencode(".png", mask.astype(np.uint8) * 255, [cv2.IMWRITE_PNG_BILEVEL, 1])[1]
+    write_atomically(path, bytes(bits))
+
+
+def read_mask(path: Path) -> Mask:
+    """Return a mask (H, W) that `write_mask` wrote. Raises MissingFileError or DamagedFileError."""
+    import cv2
+
+    if not path.is_file():
+        raise MissingFileError("is gone", path, "run its method again with overwrite=always")
+    return np.asarray(decode(path, cv2.IMREAD_GRAYSCALE) > 0)
+
+
+def mask_id(mask: Mask) -> str:
+    """Return a short hash of a mask, equal exactly for equal masks."""
+    content = str(mask.shape).encode() + np.packbits(mask).tobytes()
+    return hashlib.blake2b(content, digest_size=8).hexdigest()
+
+
+class PictureOnly(Restoration):
+    """A restoration of which there are picture and mask, but not the computed image.
+
+    Asking for `image` raises NotApplicableError. mask: (H, W), the pixels with a colour; reason: why it is not there.
+    """
+
+    def __init__(self, mask: Mask, reason: Reason = Reason.NOT_STORED) -> None:
+        object.__setattr__(self, "_reason", reason)
+        object.__setattr__(self, "_mask", mask)
+        object.__setattr__(self, "info", {})
+
+    def __getattr__(self, name: str) -> Any:
+        if name == "image":
+            raise NotApplicableError(self.__dict__["_reason"].value)
+        raise AttributeError(name)
+
+    def at_size(self, side: int) -> PictureOnly:
+        """Return the same for a square of other size, where holes are black pixels."""
+        return PictureOnly(np.ones((side, side), np.bool_), self.__dict__["_reason"])
+
+    @property
+    def valid(self) -> Mask:
+        mask: Mask = self.__dict__["_mask"]
+        return mask
+
+
+def stored_picture(out: Path, place: Place, method: str) -> Picture:
+    """Return a restored image (H, W, 3), uint8 RGB, holes black. Raises MissingFileError or DamagedFileError."""
+    import cv2
+
+    path = place.restored(out, method)
+    if not path.is_file():
+        raise MissingFileError("is gone", path, "repeat its run's command")
+    return np.ascontiguousarray(decode(path, cv2.IMREAD_COLOR)[..., ::-1])
+
+
+def stored_mask(out: Path, place: Place, base: Row) -> Mask:
+    """Return which pixels (H, W) of a restoration have a colour. base: its row, which says how many they are.
+
+    Where the mask is gone, it is taken from save=full, or from the picture if that has no black but its holes.
+    Raises InputError if the mask is gone or damaged.
+    """
+    try:
+        mask = read_mask(place.mask(out, base.method))
+    except InputError:
+        known = _mask_of_arrays(out, place, base)
+        mask = known if known is not None else np.asarray(stored_picture(out, place, base.method).any(-1))
+        if int(mask.sum()) != base.n_pixels:
+            raise
+    if int(mask.sum()) != base.n_pixels:
+        path = place.mask(out, base.method)
+        raise DamagedFileError("is of another restoration", path, f"run {base.method} again with overwrite=always")
+    return mask
+
+
+def _mask_of_arrays(out: Path, place: Place, base: Row) -> Mask | None:
+    kept = read_full(place.restored(out, base.method).with_suffix(".npz"), base)
+    return kept.restoration.valid if kept else None
+
+
+def stored_restoration(out: Path, place: Place, base: Row, mask: Mask) -> Restoration:
+    """Return a restoration with holes outside a mask (H, W); with its computed image if save=full stored it."""
+    kept = read_full(place.restored(out, base.method).with_suffix(".npz"), base)
+    if kept is None:
+        return PictureOnly(mask)
+    restored = kept.restoration
+    return Restoration(masked(restored.image, mask), restored.water, restored.confidence, restored.info)
+
+
+def masked(image: Array, mask: Mask) -> Array:
+    """Return an image (H, W, 3) as float32 with NaN outside a mask (H, W)."""
+    return np.where(mask[..., None], image, np.float32(np.nan)).astype(np.float32)

@@ -12,9 +12,8 @@ from support.toy_runs import calls, run
 
 from sucre_bench import results
 from sucre_bench.engine.outcome import Outcome
-from sucre_bench.errors import Lack
 from sucre_bench.imaging.image_files import decode
-from sucre_bench.results import Reason
+from sucre_bench.results import Reason, brief
 
 pytestmark = pytest.mark.short
 
@@ -111,9 +110,8 @@ def test_scenes_without_depth_and_poses_are_skipped_with_the_reason(out: Path):
     outcome = run(out, "dataset=two_scenes", "metrics=[apart,redness]")
     assert outcome.exit_code == 0
     (reason,) = set(scores(outcome.rows)["reason"])
-    lack = Lack.read(reason)
-    assert lack is not None
-    assert lack.needs == ("depth", "poses")
+    assert Reason.of(reason) is Reason.LACK
+    assert brief(reason) == "needs depth and poses"
     assert (outcome.rows.loc[outcome.rows["metric"] == "redness", "status"] == "ok").all()
 
 

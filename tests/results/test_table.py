@@ -14,9 +14,8 @@ from sucre_bench import InputError, results
 from sucre_bench.errors import OutputError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.results import table
-from sucre_bench.results.merge_parts import merge
 from sucre_bench.results.rows import Row, frame
-from sucre_bench.results.table import Part, read
+from sucre_bench.results.table import Part, merge, read
 
 ROW = Row(
     dataset="sea", scene="reef", view="a.png", method="m", options="{}", options_id="o1", metric="psnr",

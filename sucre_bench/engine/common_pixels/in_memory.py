@@ -13,8 +13,8 @@ from sucre_bench.engine.common_pixels.of_view import CommonView, PixelMetrics, a
 from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.results.common_scores import ViewKey, common_frame, differing_views, filled_restorations
 from sucre_bench.results.reasons import Reason
+from sucre_bench.results.restorations import PictureOnly
 from sucre_bench.results.rows import row_objects
-from sucre_bench.results.stored_pictures import PictureOnly
 from sucre_bench.scene import Restoration, View
 
 _Of = tuple[str, str]  # view, label

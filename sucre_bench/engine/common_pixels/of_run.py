@@ -37,8 +37,8 @@ from sucre_bench.results.common_scores import (
     write_common,
 )
 from sucre_bench.results.layout import log_path
-from sucre_bench.results.merge_parts import locked as locked_table
 from sucre_bench.results.rows import row_objects
+from sucre_bench.results.table import locked as locked_table
 
 _FLUSH_S = 30.0
 _VIEW = ["dataset", "scene", "view"]

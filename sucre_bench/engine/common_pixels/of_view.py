@@ -20,10 +20,9 @@ from sucre_bench.machine.clock import now
 from sucre_bench.machine.traceback_log import keep_traceback
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, CommonRow, Kind, ViewKey
 from sucre_bench.results.layout import Place
-from sucre_bench.results.masks import mask_id
 from sucre_bench.results.reasons import Reason
+from sucre_bench.results.restorations import mask_id, masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.results.rows import Row, row_objects
-from sucre_bench.results.stored_pictures import masked, stored_mask, stored_picture, stored_restoration
 from sucre_bench.scene import Restoration, View
 
 Score = tuple[str, str, str, str]  # method, metric, variant, code

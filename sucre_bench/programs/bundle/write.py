@@ -19,8 +19,7 @@ from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
 from sucre_bench.results.bundle_format import COMMON, hash_of, write_bundle
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.csv_text import csv_text
-from sucre_bench.results.rows import COSTS, Row, restorations
+from sucre_bench.results.rows import COSTS, Row, csv_text, restorations
 from sucre_bench.scene import Arrays, Restoration, View
 
 # "restored": the restored images; "all": also the views and references, which may not be yours to publish.

@@ -8,8 +8,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.programs.people.design import Key
 from sucre_bench.results import layout
 from sucre_bench.results.common_scores import LEAST_FILLED
+from sucre_bench.results.restorations import stored_mask
 from sucre_bench.results.rows import restorations, row_objects
-from sucre_bench.results.stored_pictures import stored_mask
 
 
 def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:

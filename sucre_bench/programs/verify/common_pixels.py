@@ -12,9 +12,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.programs.verify.pictures import Restored, held, restoration_of
 from sucre_bench.results.bundle_format import COMMON, Bundle
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, Kind, filled_restorations
-from sucre_bench.results.masks import mask_id
+from sucre_bench.results.restorations import mask_id, masked
 from sucre_bench.results.rows import values_of
-from sucre_bench.results.stored_pictures import masked
 
 NO_PICTURES = "the bundle has no pictures"
 LOOK_ALIKE = "black pixels and holes look alike"

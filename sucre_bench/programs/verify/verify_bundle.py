@@ -11,7 +11,7 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scorer
-from sucre_bench.errors import ANY_FAULT, InputError, Lack, SucreBenchError
+from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
 from sucre_bench.machine import progress
 from sucre_bench.plugins.call_method import with_truth
 from sucre_bench.programs.verify import TOLERANCE
@@ -31,6 +31,7 @@ from sucre_bench.programs.verify.pictures import Held, Restored, held, picture, 
 from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
 from sucre_bench.results.common_scores import common_frame
+from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
 
@@ -222,10 +223,8 @@ class _Check:
     def _not_again(self, score: Any, again: Row | None, found: Mapping[Key, Row]) -> None:
         """A score that is in the table, and for which nothing comes out now."""
         alone = again or found.get((score.metric, score.variant, "image"))
-        if alone is not None and alone.status == "skipped" and Lack.read(alone.reason):
-            lack = Lack.read(alone.reason)
-            assert lack is not None
-            self.unchecked[f"{score.metric} {lack.brief} of the data"] += 1
+        if alone is not None and alone.status == "skipped" and Reason.of(alone.reason) is Reason.LACK:
+            self.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
             self.needs_data = True
         else:
             self.differing.append(_differing(score, math.nan))

@@ -22,9 +22,8 @@ from sucre_bench.jobs.rerun import Rerun, metric_words, shell
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.results import layout
-from sucre_bench.results.restorations import read_record
+from sucre_bench.results.restorations import FILES, read_record
 from sucre_bench.results.rows import restoration_rows, tuples
-from sucre_bench.results.stored_hashes import FILES
 
 _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record

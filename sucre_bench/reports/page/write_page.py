@@ -29,9 +29,8 @@ from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
 from sucre_bench.reports.page.join_scripts import join_scripts
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout, restoration_rows, with_remedy
-from sucre_bench.results.reasons import without_view
+from sucre_bench.results.reasons import unscored, without_view
 from sucre_bench.results.rows import RESTORATION, restorations
-from sucre_bench.results.unscored import unscored
 
 # Later styles override earlier ones.
 _STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")

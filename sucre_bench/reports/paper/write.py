@@ -17,8 +17,8 @@ from sucre_bench.reports.paper import figures
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.follow_option import records
 from sucre_bench.reports.paper.study_results import StudyResults
-from sucre_bench.results.csv_text import csv_text
 from sucre_bench.results.layout import file_name, log_path
+from sucre_bench.results.rows import csv_text
 
 
 @dataclass(frozen=True)

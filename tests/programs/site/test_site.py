@@ -17,8 +17,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.programs.site.board import Entry, State, board
 from sucre_bench.programs.site.page import write_page
 from sucre_bench.results.bundle_format import COMMON, open_bundle, write_bundle
-from sucre_bench.results.csv_text import csv_text
-from sucre_bench.results.rows import Row
+from sucre_bench.results.rows import Row, csv_text
 
 HOSTILE = "<script>alert(1)</script>"
 SCORES = {"plain": (20.0, 22.0, 21.0), "clever": (25.0, 27.0, 26.0)}

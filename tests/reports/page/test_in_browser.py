@@ -17,7 +17,7 @@ from support.made_results import DE00, PATCHES, PSNR, made_results
 from sucre_bench.compare import compare
 from sucre_bench.compare.numbers import number
 from sucre_bench.reports import page as report
-from sucre_bench.results.masks import write_mask
+from sucre_bench.results.restorations import write_mask
 
 HOSTILE = "</script><img src=x onerror=console.error('run')>"
 

@@ -24,7 +24,7 @@ from sucre_bench.engine import sweep
 from sucre_bench.jobs import compose_jobs
 from sucre_bench.jobs.rerun import Rerun
 from sucre_bench.reports import page as report
-from sucre_bench.results.masks import write_mask
+from sucre_bench.results.restorations import write_mask
 from sucre_bench.results.rows import Row
 
 HOSTILE = "</script><img src=x onerror=alert(1)>"
