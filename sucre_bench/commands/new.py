@@ -29,8 +29,7 @@ def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
     In a checkout of sucre_bench, the files go into methods/, datasets/ or metrics/, and into the same folder of tests/.
     Elsewhere they go into the current folder. The command overwrites nothing.
     """
-    from sucre_bench.programs.contract.outcome_text import shown_path
-    from sucre_bench.programs.contract.write_plugin import write_new
+    from sucre_bench.programs.contract.write_plugin import shown_path, write_new
 
     if depth and kind != "method":
         raise click.UsageError("--depth is for methods; see sucre-bench new --help")

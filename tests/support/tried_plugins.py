@@ -7,7 +7,7 @@ from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.plugins.registry import load_file
-from sucre_bench.programs.contract import Subject, check, rules
+from sucre_bench.programs.contract.contract import Subject, check
 from support.colmap_folder import write_dive
 
 HEAD = """
@@ -80,8 +80,8 @@ def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled:
     plugin = plugins.find(kind, "tried")
     subject = Subject(plugin, {"root": write_dive(folder)} if kind == "dataset" else {})
     said = {
-        one.rule.name: "\n".join([*(f.text for f in one.findings if f.level == "breach"), *filter(None, [one.skipped])])
-        for one in check(subject, rules(plugin, lasting=False))
+        one.name: "\n".join([*(f.text for f in one.findings if f.level == "breach"), *filter(None, [one.skipped])])
+        for one in check(subject, lasting=False)
     }
     return {name: text for name, text in said.items() if text}
 

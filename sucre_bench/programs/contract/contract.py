@@ -1,7 +1,8 @@
-"""The contract of plugins: rules, each of which examines a plugin and yields findings.
+"""Checks a plugin against the contract: plain functions, the rules, each of which yields findings.
 
 A finding is a breach (must be fixed), a doubt (may be intended) or a note (a figure). Its text is "fault; remedy".
-Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it.
+Exceptions and RuntimeWarnings of a plugin are breaches of the rule that ran it. The first line of a rule's docstring
+is what the plugin does if it keeps the rule.
 """
 
 import contextlib
@@ -14,22 +15,20 @@ import warnings
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from sucre_bench import plugins
-from sucre_bench.errors import ANY_FAULT, NotApplicableError, SucreBenchError, one_line
+from sucre_bench.errors import ANY_FAULT, InputError, NotApplicableError, SucreBenchError, one_line
 from sucre_bench.plugins.options import create, options_of
 from sucre_bench.plugins.plugin import KINDS, Kind, Plugin
 
-Level = Literal["breach", "doubt", "note"]
 Status = Literal["kept", "broken", "doubtful", "skipped"]
 
 
-@dataclass(frozen=True)
-class Finding:
+class Finding(NamedTuple):
     """A finding of a rule. text: one line, "fault; remedy", or a figure for a note."""
 
-    level: Level
+    level: Literal["breach", "doubt", "note"]
     text: str
 
 
@@ -81,98 +80,110 @@ class Subject:
             importlib.import_module(package)
         return create(self.plugin, self.options)
 
-
-Look = Callable[[Subject], Iterable[Finding]]
-
-
-@dataclass(frozen=True)
-class Rule:
-    """A rule of the contract.
-
-    says: text that follows the plugin's name; look: yields findings; kinds: of plugins; applies: to which of these;
-    runs: whether it runs the plugin, which needs all options; lasting: whether it starts processes or uses a whole
-    dataset.
-    """
-
-    says: str
-    look: Look
-    kinds: tuple[Kind, ...]
-    applies: Callable[[Plugin], bool]
-    runs: bool
-    lasting: bool
-
-    @property
-    def name(self) -> str:
-        """Its name in JSON and tests: that of its function."""
-        return str(getattr(self.look, "__name__", ""))
-
-    def __str__(self) -> str:
-        return self.says
+    def owns(self, filename: str) -> bool:
+        """Whether a file belongs to the plugin or lies in its folder."""
+        file, module = Path(filename).resolve(), self.file.resolve()
+        return file == module or ((module.parent / "__init__.py").exists() and module.parent in file.parents)
 
 
-_RULES: list[Rule] = []
+Rule = Callable[[Subject], Iterable[Finding]]
 
 
-def rule(
-    says: str,
-    *kinds: Kind,
-    applies: Callable[[Plugin], bool] = lambda _: True,
-    runs: bool = True,
-    lasting: bool = False,
-) -> Callable[[Look], Look]:
-    """Make a function a rule of the contract, by default for all kinds of plugins."""
+class Outcome(NamedTuple):
+    """The outcome of a rule. name: of its function; rule: what it says; skipped: why it could not be checked."""
 
-    def add(look: Look) -> Look:
-        _RULES.append(Rule(says, look, kinds or KINDS, applies, runs, lasting))
-        return look
-
-    return add
-
-
-def rules(plugin: Plugin, lasting: bool = True) -> list[Rule]:
-    """Return the rules for a plugin. lasting: include those that take seconds."""
-    for module in ("rules_every_plugin", "rules_methods", "rules_datasets", "rules_metrics"):
-        importlib.import_module(f"sucre_bench.programs.contract.{module}")
-    of_plugin = [one for one in _RULES if plugin.kind in one.kinds and one.applies(plugin)]
-    return [one for one in of_plugin if lasting or not one.lasting]
-
-
-@dataclass(frozen=True)
-class Outcome:
-    """The outcome of a rule. skipped: why it could not be checked; seconds: duration."""
-
-    rule: Rule
+    name: str
+    rule: str
     findings: tuple[Finding, ...]
-    seconds: float
+    seconds: float = 0.0
     skipped: str = ""
 
     @property
     def status(self) -> Status:
+        """What its line begins with as a sign."""
         levels = {finding.level for finding in self.findings}
         if "breach" in levels:
             return "broken"
         return "skipped" if self.skipped else "doubtful" if "doubt" in levels else "kept"
 
 
-def check(subject: Subject, chosen: Sequence[Rule] | None = None) -> Iterator[Outcome]:
-    """Check a plugin against each rule in turn, by default all for it; no exception ends the check."""
+def subjects(name: str, overrides: Sequence[str] = (), kind: Kind | None = None, on: str = "") -> list[Subject]:
+    """Return the plugin of a name, or those of a .py file, with options as `sucre-bench run` takes them.
+
+    kind: None for any; on: the dataset for trying a method. Raises InputError for an unknown or ambiguous name or an
+    unknown option, PluginError if the plugin or its file is broken.
+    """
+    if on:
+        plugins.find("dataset", on)
+    if name.endswith(".py"):
+        loaded = plugins.current().load_file(Path(name))
+        found = [plugins.find(one.kind, one.name) for one in loaded if kind in (None, one.kind)]
+        if not found:
+            raise InputError(f"{name}: holds no {kind}; leave --kind out to check what is there")
+        if overrides and len(found) > 1:
+            raise InputError(f"{name}: holds {len(found)} plugins; leave the options out, or keep one plugin in a file")
+    else:
+        kinds = [kind] if kind else [k for k in KINDS if name in plugins.discover(k)]
+        if not kinds:
+            raise plugins.unknown("plugin", name, {other for k in KINDS for other in plugins.discover(k)}, give="")
+        if len(kinds) > 1:
+            raise InputError(f"{name}: is a {' and a '.join(kinds)}; say which with --kind {kinds[0]}")
+        found = [plugins.find(kinds[0], name)]
+    return [Subject(plugin, _options(plugin, overrides), on) for plugin in found]
+
+
+def _options(plugin: Plugin, overrides: Sequence[str]) -> Mapping[str, Any]:
+    from sucre_bench.jobs import compose_jobs
+
+    if not overrides:
+        return {}
+    chosen = f"metrics=[{plugin.name}]" if plugin.kind == "metric" else f"{plugin.kind}={plugin.name}"
+    job = compose_jobs.jobs([chosen, *overrides], multirun=False).jobs[0]
+    choices = {"method": job.method, "dataset": job.dataset, "metric": job.metrics[0].choice}
+    return choices[plugin.kind].options
+
+
+def check(subject: Subject, lasting: bool = True) -> Iterator[Outcome]:
+    """Check a plugin against each rule in turn; no exception ends the check.
+
+    lasting: include the rules that start processes or use a whole dataset, which take seconds.
+    """
+    from sucre_bench.programs.contract import rules_datasets, rules_every_plugin, rules_methods, rules_metrics
+
+    of_kind = {"method": rules_methods, "dataset": rules_datasets, "metric": rules_metrics}[subject.plugin.kind]
+    at_rest = (*rules_every_plugin.rules(subject.plugin), rules_datasets.names_what_is_missing)
+    slow = (rules_every_plugin.imports_lightly, rules_methods.is_the_same_elsewhere, rules_methods.restores_a_scene)
     obstacle = subject.obstacle
-    for one in rules(subject.plugin) if chosen is None else chosen:
-        if one.runs and obstacle:
-            yield Outcome(one, (), 0.0, obstacle)
-            continue
-        started, findings, skipped = time.perf_counter(), [], ""
-        with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stdout(sys.stderr):
-            warnings.simplefilter("always")
-            try:
-                for finding in one.look(subject):
-                    findings.append(finding)  # findings before an exception count
-            except NotApplicableError as reason:
-                skipped = one_line(reason)
-            except ANY_FAULT as fault:
-                findings.append(breach(raised(subject, fault)))
-        findings += _warned(subject, heard)
-        yield Outcome(one, tuple(dict.fromkeys(findings)), time.perf_counter() - started, skipped)
+    for rule in (*rules_every_plugin.rules(subject.plugin), *of_kind.rules(subject.plugin)):
+        if lasting or rule not in slow:
+            yield check_rule(subject, rule, "" if rule in at_rest else obstacle)
+
+
+def check_rule(subject: Subject, rule: Rule, obstacle: str = "") -> Outcome:
+    """Check a plugin against one rule. obstacle: why the rule cannot be checked, if it cannot."""
+    name, says = getattr(rule, "__name__", ""), (inspect.getdoc(rule) or "").partition("\n")[0]
+    says = says[:1].lower() + says[1:].removesuffix(".")
+    if obstacle:
+        return Outcome(name, says, (), 0.0, obstacle)
+    started, findings, skipped = time.perf_counter(), [], ""
+    with warnings.catch_warnings(record=True) as heard, contextlib.redirect_stdout(sys.stderr):
+        warnings.simplefilter("always")
+        try:
+            for finding in rule(subject):
+                findings.append(finding)  # findings before an exception count
+        except NotApplicableError as reason:
+            skipped = one_line(reason)
+        except ANY_FAULT as fault:
+            findings.append(breach(raised(subject, fault)))
+    for one in heard:
+        said = (
+            f"{one.category.__name__} at {Path(one.filename).name}:{one.lineno}: {' '.join(str(one.message).split())}"
+        )
+        if issubclass(one.category, RuntimeWarning):
+            findings.append(breach(f"{said}; guard it, or say what cannot be done with SolveError"))
+        elif subject.owns(one.filename):
+            findings.append(doubt(f"{said}; follow its advice"))
+    return Outcome(name, says, tuple(dict.fromkeys(findings)), time.perf_counter() - started, skipped)
 
 
 def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
@@ -188,8 +199,7 @@ def breaches(kind: Kind, name: str, **options: Any) -> list[str]:
     >>> breaches("method", "gray_world")
     []
     """
-    subject = Subject(plugins.find(kind, name), options)
-    outcomes = list(check(subject, rules(subject.plugin, lasting=False)))
+    outcomes = list(check(Subject(plugins.find(kind, name), options), lasting=False))
     found = [f"{one.rule}: {f.text}" for one in outcomes for f in one.findings if f.level == "breach"]
     return found + [f"{one.rule}: not looked at, {one.skipped}" for one in outcomes if one.skipped]
 
@@ -199,24 +209,8 @@ def raised(subject: Subject, fault: BaseException) -> str:
     said = one_line(fault)
     if isinstance(fault, SucreBenchError) and "; " in said:
         return said
-    frames = [frame for frame in traceback.extract_tb(fault.__traceback__) if _is_own(subject, frame.filename)]
+    frames = [frame for frame in traceback.extract_tb(fault.__traceback__) if subject.owns(frame.filename)]
     where = f" at {Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else ""
     if "read-only" in said:
         return f"writes into its input{where}; work on a copy, image = view.rgb.copy()"
     return f"raises {said}{where}; mend it, or raise SolveError or NotApplicableError with a reason"
-
-
-def _warned(subject: Subject, heard: Iterable[warnings.WarningMessage]) -> Iterator[Finding]:
-    for one in heard:
-        where = f"{Path(one.filename).name}:{one.lineno}"
-        said = f"{one.category.__name__} at {where}: {' '.join(str(one.message).split())}"
-        if issubclass(one.category, RuntimeWarning):
-            yield breach(f"{said}; guard it, or say what cannot be done with SolveError")
-        elif _is_own(subject, one.filename):
-            yield doubt(f"{said}; follow its advice")
-
-
-def _is_own(subject: Subject, filename: str) -> bool:
-    """Whether a file belongs to the plugin or lies in its folder."""
-    file, module = Path(filename).resolve(), subject.file.resolve()
-    return file == module or ((module.parent / "__init__.py").exists() and module.parent in file.parents)

@@ -1,22 +1,20 @@
 """Runs plugins in a fresh process: cost and side effects of their import, and whether they restore equally there.
 
-`python -m sucre_bench.programs.contract.fresh_process` is that process. It reads what to do as JSON, and its last line
-is JSON.
+`python -m sucre_bench.programs.contract.fresh_process FILE` is that process: it reads what to do from the file, and
+leaves the result there.
 """
 
-import contextlib
 import importlib
-import json
 import os
+import pickle
 import random
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -28,16 +26,13 @@ from sucre_bench.programs.contract.made_scenes import TARGET, submerged
 from sucre_bench.programs.contract.process_state import changed, snapshot
 
 # Packages that take long to import; they belong inside the functions that use them.
-HEAVY = frozenset(
-    [
-        *("torch", "torchvision", "tensorflow", "jax", "onnx", "onnxruntime", "numba", "kornia", "sklearn", "scipy"),
-        *("skimage", "cv2", "colour", "open3d", "pycolmap", "pandas", "matplotlib", "mlflow", "hydra", "psutil"),
-    ]
-)
+HEAVY = {
+    *("torch", "torchvision", "tensorflow", "jax", "onnx", "onnxruntime", "numba", "kornia", "sklearn", "scipy"),
+    *("skimage", "cv2", "colour", "open3d", "pycolmap", "pandas", "matplotlib", "mlflow", "hydra", "psutil"),
+}
 
 
-@dataclass(frozen=True)
-class Imported:
+class Imported(NamedTuple):
     """Effects of importing a plugin. heavy: slow packages that it imported; changed: altered global state."""
 
     seconds: float
@@ -47,25 +42,17 @@ class Imported:
 
 def imported(subjects: Sequence[Subject]) -> list[Imported]:
     """Import plugins one after another in a fresh process; each counts only its own effects."""
-    told = _told({"places": [_place(subject) for subject in subjects]})
-    return [Imported(one["seconds"], tuple(one["heavy"]), tuple(one["changed"])) for one in told]
+    return [Imported(*one) for one in _in_fresh_process(_import_all, [_place(subject) for subject in subjects])]
 
 
 def restored(subjects: Sequence[Subject]) -> list[Array]:
     """Restore the wall of noise in water in a fresh process with other seeds. Raises PluginError if a method fails."""
-    with tempfile.TemporaryDirectory(prefix="sucre_bench_") as folder:
-        methods = [
-            {
-                "place": _place(subject),
-                "name": subject.plugin.name,
-                "options": {name: str(v) if isinstance(v, Path) else v for name, v in subject.options.items()},
-            }
-            for subject in subjects
-        ]
-        for subject, fault in zip(subjects, _told({"methods": methods, "folder": folder}), strict=True):
-            if fault:
-                raise PluginError(f"{subject.plugin.name}: {fault}")
-        return [np.load(Path(folder) / f"{number}.npy") for number in range(len(subjects))]
+    methods = [(_place(subject), subject.plugin.name, dict(subject.options)) for subject in subjects]
+    images = _in_fresh_process(_restore_all, methods)
+    for image, subject in zip(images, subjects, strict=True):
+        if isinstance(image, str):
+            raise PluginError(f"{subject.plugin.name}: {image}")
+    return list(images)
 
 
 def _place(subject: Subject) -> str:
@@ -75,24 +62,19 @@ def _place(subject: Subject) -> str:
     return str(loaded.__file__) if module.startswith("sucre_bench_plugin_") else module
 
 
-def _told(task: Mapping[str, Any]) -> Any:
-    done = subprocess.run(
-        python("-m", __name__),
-        input=json.dumps(task),
-        capture_output=True,
-        text=True,
-        check=False,
-        env=_other_order_of_sets(_environment()),
-    )
-    if done.returncode:
-        last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
-        raise PluginError(f"a fresh process fails: {last}; it must import wherever `sucre-bench` runs")
-    return json.loads(done.stdout.splitlines()[-1])
-
-
-def _other_order_of_sets(environment: Mapping[str, str]) -> dict[str, str]:
-    """Let sets of texts have another order than in a process of this environment."""
-    return {**environment, "PYTHONHASHSEED": "8" if environment.get("PYTHONHASHSEED") == "7" else "7"}
+def _in_fresh_process(work: Any, argument: Any) -> Any:
+    with tempfile.TemporaryDirectory(prefix="sucre_bench_") as folder:
+        file = Path(folder) / "task"
+        file.write_bytes(pickle.dumps((work.__name__, argument)))
+        environment = _environment()
+        # Sets of texts have another order there.
+        environment["PYTHONHASHSEED"] = "8" if environment.get("PYTHONHASHSEED") == "7" else "7"
+        command = python("-m", __name__, str(file))
+        done = subprocess.run(command, capture_output=True, text=True, check=False, env=environment)
+        if done.returncode:
+            last = (done.stderr.strip().splitlines() or [f"exit code {done.returncode}"])[-1]
+            raise PluginError(f"a fresh process fails: {last}; it must import wherever `sucre-bench` runs")
+        return pickle.loads(file.read_bytes())
 
 
 def _environment() -> dict[str, str]:
@@ -114,42 +96,36 @@ def _load(place: str) -> None:
     plugins.load_file(place) if place.endswith(".py") else importlib.import_module(place)
 
 
-def _import_all(places: Iterable[str]) -> list[dict[str, Any]]:
+def _import_all(places: Sequence[str]) -> list[tuple[Any, ...]]:
     importlib.import_module("sucre_bench.plugins")
-    told = []
+    done = []
     for place in places:
         known, before, started = set(sys.modules), snapshot(), time.process_time()
         _load(place)
         seconds = time.process_time() - started  # of the processor: others may be at work
         new = {name.split(".")[0] for name in set(sys.modules) - known}
-        told.append(asdict(Imported(seconds, tuple(sorted(new & HEAVY)), tuple(changed(before, snapshot())))))
-    return told
+        done.append((seconds, tuple(sorted(new & HEAVY)), tuple(changed(before, snapshot()))))
+    return done
 
 
-def _restore_all(methods: Iterable[Mapping[str, Any]], folder: Path) -> list[str]:
+def _restore_all(methods: Sequence[tuple[str, str, dict[str, Any]]]) -> list[Array | str]:
+    """Return the images, and text where a method fails."""
     from sucre_bench.engine import python_api
 
     random.seed(11)
     np.random.seed(11)
-    told = []
-    for number, method in enumerate(methods):
+    images: list[Array | str] = []
+    for place, name, options in methods:
         try:
-            _load(method["place"])
+            _load(place)
             scene = submerged()
-            image = python_api.restore(method["name"], scene, scene[TARGET], **method["options"]).image
-            np.save(folder / f"{number}.npy", image)
-            told.append("")
+            images.append(np.asarray(python_api.restore(name, scene, scene[TARGET], **options).image))
         except ANY_FAULT as fault:
-            told.append(one_line(fault))
-    return told
-
-
-def _main() -> None:
-    task = json.load(sys.stdin)
-    with contextlib.redirect_stdout(sys.stderr):
-        told = _import_all(task["places"]) if "places" in task else _restore_all(task["methods"], Path(task["folder"]))
-    print(json.dumps(told))
+            images.append(one_line(fault))
+    return images
 
 
 if __name__ == "__main__":
-    _main()
+    task_file = Path(sys.argv[1])
+    task, task_argument = pickle.loads(task_file.read_bytes())
+    task_file.write_bytes(pickle.dumps(globals()[task](task_argument)))

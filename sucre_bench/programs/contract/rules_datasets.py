@@ -18,11 +18,18 @@ from sucre_bench.imaging.chart_patches import check_corners
 from sucre_bench.loading.view_of_photograph import is_rigid
 from sucre_bench.machine.plural import counted
 from sucre_bench.plugins.options import Choice, options_of
-from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
+from sucre_bench.plugins.plugin import Plugin
+from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, doubt, note
 from sucre_bench.programs.contract.process_state import watched
 from sucre_bench.scene import Arrays, Encoding, Scene, View
 
 _MANY = 30  # views of a scene that are checked
+
+
+def rules(_: Plugin) -> list[Rule]:
+    """Return the rules for a dataset."""
+    planes = [names_once, opens_lazily, planes_are_sound, geometry_is_sound, has_what_it_says]
+    return [*planes, is_repeatable, names_what_is_missing]
 
 
 def _opened(subject: Subject) -> list[Scene]:
@@ -36,8 +43,8 @@ def _some(scene: Scene, most: int = _MANY) -> Sequence[View]:
     return [scene.views[k] for k in chosen]
 
 
-@rule("opens, and names every scene and view once", "dataset")
 def names_once(subject: Subject) -> Iterator[Finding]:
+    """Opens, and names every scene and view once."""
     scenes = _opened(subject)  # refuses duplicates
     for scene in scenes:
         for view in scene:
@@ -47,8 +54,8 @@ def names_once(subject: Subject) -> Iterator[Finding]:
     yield note(f"{sum(map(len, scenes))} views in {counted(len(scenes), 'scene')}")
 
 
-@rule("opens without reading pixels", "dataset")
 def opens_lazily(subject: Subject) -> Iterator[Finding]:
+    """Opens without reading pixels."""
     subject.make()
     started = time.process_time()  # others may be at work on this machine
     scenes = _opened(subject)
@@ -64,8 +71,8 @@ def opens_lazily(subject: Subject) -> Iterator[Finding]:
     yield note(f"{opening:.2f} s")
 
 
-@rule("gives images, depth and references of the right shape and range", "dataset")
 def planes_are_sound(subject: Subject) -> Iterator[Finding]:
+    """Gives images, depth and references of the right shape and range."""
     for scene in _opened(subject):
         for view in _some(scene, 3):
             for fault in _plane_faults(view):
@@ -98,8 +105,8 @@ def _plane_faults(view: View) -> Iterator[str]:
         yield f"encoding is {view.encoding!r}; it is 'gamma' or 'linear'"
 
 
-@rule("gives sound cameras, poses and charts", "dataset")
 def geometry_is_sound(subject: Subject) -> Iterator[Finding]:
+    """Gives sound cameras, poses and charts."""
     for scene in _opened(subject):
         for view in _some(scene):
             where, pose = f"{scene.name}/{view.name}", view.cam_from_world
@@ -132,8 +139,8 @@ def _camera_fault(camera: Camera) -> str:
     return ""
 
 
-@rule("declares what its scenes have", "dataset")
 def has_what_it_says(subject: Subject) -> Iterator[Finding]:
+    """Declares what its scenes have."""
     declared = subject.plugin.has
     for scene in _opened(subject):
         views = _some(scene)
@@ -154,8 +161,8 @@ def has_what_it_says(subject: Subject) -> Iterator[Finding]:
             yield breach(f"{scene.name} has {', '.join(undeclared)}; add to has= of @dataset, which `list` shows")
 
 
-@rule("gives the same when it is opened again, with an id of its data", "dataset")
 def is_repeatable(subject: Subject) -> Iterator[Finding]:
+    """Gives the same when it is opened again, with an id of its data."""
     first = _opened(subject)
     with watched() as changes:
         second = _opened(subject)
@@ -172,8 +179,8 @@ def is_repeatable(subject: Subject) -> Iterator[Finding]:
             yield breach(f"{one.views[0].name}: another image when opened again; seed what is random")
 
 
-@rule("names a folder that is missing or empty, in one line", "dataset", runs=False)
 def names_what_is_missing(subject: Subject) -> Iterator[Finding]:
+    """Names a folder that is missing or empty, in one line."""
     whats = {"not-there": "a folder that is not there", "": "an empty one"}
     asked = [o.name for o in options_of(subject.plugin.cls) if o.type is Path and o.default is MISSING]
     with tempfile.TemporaryDirectory(prefix="sucre_bench_") as empty:

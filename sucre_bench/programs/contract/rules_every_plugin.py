@@ -7,13 +7,19 @@ from typing import Any
 from sucre_bench import plugins
 from sucre_bench.plugins.options import options_of
 from sucre_bench.plugins.plugin import Broken, Plugin
-from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, rule
+from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, doubt, note
 
 _SLOW_IMPORT = 1.0  # seconds; `sucre-bench list` imports every plugin and must answer in about one
 
 
-@rule("is described, with the meaning of each option", runs=False)
+def rules(plugin: Plugin) -> list[Rule]:
+    """Return the rules for a plugin, none of which runs it."""
+    attributed = [] if plugin.kind == "metric" else [is_attributed]
+    return [is_described, *attributed, is_configurable, is_installed, imports_lightly]
+
+
 def is_described(subject: Subject) -> Iterator[Finding]:
+    """Is described, with the meaning of each option."""
     plugin = subject.plugin
     if plugin.cls.__doc__ is None or plugin.summary.startswith(
         f"{plugin.cls.__name__}("
@@ -29,8 +35,8 @@ def is_described(subject: Subject) -> Iterator[Finding]:
             yield breach(f"variant '{variant}' is not explained; say in variants= what sets it apart")
 
 
-@rule("names its publication and its licence", runs=False, applies=lambda plugin: plugin.kind != "metric")
 def is_attributed(subject: Subject) -> Iterator[Finding]:
+    """Names its publication and its licence."""
     plugin = subject.plugin
     if plugin.kind == "dataset" and not (plugin.source or plugin.licence):
         yield doubt('neither source nor licence; tell where the data are from, @dataset(source="...", licence="...")')
@@ -38,8 +44,8 @@ def is_attributed(subject: Subject) -> Iterator[Finding]:
         yield doubt('neither cites nor licence; @method(cites="Author Year, title", licence="...") credits its authors')
 
 
-@rule("has options that a command can set", runs=False)
 def is_configurable(subject: Subject) -> Iterator[Finding]:
+    """Has options that a command can set."""
     kind, name = subject.plugin.kind, subject.plugin.name
     known = [one for k in plugins.KINDS for one in plugins.discover(k).values()]
     refused = _refused(tuple(one.cls for one in known if isinstance(one, Plugin)))
@@ -62,14 +68,14 @@ def _refused(known: tuple[type[Any], ...]) -> dict[type[Any], str]:
     return refused
 
 
-@rule("is installed with all that it requires", runs=False)
 def is_installed(subject: Subject) -> Iterator[Finding]:
+    """Is installed with all that it requires."""
     if line := plugins.missing_packages(subject.plugin):
         yield breach(f"packages are missing; {line}")
 
 
-@rule("is imported quickly, and changes nothing by that", runs=False, lasting=True)
 def imports_lightly(subject: Subject) -> Iterator[Finding]:
+    """Is imported quickly, and changes nothing by that."""
     from sucre_bench.programs.contract.fresh_process import imported
 
     (done,) = imported([subject])

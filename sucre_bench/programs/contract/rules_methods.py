@@ -10,7 +10,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.engine import python_api
 from sucre_bench.errors import ANY_FAULT, NotApplicableError, SolveError, one_line
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Finding, Subject, breach, doubt, note, raised, rule
+from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, doubt, note, raised
 from sucre_bench.programs.contract.made_scenes import HARD, NOISE, TARGET, WATER, least, submerged, wall
 from sucre_bench.programs.contract.process_state import watched
 from sucre_bench.scene import Chart, Plane, Restoration, Scene, Water
@@ -25,8 +25,12 @@ _HOLES = np.zeros(NOISE.shape[:2], dtype=bool)
 _HOLES[:, :20] = True
 
 
-def _needs_depth(plugin: Plugin) -> bool:
-    return "depth" in plugin.needs
+def rules(plugin: Plugin) -> list[Rule]:
+    """Return the rules for a method. Some changes of the process happen only in a first call, so that rule is first."""
+    of_depth = [leaves_holes, skips_what_has_no_depth] if "depth" in plugin.needs else [leaves_no_holes]
+    of_needs = [runs_with_least, keeps_its_eyes_off, *([uses_what_it_needs] if plugin.needs else [])]
+    of_result = [is_deterministic, is_the_same_elsewhere, tells_what_can_be_kept, restores_a_scene]
+    return [leaves_the_process, leaves_its_input, colours_what_is_valid, *of_depth, *of_needs, *of_result]
 
 
 def _restore(subject: Subject, scene: Scene) -> Restoration:
@@ -56,17 +60,16 @@ def _chart(left: float) -> Chart:
     return Chart("c", "dgk", np.array([[left, 4], [left + 30, 4], [left + 30, 24], [left, 24]]))
 
 
-@rule("changes nothing in the process: random states, threads, settings", "method")
 def leaves_the_process(subject: Subject) -> Iterator[Finding]:
-    """This rule comes first: some changes happen only in a first call."""
+    """Changes nothing in the process: random states, threads, settings."""
     subject.make()  # imports what it requires
     with watched() as changes:
         subject.kept["plain"] = _restore(subject, submerged())
     yield from changes
 
 
-@rule("does not change its input", "method")
 def leaves_its_input(subject: Subject) -> Iterator[Finding]:
+    """Does not change its input."""
     scene, result = _of_rich(subject)
     for view, fresh in zip(scene, _rich(), strict=True):
         for plane in _PLANES:
@@ -77,8 +80,8 @@ def leaves_its_input(subject: Subject) -> Iterator[Finding]:
                 yield breach(f"its image is {plane} of {view.name} itself, unlocked; return a copy of it")
 
 
-@rule("gives every valid pixel a finite colour, whatever the image", "method")
 def colours_what_is_valid(subject: Subject) -> Iterator[Finding]:
+    """Gives every valid pixel a finite colour, whatever the image."""
     heard = set[str]()  # a fault of every image is reported for the first
     for name, rgb in HARD.items():
         try:
@@ -99,8 +102,8 @@ def colours_what_is_valid(subject: Subject) -> Iterator[Finding]:
             yield breach(f"{name}: {odd.sum()} pixels are NaN in some channels only; a pixel has a colour or none")
 
 
-@rule("gives no colour where there is no depth", "method", applies=_needs_depth)
 def leaves_holes(subject: Subject) -> Iterator[Finding]:
+    """Gives no colour where there is no depth."""
     coloured = np.isfinite(_of_rich(subject)[1].image[_HOLES]).any(axis=-1)
     if coloured.any():
         yield breach(
@@ -109,8 +112,8 @@ def leaves_holes(subject: Subject) -> Iterator[Finding]:
         )
 
 
-@rule("skips a view without depth, with the reason", "method", applies=_needs_depth)
 def skips_what_has_no_depth(subject: Subject) -> Iterator[Finding]:
+    """Skips a view without depth, with the reason."""
     remedy = 'raise NotApplicableError(f"{view.name}: no pixel has depth")'
     try:
         _restore(subject, wall(holes=np.ones_like(_HOLES)))
@@ -123,15 +126,15 @@ def skips_what_has_no_depth(subject: Subject) -> Iterator[Finding]:
         yield breach(f"restores it all the same; {remedy}")
 
 
-@rule("colours the whole image, whatever the depth", "method", applies=lambda plugin: not _needs_depth(plugin))
 def leaves_no_holes(subject: Subject) -> Iterator[Finding]:
+    """Colours the whole image, whatever the depth."""
     missing = ~_of_rich(subject)[1].valid
     if missing.any():
         yield breach(f"{missing.sum()} pixels get no colour; without a need of depth every pixel of the image has one")
 
 
-@rule("runs with no more than it declares in needs=", "method")
 def runs_with_least(subject: Subject) -> Iterator[Finding]:
+    """Runs with no more than it declares in needs=."""
     try:
         _restore(subject, least(_rich(), subject.plugin.needs))
     except NotApplicableError:
@@ -153,8 +156,8 @@ _OTHERS: dict[str, dict[str, Any]] = {
 }
 
 
-@rule("reads nothing that it does not declare in needs=", "method")
 def keeps_its_eyes_off(subject: Subject) -> Iterator[Finding]:
+    """Reads nothing that it does not declare in needs=."""
     first = _of_rich(subject)[1].image
     undeclared = [need for need in ("reference", "charts", "truth") if need not in subject.plugin.needs]
     every = {name: value for need in undeclared for name, value in _OTHERS[need].items()}
@@ -167,8 +170,8 @@ def keeps_its_eyes_off(subject: Subject) -> Iterator[Finding]:
             yield breach(f"its result changes with the {need}, which it is judged by; leave it alone, or add to needs=")
 
 
-@rule("uses what it declares in needs=", "method", applies=lambda plugin: bool(plugin.needs))
 def uses_what_it_needs(subject: Subject) -> Iterator[Finding]:
+    """Uses what it declares in needs=."""
     first = _of_rich(subject)[1].image
     for need in sorted(subject.plugin.needs & set(_OTHERS)):
         if alike(first, _other(subject, _OTHERS[need])):
@@ -187,8 +190,8 @@ def alike(one: Array, other: Array) -> bool:
     return one.shape == other.shape and np.allclose(one, other, rtol=0, atol=_ROUNDING, equal_nan=True)
 
 
-@rule("gives the same result twice, whatever the seeds", "method")
 def is_deterministic(subject: Subject) -> Iterator[Finding]:
+    """Gives the same result twice, whatever the seeds."""
     first = _plain(subject).image
     with watched():  # alters the random states
         second = _restore(subject, submerged()).image
@@ -200,8 +203,8 @@ def is_deterministic(subject: Subject) -> Iterator[Finding]:
         )
 
 
-@rule("gives the same result in another process", "method", lasting=True)
 def is_the_same_elsewhere(subject: Subject) -> Iterator[Finding]:
+    """Gives the same result in another process."""
     from sucre_bench.programs.contract.fresh_process import restored
 
     if subject.kept.get("is random"):
@@ -220,8 +223,8 @@ def _difference(one: Array, other: Array) -> float:
     return float(np.abs(one[both] - other[both]).max()) if both.any() else float("nan")
 
 
-@rule("gives water, confidence and info in the right form", "method")
 def tells_what_can_be_kept(subject: Subject) -> Iterator[Finding]:
+    """Gives water, confidence and info in the right form."""
     result = _plain(subject)
     shape = result.image.shape[:2]
     if result.confidence is not None and np.asarray(result.confidence).shape != shape:
@@ -237,8 +240,8 @@ def tells_what_can_be_kept(subject: Subject) -> Iterator[Finding]:
         yield breach(f"info cannot be written as JSON, {fault}; keep text, numbers and lists in it")
 
 
-@rule("restores a view of a whole scene", "method", lasting=True)
 def restores_a_scene(subject: Subject) -> Iterator[Finding]:
+    """Restores a view of a whole scene."""
     if not subject.on:
         raise NotApplicableError("no scene is chosen; name a dataset with --on")
     method = subject.make()

@@ -5,7 +5,7 @@ A metric scores one restored view, or pairs of them. `_rows` tries either kind o
 
 import functools
 import math
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import replace
 from typing import Any
 
@@ -21,7 +21,7 @@ from sucre_bench.jobs.metric_words import MetricChoice
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
-from sucre_bench.programs.contract.contract import Finding, Subject, breach, note, rule
+from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, note
 from sucre_bench.programs.contract.made_scenes import HARD, TARGET, WATER, charted, least, submerged, wall
 from sucre_bench.programs.contract.process_state import watched
 from sucre_bench.restored_pair import RestoredPair, RestoredView
@@ -32,8 +32,13 @@ from sucre_bench.scene import Chart, Restoration, Scene, Score, View, Water
 _JUDGED = frozenset({"reference", "charts", "truth"})  # needs that define a perfect restoration
 
 
-def _is_of_pairs(plugin: Plugin) -> bool:
-    return plugin.is_of_pairs
+def rules(plugin: Plugin) -> list[Rule]:
+    """Return the rules for a metric, of one view or of pairs."""
+    is_ordered = plugin.better != "none"
+    of_holes = [scores_no_holes] if is_ordered or plugin.is_of_pairs else []
+    is_judged = is_ordered and bool(plugin.needs & _JUDGED) and not plugin.is_of_pairs
+    of_order = [prefers_the_truth] * is_judged + [is_symmetric] * plugin.is_of_pairs
+    return [stays_in_range, *of_holes, runs_with_least, *of_order, leaves_all_as_it_was, bears_linear_images]
 
 
 def _rows(subject: Subject, scene: Scene, holes: float = 0.0, water: Water | None = WATER) -> list[Row]:
@@ -99,15 +104,15 @@ def _remedy(reason: str) -> str:
     return "mend it; where there is nothing to score, yield nothing"
 
 
-@rule("stays in its range on difficult images", "metric")
 def stays_in_range(subject: Subject) -> Iterator[Finding]:
+    """Stays in its range on difficult images."""
     chart, heard = Chart("c", "dgk", np.array([[2.0, 2], [60, 2], [60, 44], [2, 44]])), set[str]()
     for name, rgb in HARD.items():
         yield from _faults(subject, _rows(subject, wall(rgb, charts=[chart]), holes=0.3), name, heard)
 
 
-@rule("gives no value where nothing has a colour", "metric", applies=lambda p: p.better != "none" or p.is_of_pairs)
 def scores_no_holes(subject: Subject) -> Iterator[Finding]:
+    """Gives no value where nothing has a colour."""
     rows = _rows(subject, charted(), holes=1.0, water=None)
     yield from _faults(subject, rows, "all NaN")
     for row in rows:
@@ -115,8 +120,8 @@ def scores_no_holes(subject: Subject) -> Iterator[Finding]:
             yield breach(f"{row.variant}: scores {row.value:g} of no pixel; yield NaN where there is none")
 
 
-@rule("runs with no more than it declares in needs=", "metric")
 def runs_with_least(subject: Subject) -> Iterator[Finding]:
+    """Runs with no more than it declares in needs=."""
     # Without depth and poses the engine finds no points that two views share.
     needs = subject.plugin.needs | ({"depth", "poses"} if subject.plugin.is_of_pairs else set())
     rows = _rows(subject, least(_scene(subject), needs, cameras="depth" in needs))
@@ -128,13 +133,11 @@ def runs_with_least(subject: Subject) -> Iterator[Finding]:
         yield breach(f"no variant gives a score there, {rows[0].reason}; add what it uses to needs=")
 
 
-def _is_judged(plugin: Plugin) -> bool:
-    return plugin.better != "none" and bool(plugin.needs & _JUDGED) and not plugin.is_of_pairs
-
-
-@rule("declares the better direction", "metric", applies=_is_judged)
 def prefers_the_truth(subject: Subject) -> Iterator[Finding]:
-    """Compare known answers: the reference with itself plus a cast, the true water with another."""
+    """Declares the better direction.
+
+    Compare known answers: the reference with itself plus a cast, the true water with another.
+    """
     view = charted()[TARGET]
     reference = np.asarray(view.reference)
     cast = reference * np.array([0.3, 0.8, 1]) + 0.1 * np.random.default_rng(2).random(reference.shape)
@@ -157,12 +160,14 @@ def _values(subject: Subject, rows: list[Row]) -> dict[tuple[str, str], float]:
     return {(row.variant, row.region): row.value for row in rows if row.status == "ok" and "/" not in row.region}
 
 
-@rule("does not depend on which view is the first", "metric", applies=_is_of_pairs)
 def is_symmetric(subject: Subject) -> Iterator[Finding]:
+    """Does not depend on which view is the first."""
     metric = subject.make()
     for variant in subject.plugin.variants:
         one, other = (_pair_scores(metric, _pair(submerged(), turned), variant) for turned in (False, True))
-        if [score.region for score in one] != [score.region for score in other] or not all(map(_alike, one, other)):
+        values, others = ([score.value for score in scores] for scores in (one, other))
+        is_alike = [score.region for score in one] == [score.region for score in other]
+        if not (is_alike and np.allclose(values, others, rtol=1e-4, atol=1e-6, equal_nan=True)):
             yield breach(f"{variant}: another score when the views change places; a pair has no order")
 
 
@@ -184,13 +189,8 @@ def _pair_scores(metric: Any, pair: RestoredPair, variant: str) -> list[Score]:
         return []
 
 
-def _alike(one: Score, other: Score) -> bool:
-    both_nan = math.isnan(one.value) and math.isnan(other.value)
-    return both_nan or math.isclose(one.value, other.value, rel_tol=1e-4, abs_tol=1e-6)
-
-
-@rule("gives the same score twice, and changes neither its input nor the process", "metric")
 def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
+    """Gives the same score twice, and changes neither its input nor the process."""
     planes, attempts = (_on_pair if subject.plugin.is_of_pairs else _on_view)(subject.make())
     kept = [plane.copy() for plane in planes]
     with watched() as changes:
@@ -203,10 +203,7 @@ def leaves_all_as_it_was(subject: Subject) -> Iterator[Finding]:
         yield breach("writes into what it is given; work on a copy")
 
 
-_Attempts = list[Callable[[str], Iterable[Score]]]
-
-
-def _on_view(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
+def _on_view(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], Iterable[Score]]]]:
     """Return the arrays that a metric of one view gets, and three calls by variant that must give the same scores."""
     view = charted()[TARGET]
     image = view.rgb.copy()
@@ -214,10 +211,10 @@ def _on_view(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
     restoration, shared = Restoration(image, WATER, info={"true_water": WATER}), locked(shown)
     # Of a read-only picture metrics may remember what they compute, see `imaging.once`.
     calls = [functools.partial(metric.score, restoration, picture, view) for picture in (shown, shared, shared)]
-    return [image, shown, *(np.asarray(p) for p in (view.rgb, view.depth, view.reference))], [*calls]
+    return [image, shown, *(np.asarray(p) for p in (view.rgb, view.depth, view.reference))], calls
 
 
-def _on_pair(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
+def _on_pair(metric: Any) -> tuple[list[np.ndarray], Sequence[Callable[[str], Iterable[Score]]]]:
     """Return the arrays that a metric of pairs gets, and two calls by variant that must give the same scores."""
     pair = _pair(submerged())
     points = [pair.points.here, pair.points.there, pair.points.distance]
@@ -225,8 +222,8 @@ def _on_pair(metric: Any) -> tuple[list[np.ndarray], _Attempts]:
     return planes, [functools.partial(_pair_scores, metric, pair)] * 2
 
 
-@rule("scores images in linear light", "metric")
 def bears_linear_images(subject: Subject) -> Iterator[Finding]:
+    """Scores images in linear light."""
     scene = _scene(subject)
     views = [replace(view, encoding="linear") for view in scene]
     yield from _faults(subject, _rows(subject, replace(scene, views=views)), "linear")

@@ -6,17 +6,17 @@ import keyword
 import re
 import shlex
 from collections.abc import Mapping
-from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import sucre_bench
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, OutputError
+from sucre_bench.errors import InputError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.plugins.plugin import Kind
-from sucre_bench.programs.contract.outcome_text import shown_path
 
+_IMPORTED = ("Iterator", "Path")  # by the templates, beside the names of sucre_bench
 _TEMPLATES = Path(__file__).with_name("templates")
 
 
@@ -26,6 +26,12 @@ class Written:
 
     files: tuple[Path, ...]
     commands: tuple[tuple[str, str], ...]
+
+
+def shown_path(path: Path) -> str:
+    """Return a path relative to the current folder if it lies there."""
+    full = Path.cwd() / path
+    return str(full.relative_to(Path.cwd())) if full.is_relative_to(Path.cwd()) else str(full)
 
 
 def checkout_of(folder: Path) -> Path | None:
@@ -45,64 +51,48 @@ def write_new(kind: Kind, name: str, here: Path, package: Path | None = None, de
     _check_name(kind, name)
     checkout = None if package else checkout_of(here)
     if not checkout:
-        _check_module(name, "file" if package is None else "module")
-    place = "package" if package else "house" if checkout else "folder"
+        _check_module(name, "module" if package else "file")
     cls = "".join(part.capitalize() for part in name.split("_"))
-    if cls in _taken_names():
+    if cls in {*dir(builtins), *sucre_bench.__all__, *_IMPORTED}:  # the file and its test use these names
         cls += kind.capitalize()
-    about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "place": place, "module": name}
+    about: dict[str, Any] = {"kind": kind, "name": name, "cls": cls, "depth": depth, "module": name}
     about["is_named"] = plugins.snake_case(cls) != name  # of my_method_2 the class would be called my_method2
+    before: list[tuple[str, str]] = []
+    files: dict[Path, str] = {}  # and the template of each
     if package:
-        return _package(package, about)
-    folder, tests = (checkout / f"{kind}s", checkout / "tests" / f"{kind}s") if checkout else (here, here)
-    file, test = folder / f"{name}.py", tests / f"test_{name}.py"
-    _write({file: _filled(f"{kind}.py.j2", about), test: _filled(f"test_{kind}.py.j2", about)})
-    return Written((file, test), _next(kind, name, None if checkout else f"{name}.py", test))
+        module = _module_of_package(package.resolve().name)
+        distribution = re.sub(r"_+", "-", module).strip("-")
+        about |= {"place": "package", "package": module, "module": f"{module}.{name}", "distribution": distribution}
+        folder, tests = package / "src" / module, package / "tests"
+        files = {package / "pyproject.toml": "pyproject.toml.j2", package / "README.md": "readme.md.j2"}
+        files[folder / "__init__.py"] = "init.py.j2"
+        before = [("install", f"pip install -e {shlex.quote(str(package))}"), ("list", f"sucre-bench list {kind}s")]
+    elif checkout:
+        about["place"] = "house"
+        folder, tests = checkout / f"{kind}s", checkout / "tests" / f"{kind}s"
+    else:
+        about["place"] = "folder"
+        folder = tests = here
+    test = tests / f"test_{name}.py"
+    files |= {folder / f"{name}.py": f"{kind}.py.j2", test: f"test_{kind}.py.j2"}
+    _write(files, about)
+    is_found_by_name = package or checkout
+    return Written(tuple(files), (*before, *_next(kind, name, "" if is_found_by_name else f"{name}.py", test)))
 
 
-def _next(kind: Kind, name: str, file: str | None, test: Path) -> tuple[tuple[str, str], ...]:
+def _next(kind: Kind, name: str, file: str, test: Path) -> list[tuple[str, str]]:
     """The next commands. file: if no command finds the plugin by its name."""
-    given = {"method": "", "dataset": " dataset.root=DIR", "metric": ""}[kind]
     plugin = f"--plugin {file} " if file else ""
     job = {
         "method": f"-m {plugin}dataset=demo method=underwater,{name} every=4",
         "dataset": f"-m {plugin}dataset={name} dataset.root=DIR method=underwater,gray_world",
         "metric": f"-m {plugin}dataset=demo method=underwater,gray_world 'metrics=[psnr,{name}]' every=4",
     }[kind]
-    return (
-        ("check", f"sucre-bench check {file or name}{given}"),
+    return [
+        ("check", f"sucre-bench check {file or name}{' dataset.root=DIR' if kind == 'dataset' else ''}"),
         ("test", f"python -m pytest {shlex.quote(shown_path(test))}"),
         ("run", f"sucre-bench run {job}"),
-    )
-
-
-def _taken_names() -> set[str]:
-    """Names that have another meaning in a plugin's file or test: built-in ones, and all that a template imports."""
-    texts = "\n".join(file.read_text(encoding="utf-8") for file in _TEMPLATES.glob("*.py.j2"))
-    imports = re.findall(r"^(?:from|import) .*", texts, re.MULTILINE)
-    return {*dir(builtins), *re.findall(r"\w+", " ".join(imports))}
-
-
-def _package(folder: Path, about: Mapping[str, Any]) -> Written:
-    kind, name, title = about["kind"], about["name"], folder.resolve().name
-    module = re.sub(r"\W", "_", title).lower()
-    if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
-        raise InputError(f"{title}: cannot be a package's name; call the folder like my-restorers")
-    _check_module(module, "package")
-    distribution = re.sub(r"_+", "-", module).strip("-")
-    about = {**about, "package": module, "module": f"{module}.{name}", "distribution": distribution}
-    files = {
-        folder / "pyproject.toml": _filled("pyproject.toml.j2", about),
-        folder / "README.md": _filled("readme.md.j2", about),
-        folder / "src" / module / "__init__.py": _filled("init.py.j2", about),
-        folder / "src" / module / f"{name}.py": _filled(f"{kind}.py.j2", about),
-        folder / "tests" / f"test_{name}.py": _filled(f"test_{kind}.py.j2", about),
-    }
-    _write(files)
-    check, test, job = _next(kind, name, None, folder / "tests" / f"test_{name}.py")
-    install = ("install", f"pip install -e {shlex.quote(str(folder))}")
-    listed = ("list", f"sucre-bench list {kind}s")
-    return Written(tuple(files), (install, listed, check, test, job))
+    ]
 
 
 def _check_name(kind: Kind, name: str) -> None:
@@ -126,7 +116,16 @@ def _check_module(name: str, what: str) -> None:
         raise InputError(f"{name}: a {what} of that name would hide Python's {name}; use another, my_{name}")
 
 
-def _filled(template: str, about: Mapping[str, Any]) -> str:
+def _module_of_package(title: str) -> str:
+    module = re.sub(r"\W", "_", title).lower()
+    if not re.fullmatch(r"[a-z]\w*", module, re.ASCII) or keyword.iskeyword(module):
+        raise InputError(f"{title}: cannot be a package's name; call the folder like my-restorers")
+    _check_module(module, "package")
+    return module
+
+
+def _write(templates: Mapping[Path, str], about: Mapping[str, Any]) -> None:
+    """Fill in and write all files or none: the plugin itself comes after its test."""
     from jinja2 import Environment, FileSystemLoader, StrictUndefined
 
     engine = Environment(
@@ -136,19 +135,8 @@ def _filled(template: str, about: Mapping[str, Any]) -> str:
         lstrip_blocks=True,
         keep_trailing_newline=True,
     )
-    return engine.get_template(template).render(about)
-
-
-def _write(files: Mapping[Path, str]) -> None:
-    """Write all files or none."""
-    for path in files:
+    for path in templates:
         if path.exists():
             raise InputError(f"{path}: is there already; use another name, or move it away")
-    try:
-        for path, text in files.items():
-            write_atomically(path, text.encode())
-    except OutputError:
-        for path in files:
-            with suppress(OSError):  # nor can what was not written be removed
-                path.unlink()
-        raise
+    for path in reversed(list(templates)):
+        write_atomically(path, engine.get_template(templates[path]).render(about).encode())

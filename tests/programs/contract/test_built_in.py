@@ -19,7 +19,7 @@ import sucre_bench
 from sucre_bench import plugins
 from sucre_bench.plugins.plugin import KINDS, Plugin
 from sucre_bench.plugins.registry import discover
-from sucre_bench.programs.contract.contract import Subject, check, rules
+from sucre_bench.programs.contract.contract import Subject, check
 from sucre_bench.programs.contract.fresh_process import imported, restored
 from sucre_bench.programs.contract.made_scenes import TARGET, submerged, wall
 from sucre_bench.programs.contract.rules_methods import alike
@@ -95,12 +95,12 @@ def _data(name: str, folder: Path) -> dict[str, Any]:
 @pytest.mark.parametrize("plugin", ALL, ids=[f"{p.kind}-{p.name}" for p in ALL])
 def test_every_plugin_keeps_the_contract(plugin: Plugin, tmp_path: Path) -> None:
     subject = Subject(plugin, options_for(plugin, tmp_path))
-    outcomes = list(check(subject, rules(plugin, lasting=False)))
+    outcomes = list(check(subject, lasting=False))
     assert not [
         f"{outcome.rule}: {finding.text}"
         for outcome in outcomes
         for finding in outcome.findings
-        if finding.level == "breach" or (finding.level == "doubt" and str(outcome.rule) != MEANT)
+        if finding.level == "breach" or (finding.level == "doubt" and outcome.rule != MEANT)
     ]
     assert not [f"{outcome.rule}: {outcome.skipped}" for outcome in outcomes if outcome.skipped]
 

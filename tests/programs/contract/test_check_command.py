@@ -15,7 +15,8 @@ from support.tried_plugins import HEAD, JUDGED, METHOD, METRIC, write
 from sucre_bench import InputError, PluginError
 from sucre_bench.commands.check import check as command
 from sucre_bench.plugins.registry import find, load_file
-from sucre_bench.programs.contract import Subject, check, rules
+from sucre_bench.programs.contract.contract import Subject, check_rule
+from sucre_bench.programs.contract.rules_methods import is_the_same_elsewhere
 
 pytestmark = pytest.mark.usefixtures("own_environment")
 
@@ -32,14 +33,6 @@ def test_the_command_says_a_line_a_rule_and_what_to_do(tmp_path: Path) -> None:
     assert "guard" in done.stdout
     assert re.search(r"\d+ kept, [1-9]\d* .* [\d.]+ s", done.stdout)
     assert "\x1b" not in done.stdout
-
-
-def test_signs_are_plain_where_the_terminal_knows_no_others(tmp_path: Path) -> None:
-    from sucre_bench.programs.contract.outcome_text import lines
-
-    subject = Subject(find("method", "underwater"))
-    for outcome in check(subject, rules(subject.plugin, lasting=False)):
-        assert "".join(line.plain for line in lines(outcome, "ISO-8859-1")).isascii()
 
 
 def test_the_command_takes_options_and_gives_json(tmp_path: Path) -> None:
@@ -72,9 +65,7 @@ def test_another_process_that_restores_otherwise_is_noticed(tmp_path: Path) -> N
     body = "bits = np.float32([hash(str(column)) % 2 for column in range(view.rgb.shape[1])])\n"
     body += "return Restoration(view.rgb * bits[:, None])"
     load_file(write(tmp_path, METHOD, body, needs="()"))
-    plugin = find("method", "tried")
-    (rule,) = [rule for rule in rules(plugin) if "another process" in str(rule)]
-    (outcome,) = check(Subject(plugin), [rule])
+    outcome = check_rule(Subject(find("method", "tried")), is_the_same_elsewhere)
     assert outcome.status == "broken"
     assert "another process " in outcome.findings[0].text
 

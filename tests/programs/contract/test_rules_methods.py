@@ -11,7 +11,7 @@ from support.messages import names
 from support.tried_plugins import FADED, GOOD, HOLES, METHOD, broken, write
 
 from sucre_bench.plugins.registry import find, load_file
-from sucre_bench.programs.contract import Subject, breaches, check, rules
+from sucre_bench.programs.contract.contract import Subject, breaches, check
 
 pytestmark = pytest.mark.usefixtures("own_environment")
 
@@ -175,8 +175,8 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
     body += "if view.rgb.std() < .1:\n    raise SolveError('too flat; move nearer')\nreturn Restoration(image)"
     load_file(write(tmp_path, METHOD, body, needs="{'depth', 'poses'}"))
     plugin = find("method", "tried")
-    outcomes = check(Subject(plugin), rules(plugin, lasting=False))
-    said = {str(one.rule): [f.text for f in one.findings] for one in outcomes if one.status == "doubtful"}
+    outcomes = check(Subject(plugin), lasting=False)
+    said = {one.rule: [f.text for f in one.findings] for one in outcomes if one.status == "doubtful"}
     colours, needs = said.values()
     assert re.match("black: .*too flat; move nearer; ", colours[0])
     assert [text.partition(";")[0].split()[-1] for text in needs] == ["depth", "poses"]
@@ -185,7 +185,7 @@ def test_what_is_no_fault_for_sure_is_a_doubt(tmp_path: Path) -> None:
 def test_what_a_plugin_prints_is_a_doubt(tmp_path: Path) -> None:
     load_file(write(tmp_path, METHOD, "print('fading', 1)\n" + GOOD + "return Restoration(image)", needs="()"))
     plugin = find("method", "tried")
-    said = [f.text for one in check(Subject(plugin), rules(plugin, lasting=False)) for f in one.findings]
+    said = [f.text for one in check(Subject(plugin), lasting=False) for f in one.findings]
     assert [text.partition(";")[0] for text in said] == ["prints 'fading 1'"]
 
 
