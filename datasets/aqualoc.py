@@ -23,11 +23,9 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, walk
-from sucre_bench.loading.fingerprints import data_id_of
 from sucre_bench.loading.image_folder import image_names
-from sucre_bench.loading.image_scale import ImageScaleOption
 from sucre_bench.loading.kalibr import read_kalibr
-from sucre_bench.loading.view_of_photograph import Photograph, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, view_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset

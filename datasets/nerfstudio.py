@@ -22,13 +22,10 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError, file_error
 from sucre_bench.imaging.image_files import SUFFIXES, decode, image_size
-from sucre_bench.loading.brown_lens import lens_of
 from sucre_bench.loading.depth_maps import read_depth
 from sucre_bench.loading.find_folders import existing, inside
-from sucre_bench.loading.fingerprints import data_id_of, fingerprint
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.view_of_photograph import Photograph, is_rigid, view_of
+from sucre_bench.loading.lens import Lens, lens_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, fingerprint, is_rigid, view_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset

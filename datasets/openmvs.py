@@ -14,13 +14,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError
-from sucre_bench.loading.find_folders import existing
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.named_images import ImageFolder, inner_path
+from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
 from sucre_bench.loading.openmvs_dmap import Header, read_dmap_depth, read_header
-from sucre_bench.loading.view_files import scaled_pose
-from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, scaled_pose, straight_lens, view_of
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges

@@ -17,9 +17,8 @@ from typing import Literal
 from sucre_bench.errors import InputError
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.colmap_scene import registered_scene
-from sucre_bench.loading.find_folders import chosen, existing, folders_below, scene_name
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.named_images import ImageFolder
+from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, folders_below, scene_name
+from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Encoding, Scene

@@ -30,9 +30,7 @@ from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, same_shape
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import check_chosen, existing, folders_below, scene_name
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, straight_lens, view_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges

@@ -12,7 +12,7 @@ from pathlib import Path
 from sucre_bench.errors import InputError
 from sucre_bench.loading.find_folders import existing, folders_below
 from sucre_bench.loading.image_folder import image_folder_scene, image_names
-from sucre_bench.loading.image_scale import ImageScaleOption
+from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 

@@ -17,7 +17,7 @@ from typing import Literal
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.find_folders import existing
 from sucre_bench.loading.image_folder import image_folder_scene, paired_folders
-from sucre_bench.loading.image_scale import ImageScaleOption
+from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Scene
 

@@ -28,9 +28,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import read_16_bit
 from sucre_bench.loading.find_folders import existing, folders_below, scene_name
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, straight_lens, view_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset

@@ -21,11 +21,9 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.datasets.metashape.document import Chunk
 from sucre_bench.errors import InputError
-from sucre_bench.loading.brown_lens import lens_of
-from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.named_images import without_suffix
-from sucre_bench.loading.view_files import scaled_pose
-from sucre_bench.loading.view_of_photograph import is_rigid
+from sucre_bench.loading.find_folders import without_suffix
+from sucre_bench.loading.lens import Lens, lens_of
+from sucre_bench.loading.view_files import is_rigid, scaled_pose
 from sucre_bench.machine.progress import say
 
 _REMEDY = "export it again: File > Export > Export Cameras, Agisoft XML"

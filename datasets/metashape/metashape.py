@@ -19,11 +19,8 @@ from sucre_bench.datasets.metashape.chunk import Aligned, Component, read_compon
 from sucre_bench.datasets.metashape.document import find_document, read_chunk
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import find_depths, read_depth
-from sucre_bench.loading.find_folders import chosen, existing
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.named_images import ImageFolder, inner_path
-from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, inner_path
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, straight_lens, view_of
 from sucre_bench.machine.progress import say, track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Encoding, Plane, Scene

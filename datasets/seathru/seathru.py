@@ -28,10 +28,7 @@ from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.depth_maps import find_depths
 from sucre_bench.loading.find_folders import check_chosen, chosen, existing, folders_below, scene_name
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.image_scale import ImageScaleOption
-from sucre_bench.loading.view_files import scaled_pose
-from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, scaled_pose, straight_lens, view_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset

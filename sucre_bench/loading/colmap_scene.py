@@ -8,9 +8,7 @@ from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import Posed
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.view_files import scaled_pose
-from sucre_bench.loading.view_of_photograph import Photograph, straight_lens, view_of
+from sucre_bench.loading.view_files import Photograph, data_id_of, scaled_pose, straight_lens, view_of
 from sucre_bench.machine.files import fault_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene

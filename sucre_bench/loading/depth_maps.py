@@ -2,9 +2,11 @@
 
 The map of image ``sub/a.jpg`` is ``sub/depth_a``, ``sub/deptha`` or ``sub/a`` in the depth folder, or else one of
 these names at its top: a .png (16-bit millimetres), .tif, .tiff (float metres, 16-bit floats too), .npy or .exr
-(float metres). A map that could belong to two images is used for neither.
+(float metres, by the optional package OpenEXR: OpenCV's wheels, tifffile, Pillow and imageio do not read it). A map
+that could belong to two images is used for neither.
 """
 
+import importlib
 from collections import defaultdict
 from collections.abc import Sequence
 from pathlib import Path, PurePosixPath
@@ -13,9 +15,9 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import DamagedFileError, InputError, file_error
-from sucre_bench.imaging.image_files import decode, read_array, read_tiff, same_shape, size_of_only_page
-from sucre_bench.loading.exr import read_exr
+from sucre_bench.imaging.image_files import check_pixels, decode, read_array, read_tiff, same_shape, size_of_only_page
 from sucre_bench.loading.find_folders import walk
+from sucre_bench.machine.files import regular
 
 _FARTHEST_M = 1000.0
 
@@ -156,4 +158,36 @@ def _kind(values: np.ndarray) -> str:
     return f"{values.dtype} of shape {'x'.join(map(str, values.shape))}"
 
 
-_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy, ".exr": read_exr}
+_DEPTH = ("Z", "V", "Y", "depth", "R")  # channels that programs store depth in, the likeliest first
+
+
+def _read_exr(path: Path) -> Array:
+    """Return the depth map in a file, (H, W) float32: its only channel, or Z, V, Y, depth or R.
+
+    Raises InputError if it cannot be read, has no such channel, or the package is not installed.
+    """
+    try:
+        exr = importlib.import_module("OpenEXR")
+    except ImportError as fault:
+        raise InputError("OpenEXR files need a package of their own", path, "pip install OpenEXR") from fault
+    try:
+        with exr.File(str(regular(path)), separate_channels=True, header_only=True) as file:
+            least, most = np.array(file.header()["dataWindow"], dtype=np.int64)
+        if not (most >= least).all():
+            raise ValueError("its size")
+        check_pixels(path, (most - least + 1).tolist(), channels=4)
+        with exr.File(str(path), separate_channels=True) as file:
+            channels = {name: np.array(channel.pixels) for name, channel in file.channels().items()}
+    except InputError:
+        raise
+    except OSError as fault:
+        raise file_error(path, fault, "copy the file again") from fault
+    except Exception as fault:  # the decoder raises errors of many kinds
+        raise DamagedFileError("cannot be read, cut short or not an OpenEXR file", path, "copy it again") from fault
+    name = next(iter(channels)) if len(channels) == 1 else next((name for name in _DEPTH if name in channels), None)
+    if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
+        raise InputError(f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z")
+    return np.asarray(channels[name], dtype=np.float32)
+
+
+_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy, ".exr": _read_exr}

@@ -9,8 +9,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.find_folders import folders_below, walk
-from sucre_bench.loading.fingerprints import data_id_of
-from sucre_bench.loading.view_of_photograph import Photograph, view_of
+from sucre_bench.loading.view_files import Photograph, data_id_of, view_of
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Encoding, Plane, Scene
 

@@ -4,6 +4,8 @@ Distortion is OpenCV's: "perspective" with k1 k2 p1 p2 k3 k4 k5 k6 (Brown's mode
 (Kannala & Brandt 2006). COLMAP's SIMPLE_RADIAL, RADIAL, OPENCV and FULL_OPENCV are special cases of the first, its
 fisheye models of the second. The pinhole camera has the same principal point and size. Its focal lengths are such
 that no pixel looks past the photograph: there are no black borders.
+
+Photogrammetry tools fit Brown's model with more terms than OpenCV has, see `BrownLens`.
 """
 
 import functools
@@ -189,3 +191,51 @@ def _centred(K: Array) -> Array:
     moved = K.copy()
     moved[:2, 2] -= 0.5
     return moved
+
+
+def lens_of(
+    camera: Camera, model: Literal["perspective", "fisheye"], k: tuple[float, ...], p: tuple[float, ...]
+) -> Lens:
+    """Return the lens of a camera, at its size, with k1 to k4 and p1 to p4 of the formulas above, the last left out."""
+    k, p = (*k, *[0.0] * (4 - len(k))), (*p, *[0.0] * (4 - len(p)))
+    if camera.K[0, 1] == 0 and model == "fisheye" and not any(p):
+        return Lens(camera, model, k)
+    if camera.K[0, 1] == 0 and model == "perspective" and not any((k[3], p[2], p[3])):
+        known = (k[0], k[1], p[0], p[1], k[2])
+        return Lens(camera, model, known if any(known) else ())
+    return BrownLens(camera, model, (*k, *p))
+
+
+@dataclass(frozen=True, eq=False)
+class BrownLens(Lens):
+    """A camera as it photographs; coefficients: k1 k2 k3 k4 p1 p2 p3 p4 of the formulas above."""
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """What identifies this lens, for hashes."""
+        return ("brown", self.camera.K.tolist(), self.camera.width, self.camera.height, self.model, self.coefficients)
+
+    def bent(self, x: Array, y: Array) -> tuple[Array, Array]:
+        """Return x', y' of rays x, y at unit depth, arrays of one shape."""
+        k1, k2, k3, k4, p1, p2, p3, p4 = self.coefficients
+        if self.model == "fisheye":
+            r = np.maximum(np.sqrt(x * x + y * y), 1e-9)
+            angle = np.arctan(r) / r
+            x, y = x * angle, y * angle
+        r2 = x * x + y * y
+        radial = 1 + r2 * (k1 + r2 * (k2 + r2 * (k3 + r2 * k4)))
+        more = 1 + r2 * (p3 + r2 * p4)
+        return (
+            x * radial + (2 * p1 * x * y + p2 * (r2 + 2 * x * x)) * more,
+            y * radial + (2 * p2 * x * y + p1 * (r2 + 2 * y * y)) * more,
+        )
+
+    def _sources(self, size: tuple[int, int], to: Camera) -> tuple[Array, Array]:
+        scale = np.diag([size[0] / self.camera.width, size[1] / self.camera.height, 1.0])
+        (fx, skew, cx), (_, fy, cy) = (scale @ self.camera.K)[:2].tolist()  # floats, which leave float32 as it is
+        u, v = (
+            ((np.arange(side) + 0.5 - to.K[i, 2]) / to.K[i, i]).astype(np.float32)
+            for i, side in enumerate((to.width, to.height))
+        )
+        x, y = self.bent(*np.meshgrid(u, v))
+        return fx * x + skew * y + (cx - 0.5), fy * y + (cy - 0.5)

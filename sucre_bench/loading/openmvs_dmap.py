@@ -20,7 +20,7 @@ import numpy as np
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
 from sucre_bench.errors import DamagedFileError, file_error
-from sucre_bench.loading.view_of_photograph import is_rigid
+from sucre_bench.loading.view_files import is_rigid
 from sucre_bench.machine.files import regular
 
 _REMEDY = "copy it again, or run DensifyPointCloud again"

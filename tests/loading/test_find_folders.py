@@ -26,10 +26,9 @@ from sucre_bench.datasets.squid import Squid
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.loading.depth_maps import find_depths
-from sucre_bench.loading.find_folders import folders_below, inside, walk
-from sucre_bench.loading.fingerprints import fingerprint
+from sucre_bench.loading.find_folders import ImageFolder, folders_below, inner_path, inside, walk
 from sucre_bench.loading.image_folder import image_names
-from sucre_bench.loading.named_images import ImageFolder, inner_path
+from sucre_bench.loading.view_files import fingerprint
 
 
 def circle(root: Path) -> Path:

@@ -12,9 +12,8 @@ from support.colmap_folder import FORWARD, to_binary, write_image, write_model
 
 from sucre_bench import Camera, InputError
 from sucre_bench.datasets.colmap import Colmap
-from sucre_bench.loading.brown_lens import BrownLens
-from sucre_bench.loading.lens import Lens
-from sucre_bench.loading.view_of_photograph import Photograph, view_of
+from sucre_bench.loading.lens import BrownLens, Lens
+from sucre_bench.loading.view_files import Photograph, view_of
 
 CAMERA = Camera(np.array([[420.0, 0, 330], [0, 400, 236], [0, 0, 1]]), 640, 480)
 BROWN = (-0.21, 0.08, 0.002, -0.003, 0.01)

@@ -113,10 +113,10 @@ def test_only_what_code_does_counts(tmp_path: Path):
         file.write_text(re.sub(r'^( *)"""', r'\1"""Better words. ', text, count=1, flags=re.M) + "\n# A comment.\n")
     assert hash_now() == before
     loading = tmp_path / "sucre_bench" / "loading"
-    (loading / "exr.py").rename(loading / "openexr.py")
-    for file in (tmp_path / "sucre_bench").rglob("*.py"):
+    (loading / "lens.py").rename(loading / "lenses.py")
+    for file in tmp_path.rglob("*.py"):
         text = file.read_text(encoding="utf-8")
-        file.write_text(text.replace("loading.exr import", "loading.openexr import"))
+        file.write_text(text.replace("loading.lens import", "loading.lenses import"))
     assert hash_now() == before
     model = tmp_path / "methods" / "sucre" / "levenberg.py"
     constant = re.search(r"^_?[A-Z_]+ = ([0-9.e-]+)", model.read_text(encoding="utf-8"), flags=re.M)

@@ -15,7 +15,7 @@ from sucre_bench.engine.select_views import open_scenes
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import check_corners
-from sucre_bench.loading.view_of_photograph import is_rigid
+from sucre_bench.loading.view_files import is_rigid
 from sucre_bench.machine.plural import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin

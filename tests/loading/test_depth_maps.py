@@ -11,7 +11,7 @@ import pytest
 from support.spots import check_message
 
 from sucre_bench.errors import DamagedFileError, InputError
-from sucre_bench.loading.exr import read_exr
+from sucre_bench.loading.depth_maps import read_depth
 
 METRES = np.random.default_rng(0).uniform(0.5, 9, (30, 40)).astype(np.float32)
 
@@ -26,13 +26,13 @@ def write(path: Path, channels: dict[str, np.ndarray]) -> Path:
 
 @pytest.mark.parametrize("dtype", [np.float32, np.float16])
 def test_the_only_channel_is_the_depth(tmp_path: Path, dtype: Any) -> None:
-    depth = read_exr(write(tmp_path / "a.exr", {"whatever": METRES.astype(dtype)}))
+    depth = read_depth(write(tmp_path / "a.exr", {"whatever": METRES.astype(dtype)}))
     assert depth.dtype == np.float32
     np.testing.assert_array_equal(depth, METRES.astype(dtype))
 
 
 def test_of_several_channels_it_is_z(tmp_path: Path) -> None:
-    depth = read_exr(write(tmp_path / "a.exr", {"A": 0 * METRES, "R": METRES + 1, "Z": METRES}))
+    depth = read_depth(write(tmp_path / "a.exr", {"A": 0 * METRES, "R": METRES + 1, "Z": METRES}))
     np.testing.assert_array_equal(depth, METRES)
 
 
@@ -42,16 +42,16 @@ def test_a_file_cut_anywhere_is_refused(tmp_path: Path) -> None:
     for length in (0, 3, 50, len(whole) // 2, len(whole) - 1):
         path.write_bytes(whole[:length])
         with pytest.raises(DamagedFileError) as fault:
-            read_exr(path)
+            read_depth(path)
         check_message(str(fault.value), "a.exr: ", "copy")
 
 
 def test_channels_without_a_depth_are_named(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"a\.exr: has channels A, G; write"):
-        read_exr(write(tmp_path / "a.exr", {"A": METRES, "G": METRES}))
+        read_depth(write(tmp_path / "a.exr", {"A": METRES, "G": METRES}))
 
 
 def test_without_the_package_it_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "OpenEXR", None)
     with pytest.raises(InputError, match="pip install OpenEXR"):
-        read_exr(tmp_path / "a.exr")
+        read_depth(tmp_path / "a.exr")
