@@ -33,9 +33,8 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.machine.cores import usable_cores
-from sucre_bench.multiview.interpolate_colours import rays_at
 from sucre_bench.multiview.observations import Observations, Seen, arrange
-from sucre_bench.multiview.observe import Kept
+from sucre_bench.multiview.observe import Kept, rays_at
 from sucre_bench.multiview.pairing import Matches, Rule, Surface, lift, match, own_matches
 from sucre_bench.scene import View
 

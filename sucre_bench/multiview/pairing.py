@@ -1,7 +1,7 @@
 """Finds the pixel of another view that shows the same point as a pixel of the target (SUCRe, sec. 3, eq. 4 and 5).
 
-There are two rules: "mutual", the paper's (match_mutual.py), and "depth", which compares depths (match_depth.py). With
-both, a target pixel has at most one match in a view, and a hidden point has none.
+There are two rules, see match_rules.py: "mutual", the paper's, and "depth", which compares depths. With both, a target
+pixel has at most one match in a view, and a hidden point has none.
 
 Poses alone rule out the views that cannot see the target; their files are not read. Relative poses are float64; the
 other arithmetic is float32 in the camera's frame.
@@ -18,8 +18,7 @@ import numpy as np
 from sucre_bench.arrays import Array, Indices, Mask
 from sucre_bench.camera import Camera, relative_pose, unproject
 from sucre_bench.errors import InputError
-from sucre_bench.multiview.match_depth import agreeing
-from sucre_bench.multiview.match_mutual import mutual
+from sucre_bench.multiview.match_rules import agreeing, mutual
 from sucre_bench.scene import View
 
 Rule = Literal["mutual", "depth"]

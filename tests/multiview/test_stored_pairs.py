@@ -14,7 +14,7 @@ from support.made_scene import make_scene
 
 from sucre_bench import Arrays, InputError, Scene, SolveError
 from sucre_bench.machine.progress import watched_by
-from sucre_bench.multiview import mapped_files as mapped
+from sucre_bench.multiview import observations as mapped
 from sucre_bench.multiview import stored_pairs as store
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import observe
