@@ -29,7 +29,7 @@ from metrics import CHARTS, DEFAULT, EVERY, of, picture, scored
 from sucre_bench.camera import Camera
 from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.loading.view_files import Files
-from sucre_bench.machine.array_store import ArrayStore, storing
+from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.multiview.observe import observe
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part

@@ -18,7 +18,7 @@ from sucre_bench.compare.terminal_table import as_blocks
 from sucre_bench.engine.outcome import Outcome
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.machine import progress, progress_display, terminal
-from sucre_bench.machine.secrets import masked
+from sucre_bench.machine.records import masked
 from sucre_bench.reports import mlflow, paper
 from sucre_bench.reports import page as report
 from sucre_bench.reports.paper import Written

@@ -88,7 +88,8 @@ def score(
         terminal.out.print(score_tables.summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
-    is_lack = asked["reason"].map(Reason.of) == Reason.LACK
+    lacks = [text for text in asked["reason"].unique() if Reason.of(text) is Reason.LACK]
+    is_lack = asked["reason"].isin(lacks)
     for (metric, lack), _ in asked[is_lack].groupby(["metric", asked["reason"].map(brief)], sort=False):
         is_reference = lack == "needs reference"
         remedy = "give --reference DIR" if is_reference else "`sucre-bench run` scores it, on a dataset that has this"

@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 
 import click
 
-from sucre_bench.machine.json_text import json_text
+from sucre_bench.machine.records import json_text
 
 _F = TypeVar("_F", bound=Callable[..., Any])
 

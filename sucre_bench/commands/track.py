@@ -25,7 +25,7 @@ def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
     """
     from sucre_bench import compare, results
     from sucre_bench.machine import progress_display
-    from sucre_bench.machine.secrets import masked
+    from sucre_bench.machine.records import masked
     from sucre_bench.reports import mlflow
     from sucre_bench.results.common_scores import read_common
 

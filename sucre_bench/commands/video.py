@@ -12,7 +12,7 @@ import click
 
 from sucre_bench.commands.output_endings import check_ending
 from sucre_bench.commands.shared_options import labels_of, plugin_option, scene_options
-from sucre_bench.machine.json_text import json_text
+from sucre_bench.machine.records import json_text
 
 if TYPE_CHECKING:
     from sucre_bench.programs.video.flicker import Flicker

@@ -11,7 +11,7 @@ from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.choose_pixels import says_filled
 from sucre_bench.compare.column_layout import blocks
 from sucre_bench.compare.words import Shown, left_out, legend, shown, title
-from sucre_bench.machine.json_text import json_text
+from sucre_bench.machine.records import json_text
 from sucre_bench.results.rows import csv_text
 
 _PAGE = 108  # characters that fit beside each other on a page of two columns, about 500 points

@@ -25,7 +25,7 @@ from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.clock import now
+from sucre_bench.machine.records import now
 from sucre_bench.restored_pair import RestoredView
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.restorations import PictureOnly, masked, stored_mask, stored_picture, stored_restoration

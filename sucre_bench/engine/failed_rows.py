@@ -13,7 +13,7 @@ from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 from sucre_bench.machine.process_limit import want_of_processes
-from sucre_bench.machine.traceback_log import keep_traceback
+from sucre_bench.machine.records import keep_traceback
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.rows import RESTORATION, Row, Status
 

@@ -22,7 +22,7 @@ from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.traceback_log import keep_traceback
+from sucre_bench.machine.records import keep_traceback
 from sucre_bench.results.layout import log_path
 
 if TYPE_CHECKING:

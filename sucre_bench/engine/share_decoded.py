@@ -7,7 +7,7 @@ from contextlib import AbstractContextManager, nullcontext, suppress
 
 from sucre_bench.engine.preflight import Planned
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine.array_store import ArrayStore, storing
+from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.results.layout import decoded_path
 
 

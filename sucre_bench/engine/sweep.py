@@ -19,10 +19,9 @@ from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.config_file import config_path, config_text
 from sucre_bench.machine import progress_display, provenance
-from sucre_bench.machine.clock import now
 from sucre_bench.machine.current_step import note_start
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.secrets import masked
+from sucre_bench.machine.records import masked, now
 from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.results.common_scores import read_common
 from sucre_bench.results.layout import pairs_path

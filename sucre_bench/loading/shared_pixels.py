@@ -8,7 +8,7 @@ import numpy.typing as npt
 
 from sucre_bench.arrays import Array
 from sucre_bench.loading.view_files import Files
-from sucre_bench.machine import array_store
+from sucre_bench.machine import cache
 from sucre_bench.machine.code_digests import engine_hash
 from sucre_bench.machine.compile_loops import compiled
 from sucre_bench.scene import Plane, Scene
@@ -18,7 +18,7 @@ _FULL = np.float32(255)
 
 @dataclass(frozen=True, eq=False)
 class SharedPixels:
-    """Decoded files, which a store holds while one is in use (`machine.array_store.storing`).
+    """Decoded files, which a store holds while one is in use (`machine.cache.storing`).
 
     files: what is decoded; key: of the view in the store, the same for the same data and code. Images whose values are
     the levels of 8 bits are stored as these, a quarter of the size; what `load` returns is equal to the last bit.
@@ -34,7 +34,7 @@ class SharedPixels:
 
     def load(self, plane: Plane) -> Array | None:
         """Return a plane; of depth maps, the file's mapped values. Raises InputError for a file that is unreadable."""
-        store = array_store.current()
+        store = cache.current()
         if store is None or not self._has(plane):
             return self.files.load(plane)
         values = store.get(f"{self.key} {plane}", lambda: self._decoded(plane))
@@ -42,7 +42,7 @@ class SharedPixels:
 
     def levels(self) -> npt.NDArray[np.uint8] | None:
         """Return the image (H, W, 3) as mapped 8-bit levels; None without a store, or if it has other values."""
-        store = array_store.current()
+        store = cache.current()
         if store is None:
             return None
         values = store.get(f"{self.key} rgb", lambda: self._decoded("rgb"))

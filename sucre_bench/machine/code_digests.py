@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import ast
-import atexit
 import functools
 import hashlib
 import json
+import os
 import time
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import suppress
 from pathlib import Path
-from typing import Any
 
-from sucre_bench.errors import OutputError
-from sucre_bench.machine.files import user_cache, write_atomically
+from sucre_bench.machine.cache import get_or_make
+from sucre_bench.machine.files import user_cache
 from sucre_bench.machine.provenance import distribution_of, version_of
 
 # The rooms whose code decides a result, each with all its files. A hash adds the code of the plugins.
@@ -40,7 +39,7 @@ def hash_of(places: tuple[Path, ...], libraries: Iterable[str] = (), more: objec
     that counts, by its repr. Raises FileNotFoundError if a room of the numerics is not there.
     """
     versions = [(name, version_of(distribution_of(name))) for name in sorted({*_LIBRARIES, *libraries})]
-    code = {digest for place in (*places, *_numerics()) for digest in _statements(place)}
+    code = _statements(*_numerics()).union(*map(_statements, places))
     made_of = (sorted(code), version_of("sucre-bench"), versions, more)
     return hashlib.blake2b(repr(made_of).encode(), digest_size=6).hexdigest()
 
@@ -57,24 +56,39 @@ def _numerics() -> tuple[Path, ...]:
 
 
 @functools.cache
-def _statements(place: Path) -> frozenset[bytes]:
-    """Digests of every top-level statement of a file, or of a folder's Python files, and of the tables (.csv) there."""
-    files = list(place.rglob("*")) if place.is_dir() else [place]
-    code = (digest for file in files if file.suffix == ".py" for digest in _kept().of(file, _digests_of))
-    return frozenset([*map(bytes.fromhex, code), *(_digest(f.read_bytes()) for f in files if f.suffix == ".csv")])
+def _statements(*places: Path) -> frozenset[bytes]:
+    """Digests of every top-level statement of files, or of folders' Python files, and of the tables (.csv) there.
+
+    Those of several files are stored in the user's cache, with size and time of change of the files.
+    """
+    inside = (place.rglob("*") if place.is_dir() else [place] for place in places)
+    files = sorted(file for found in inside for file in found if file.suffix in (".py", ".csv"))
+    if len(files) == 1:
+        return frozenset(_digests_of(files[0]))
+    states = [file.stat() for file in files]
+    rule = _digest(Path(__file__).read_bytes()).hex()  # digests of another rule are not taken
+    of = [rule, *([str(file), state.st_size, state.st_mtime_ns] for file, state in zip(files, states, strict=True))]
+
+    def read(path: Path) -> frozenset[bytes] | None:
+        with suppress(OSError, ValueError, LookupError, TypeError, AttributeError):
+            stored = json.loads(path.read_bytes())
+            return frozenset(map(bytes.fromhex, stored["digests"])) if stored["of"] == of else None
+        return None
+
+    def make(path: Path) -> frozenset[bytes]:
+        digests = frozenset(digest for file in files for digest in _digests_of(file))
+        if time.time() - max((state.st_mtime for state in states), default=0) > _SETTLED_S:
+            path.write_text(json.dumps({"of": of, "digests": sorted(digest.hex() for digest in digests)}))
+        return digests
+
+    try:
+        return get_or_make(user_cache() / "code" / f"{_digest(repr(places).encode()).hex()}.json", read, make)
+    except OSError:  # no place to write to
+        return make(Path(os.devnull))
 
 
-@functools.cache
-def _kept() -> KeptDigests:
-    """The digests of earlier processes, as long as this file made them."""
-    rule = _digest(Path(__file__).read_bytes()).hex()
-    kept = KeptDigests(user_cache() / "code_digests.json", rule)
-    atexit.register(kept.write)
-    return kept
-
-
-def _digests_of(file: Path) -> list[str]:
-    return [digest.hex() for digest in _statements_of(file.read_bytes())]
+def _digests_of(file: Path) -> Iterator[bytes]:
+    return iter([_digest(file.read_bytes())]) if file.suffix == ".csv" else _statements_of(file.read_bytes())
 
 
 def _statements_of(content: bytes) -> Iterator[bytes]:
@@ -119,42 +133,3 @@ def _is_our_import(node: object) -> bool:
 
 def _is_export_list(node: object) -> bool:
     return isinstance(node, ast.Assign) and any(isinstance(t, ast.Name) and t.id == "__all__" for t in node.targets)
-
-
-class KeptDigests:
-    """Digests by file, kept as JSON. A cache that cannot be read or written is done without.
-
-    path: of the cache; rule: names what `compute` does; digests of another rule are not taken.
-    """
-
-    def __init__(self, path: Path, rule: str) -> None:
-        self._path, self._rule = path, rule
-        self._known = _read(path, rule)
-        self._is_new = False
-
-    def of(self, file: Path, compute: Callable[[Path], list[str]]) -> list[str]:
-        """Return `compute(file)`, from the cache if the file's size and time of change are as they were."""
-        state = file.stat()
-        stamp = [state.st_size, state.st_mtime_ns]
-        found = self._known.get(str(file))
-        if found is not None and found[0] == stamp:
-            return [str(digest) for digest in found[1]]
-        digests = compute(file)
-        if time.time() - state.st_mtime > _SETTLED_S:
-            self._known[str(file)] = [stamp, digests]
-            self._is_new = True
-        return digests
-
-    def write(self) -> None:
-        """Write the cache if it has anything new. Files that no longer exist are left out."""
-        if self._is_new:
-            kept = {file: entry for file, entry in self._known.items() if Path(file).exists()}
-            with suppress(OutputError):
-                write_atomically(self._path, json.dumps({"rule": self._rule, "files": kept}).encode())
-
-
-def _read(path: Path, rule: str) -> dict[str, Any]:
-    with suppress(OSError, ValueError, KeyError, TypeError, AttributeError):
-        content = json.loads(path.read_bytes())
-        return dict(content["files"].items()) if content["rule"] == rule else {}
-    return {}

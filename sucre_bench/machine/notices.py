@@ -6,6 +6,6 @@ def say(text: str, colour: str) -> None:
     from rich.text import Text
 
     from sucre_bench.machine import terminal
-    from sucre_bench.machine.secrets import masked
+    from sucre_bench.machine.records import masked
 
     terminal.err.print(Text(masked(text), style=colour), soft_wrap=True)

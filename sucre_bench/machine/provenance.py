@@ -12,7 +12,7 @@ from typing import Any
 from sucre_bench.errors import InputError
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.files import regular, write_atomically
-from sucre_bench.machine.secrets import masked
+from sucre_bench.machine.records import masked
 
 PACKAGES = (
     "colour-science",

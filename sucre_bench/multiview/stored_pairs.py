@@ -23,9 +23,9 @@ from typing import Any, BinaryIO, Unpack
 import numpy as np
 
 from sucre_bench.errors import ANY_FAULT, InputError
+from sucre_bench.machine.cache import get_or_make
 from sucre_bench.machine.code_digests import engine_hash
 from sucre_bench.machine.files import expanded
-from sucre_bench.machine.locks import waited_lock
 from sucre_bench.machine.progress import say
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.multiview.observe import Options, observe
@@ -84,11 +84,7 @@ def paired(scene: Scene, target: View, folder: Path | None = None, **options: Un
     with_view, options = bool(options.get("with_view")), {**options, "with_view": True}  # one entry serves both
     entry = expanded(folder) / f"{Path(target.name).stem}-{_key(scene, target, options)}"
     try:
-        entry.parent.mkdir(parents=True, exist_ok=True)
-        with waited_lock(Path(f"{entry}.lock")):  # the second of two processes finds the entry of the first
-            kept = _read(entry)
-            if kept is None or kept.unreadable:  # a view that could not be read may be readable now
-                kept = _make(entry, scene, target, options)
+        kept = get_or_make(entry, _read_whole, lambda work: _make(work, scene, target, options))
     except OSError as fault:
         reason = fault.strerror or fault
         raise InputError(f"cannot keep observations there, {reason}", entry.parent, "name another folder") from fault
@@ -109,33 +105,31 @@ def _key(scene: Scene, target: View, options: Options) -> str:
     return hashlib.blake2b(content.encode(), digest_size=8).hexdigest()
 
 
-def _make(entry: Path, scene: Scene, target: View, options: Options) -> Observations:
-    """Pair into a new entry that replaces any old one, and return it."""
-    work = Path(f"{entry}.part")
-    shutil.rmtree(work, ignore_errors=True)  # left by a process that was killed
+def _make(work: Path, scene: Scene, target: View, options: Options) -> Observations:
+    """Pair into a new entry, and return it as it is stored."""
     work.mkdir()
-    try:
-        made = observe(target, scene.views, folder=work, **options)
-        for name in _PER_PIXEL:
-            with (work / f"{name}.npy").open("wb") as file:
-                np.save(file, getattr(made, name))
-                _to_disk(file)
-        for name in _PER_OBSERVATION:
-            if isinstance(values := getattr(made, name), np.memmap):
-                values.flush()  # else a crash of the machine could leave zeros in a file of full length
-        meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable, "pair_s": made.pair_s}
-        arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
-        with (work / "meta.json").open("wb") as file:
-            file.write(json.dumps({**meta, "arrays": arrays}).encode())
+    made = observe(target, scene.views, folder=work, **options)
+    for name in _PER_PIXEL:
+        with (work / f"{name}.npy").open("wb") as file:
+            np.save(file, getattr(made, name))
             _to_disk(file)
-        if entry.exists():
-            shutil.rmtree(entry)
-        work.replace(entry)
-    finally:
-        shutil.rmtree(work, ignore_errors=True)
-    kept = _read(entry)
-    assert kept is not None
-    return dataclasses.replace(kept, read_s=made.read_s)
+    for name in _PER_OBSERVATION:
+        if isinstance(values := getattr(made, name), np.memmap):
+            values.flush()  # else a crash of the machine could leave zeros in a file of full length
+    meta = {"shape": made.shape, "views": made.views, "unreadable": made.unreadable, "pair_s": made.pair_s}
+    arrays = {name: _layout(getattr(made, name)) for name in (*_PER_PIXEL, *_PER_OBSERVATION)}
+    with (work / "meta.json").open("wb") as file:
+        file.write(json.dumps({**meta, "arrays": arrays}).encode())
+        _to_disk(file)
+    stored = _read(work)
+    assert stored is not None
+    return dataclasses.replace(stored, read_s=made.read_s)
+
+
+def _read_whole(entry: Path) -> Observations | None:
+    """An entry's observations; None also if a view could not be read, which may be readable now."""
+    stored = _read(entry)
+    return None if stored is None or stored.unreadable else stored
 
 
 def _to_disk(file: BinaryIO) -> None:

@@ -15,8 +15,8 @@ from sucre_bench import results
 from sucre_bench.engine.job_process import run_text
 from sucre_bench.errors import Death
 from sucre_bench.jobs import compose_jobs
-from sucre_bench.machine.clock import now
 from sucre_bench.machine.current_step import NoteFile, at_work
+from sucre_bench.machine.records import now
 from sucre_bench.plugins.registry import Registry, using
 
 PLUGINS = str(TOYS.with_name("hostile_plugins.py"))

@@ -7,55 +7,76 @@ from pathlib import Path
 
 import pytest
 
-from sucre_bench.machine.code_digests import KeptDigests
+from sucre_bench.machine import code_digests
 
 pytestmark = pytest.mark.short
 
 
-def _written(file: Path, text: str, changed: float) -> Path:
+@pytest.fixture
+def cache(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    monkeypatch.setattr(code_digests, "user_cache", lambda: tmp_path / "cache")
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def code(tmp_path: Path) -> Path:
+    """A folder of two files that were written long ago."""
+    (tmp_path / "code").mkdir()
+    write(tmp_path / "code" / "a.py", "x = 1")
+    write(tmp_path / "code" / "b.py", "y = 1")
+    return tmp_path / "code"
+
+
+def write(file: Path, text: str, changed: float = 1000) -> None:
     file.write_text(text)
     os.utime(file, (changed, changed))
-    return file
 
 
-def _content(file: Path) -> list[str]:
-    return [file.read_text()]
+def hash_in_new_process(place: Path) -> str:
+    code_digests._statements.cache_clear()  # noqa: SLF001 - what another process does not have
+    return code_digests.hash_of((place,))
 
 
-def _never(file: Path) -> list[str]:
-    raise AssertionError(f"{file} is read again")
+def unread(monkeypatch: pytest.MonkeyPatch) -> None:
+    def refuse(*_: object) -> None:
+        raise AssertionError("a file is parsed again")
+
+    monkeypatch.setattr(code_digests.ast, "parse", refuse)
 
 
-def test_a_later_process_takes_what_an_earlier_one_found(tmp_path: Path):
-    file, cache = _written(tmp_path / "a.py", "one", 1000), tmp_path / "cache" / "kept.json"
-    first = KeptDigests(cache, "rule")
-    assert first.of(file, _content) == ["one"]
-    first.write()
-    assert KeptDigests(cache, "rule").of(file, _never) == ["one"]
-    assert KeptDigests(cache, "other rule").of(file, _content) == ["one"]
+def test_a_later_process_takes_what_an_earlier_one_found(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
+    first = hash_in_new_process(code)
+    unread(monkeypatch)
+    assert hash_in_new_process(code) == first
 
 
-@pytest.mark.parametrize(("text", "changed"), [("two", 2000), ("longer", 1000)])
-def test_a_changed_file_is_read_again(tmp_path: Path, text: str, changed: float):
-    file, cache = _written(tmp_path / "a.py", "one", 1000), tmp_path / "kept.json"
-    first = KeptDigests(cache, "rule")
-    first.of(file, _content)
-    first.write()
-    _written(file, text, changed)
-    assert KeptDigests(cache, "rule").of(file, _content) == [text]
+@pytest.mark.parametrize(("text", "changed"), [("x = 2", 2000), ("x = 10", 1000)])
+def test_a_changed_file_is_read_again(cache: Path, code: Path, text: str, changed: float):
+    first = hash_in_new_process(code)
+    write(code / "a.py", text, changed)
+    assert hash_in_new_process(code) != first
 
 
-def test_a_file_that_may_still_change_is_not_kept(tmp_path: Path):
-    file = tmp_path / "a.py"
-    file.write_text("one")
-    kept = KeptDigests(tmp_path / "kept.json", "rule")
-    assert kept.of(file, _content) == ["one"]
-    file.write_text("two")
-    assert kept.of(file, _content) == ["two"]
+def test_a_file_that_may_still_change_is_not_stored(cache: Path, code: Path):
+    (code / "a.py").write_text("x = 2")
+    state = (code / "a.py").stat()
+    first = hash_in_new_process(code)
+    (code / "a.py").write_text("x = 3")
+    os.utime(code / "a.py", ns=(state.st_atime_ns, state.st_mtime_ns))
+    assert hash_in_new_process(code) != first
 
 
-def test_a_damaged_cache_is_done_without(tmp_path: Path):
-    file, cache = _written(tmp_path / "a.py", "one", 1000), tmp_path / "kept.json"
-    for content in (b"", b"[]", b'{"rule": "rule", "files": 3}', b"\xff"):
-        cache.write_bytes(content)
-        assert KeptDigests(cache, "rule").of(file, _content) == ["one"]
+@pytest.mark.parametrize("content", [b"", b"[]", b'{"of": 3}', b"\xff"])
+def test_a_damaged_cache_is_made_again(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch, content: bytes):
+    first = hash_in_new_process(code)
+    for file in (cache / "code").glob("*.json"):
+        file.write_bytes(content)
+    assert hash_in_new_process(code) == first
+    unread(monkeypatch)
+    assert hash_in_new_process(code) == first
+
+
+def test_without_a_place_to_write_to_code_is_read(cache: Path, code: Path, monkeypatch: pytest.MonkeyPatch):
+    first = hash_in_new_process(code)
+    monkeypatch.setattr(code_digests, "user_cache", lambda: Path("/proc/none"))
+    assert hash_in_new_process(code) == first

@@ -16,8 +16,7 @@ from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
 from sucre_bench.errors import InputError, one_line, raise_if_stop
 from sucre_bench.imaging.once import locked
 from sucre_bench.jobs.metric_words import MetricChoice
-from sucre_bench.machine.clock import now
-from sucre_bench.machine.traceback_log import keep_traceback
+from sucre_bench.machine.records import keep_traceback, now
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, CommonRow, Kind, ViewKey
 from sucre_bench.results.layout import Place
 from sucre_bench.results.reasons import Reason

@@ -12,8 +12,8 @@ from textwrap import shorten
 from typing import TYPE_CHECKING
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_line
-from sucre_bench.machine.locks import waited_lock
-from sucre_bench.machine.secrets import masked
+from sucre_bench.machine.cache import waited_lock
+from sucre_bench.machine.records import masked
 from sucre_bench.reports.mlflow import store
 from sucre_bench.results.rows import fingerprint
 

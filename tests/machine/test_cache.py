@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from sucre_bench.machine.array_store import ArrayStore, current, storing
+from sucre_bench.machine.cache import ArrayStore, current, storing
 
 pytestmark = pytest.mark.short
 N = 100_000  # float64: 800 kB
