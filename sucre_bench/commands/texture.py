@@ -52,8 +52,7 @@ def texture(
     """
     from sucre_bench.engine.reopen_results import INPUT, revisit
     from sucre_bench.machine import progress_display
-    from sucre_bench.programs.texture.surface import choose_cells, fuse
-    from sucre_bench.programs.texture.write_ply_glb import mean_up, write_model
+    from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
 
     check_ending(out, "surface")
     if picture is not None:
@@ -67,7 +66,7 @@ def texture(
         write_model(out, model, mean_up([frame.view for frame in found.frames]))
         if picture is not None:
             from sucre_bench.imaging.image_files import write_png
-            from sucre_bench.programs.texture.render import side_by_side
+            from sucre_bench.programs.texture import side_by_side
 
             restored = model if triangles else fuse(found.frames, method, cells)
             models = {INPUT: fuse(found.frames, INPUT, cells, mask=method), method: restored}

@@ -15,7 +15,7 @@ from sucre_bench.commands.shared_options import labels_of, plugin_option, scene_
 from sucre_bench.machine.records import json_text
 
 if TYPE_CHECKING:
-    from sucre_bench.programs.video.flicker import Flicker
+    from sucre_bench.programs.video import Flicker
 
 
 @click.command()
@@ -53,9 +53,7 @@ def video(
     from sucre_bench.errors import InputError
     from sucre_bench.machine import progress_display, terminal
     from sucre_bench.machine.files import write_atomically
-    from sucre_bench.programs.video.flicker import FORMULAE, flicker
-    from sucre_bench.programs.video.frames import composed, panel_size
-    from sucre_bench.programs.video.write_vp9 import write_video
+    from sucre_bench.programs.video import FORMULAE, composed, flicker, panel_size, write_video
 
     check_ending(out, "video")
     labels = labels_of(methods)

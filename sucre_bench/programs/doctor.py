@@ -3,6 +3,7 @@
 In: the folder whose disk to check. Out: `Examined`, with machine, features and remedies.
 """
 
+import ctypes
 import importlib.util
 import os
 import platform
@@ -13,7 +14,7 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 from sucre_bench import plugins
 from sucre_bench.machine import provenance
@@ -70,43 +71,32 @@ class Examined:
 
 def examine(out: Path = Path()) -> Examined:
     """Examine packages, plugins, programs and the disk of `out`, without changing anything."""
-    commit, dirty = provenance.source_commit()
-    gpu = provenance.gpu()
-    return Examined(
-        provenance.version_of("sucre-bench") or "not installed",
-        f"{platform.python_version()}, {sys.prefix}",
-        f"{commit[:12]}{' with uncommitted changes' if dirty else ''}" if commit else "",
-        _machine(out, gpu),
-        tuple(_features(out, gpu)),
-    )
-
-
-# -- the machine ---------------------------------------------------------------------------------------------
-
-
-def _machine(out: Path, gpu: str | None) -> dict[str, str]:
     import psutil
 
-    memory, disk = psutil.virtual_memory(), _disk(out)
-    cores = usable_cores()
-    return {
-        "cores": str(cores),
+    commit, dirty = provenance.source_commit()
+    gpu, memory = provenance.gpu(), psutil.virtual_memory()
+    there = next(folder for folder in (out.resolve(), *out.resolve().parents) if folder.exists())
+    disk = shutil.disk_usage(there)
+    machine = {
+        "cores": str(usable_cores()),
         "memory": f"{memory.available / 2**30:.1f} of {memory.total / 2**30:.1f} GB free",
         "disk": f"{disk.free / 2**30:.0f} of {disk.total / 2**30:.0f} GB free at {out.resolve()}",
         "gpu": gpu or "none found: torch and JAX run on the CPU",
     }
+    features = list(_features(gpu))
+    if disk.free < _LITTLE_DISK_GB * 2**30:
+        said = f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER"
+        features.append(Feature("disk for results", "broken", said))
+    return Examined(
+        provenance.version_of("sucre-bench") or "not installed",
+        f"{platform.python_version()}, {sys.prefix}",
+        f"{commit[:12]}{' with uncommitted changes' if dirty else ''}" if commit else "",
+        machine,
+        tuple(features),
+    )
 
 
-def _disk(out: Path) -> Any:
-    """Free space on the disk of the nearest existing folder."""
-    there = next(folder for folder in (out.resolve(), *out.resolve().parents) if folder.exists())
-    return shutil.disk_usage(there)
-
-
-# -- what can be done ----------------------------------------------------------------------------------------
-
-
-def _features(out: Path, gpu: str | None) -> Iterator[Feature]:
+def _features(gpu: str | None) -> Iterator[Feature]:
     yield _packages("SUCRe on the CPU", "torch", "numba")
     yield _gpu(gpu)
     yield _packages("SUCRe and others by JAX", "jax")
@@ -120,13 +110,20 @@ def _features(out: Path, gpu: str | None) -> Iterator[Feature]:
     yield _optional("raw photos (.arw, .cr2, .nef)", "rawpy", "rawpy")
     yield _optional("depth maps in OpenEXR", "OpenEXR", "OpenEXR")
     yield _optional("MATLAB tables (squid)", "matio", "mat-io")
-    yield _videos()
+    videos = "videos in H.264, for slides"  # presentation programs need it, browsers play VP9
+    if shutil.which("ffmpeg"):
+        yield Feature(videos, "ready", "ffmpeg -i dive.webm -c:v libx264 -pix_fmt yuv420p dive.mp4")
+    else:
+        yield Feature(videos, "missing", "no ffmpeg to turn VP9 (.webm, .mp4, for browsers) into it", _apt("ffmpeg"))
     yield _program("commit in the provenance", "git")
     yield _program("tests in a browser", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
     yield _optional("documentation as a site", "mkdocs", "mkdocs", "make setup")
-    yield _slurm()
-    if _disk(out).free < _LITTLE_DISK_GB * 2**30:
-        yield Feature("disk for results", "broken", f"less than {_LITTLE_DISK_GB:.0f} GB free; give another out=FOLDER")
+    slurm = "a cluster, by SLURM"
+    absent = [program for program in ("sbatch", "squeue", "scancel", "srun") if not shutil.which(program)]
+    if absent:
+        yield Feature(slurm, "absent", f"no {absent[0]}: not a login node of a cluster")
+    else:
+        yield _optional(slurm, "submitit", "submitit")
 
 
 def _packages(name: str, *distributions: str) -> Feature:
@@ -139,17 +136,14 @@ def _packages(name: str, *distributions: str) -> Feature:
 
 
 def _optional(name: str, module: str, distribution: str, remedy: str = "") -> Feature:
-    version = provenance.version_of(distribution)
     if importlib.util.find_spec(module) is not None:
-        return Feature(name, "ready", f"{distribution} {version or ''}".strip())
+        return Feature(name, "ready", f"{distribution} {provenance.version_of(distribution) or ''}".strip())
     return Feature(name, "missing", f"no {distribution}", remedy or _pip(distribution))
 
 
 def _program(name: str, *programs: str) -> Feature:
     found = next((path for program in programs if (path := shutil.which(program))), None)
-    if found:
-        return Feature(name, "ready", found)
-    return Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
+    return Feature(name, "ready", found) if found else Feature(name, "missing", f"no {programs[0]}", _apt(programs[0]))
 
 
 def _gpu(gpu: str | None) -> Feature:
@@ -159,12 +153,9 @@ def _gpu(gpu: str | None) -> Feature:
     if torch is None:
         return Feature(name, "broken", "no torch", _pip("torch"))
     if "+cpu" in torch:
-        bare = torch.partition("+")[0]
-        return Feature(
-            name, "broken", f"torch {torch} is built for CPUs alone", _pip("--force-reinstall", f"torch=={bare}")
-        )
-    asked = "import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())"
-    tried = _python(asked)
+        remedy = _pip("--force-reinstall", f"torch=={torch.partition('+')[0]}")
+        return Feature(name, "broken", f"torch {torch} is built for CPUs alone", remedy)
+    tried = _python("import torch; torch.zeros(1).cuda(); print(torch.cuda.get_device_name())")
     if tried.returncode == 0:
         return Feature(name, "ready", f"torch {torch} on {tried.stdout.strip()}")
     return Feature(name, "broken", f"torch {torch} does not see the {gpu}: {_last(tried.stderr)}", "nvidia-smi")
@@ -187,35 +178,23 @@ def _plugins() -> Feature:
     return Feature("plugins", "ready", ", ".join(counts))
 
 
-def _videos() -> Feature:
-    """VP9 plays in browsers; presentation programs need H.264, which OpenCV's wheels cannot write."""
-    ffmpeg = shutil.which("ffmpeg")
-    name = "videos in H.264, for slides"
-    if ffmpeg:
-        return Feature(name, "ready", "ffmpeg -i dive.webm -c:v libx264 -pix_fmt yuv420p dive.mp4")
-    return Feature(name, "missing", "no ffmpeg to turn VP9 (.webm, .mp4, for browsers) into it", _apt("ffmpeg"))
-
-
-def _slurm() -> Feature:
-    programs = ("sbatch", "squeue", "scancel", "srun")
-    absent = [program for program in programs if not shutil.which(program)]
-    if absent:
-        return Feature("a cluster, by SLURM", "absent", f"no {absent[0]}: not a login node of a cluster")
-    return _optional("a cluster, by SLURM", "submitit", "submitit")
-
-
 def _open3d() -> Feature:
     """Open3D is imported in another process, because it may crash."""
     installed = _packages("demo scene, surfaces", "open3d")
     if installed.state != "ready" or not (tried := _python("import open3d")).returncode:
         return installed
-    absent = [package for library, package in OPEN3D_LIBRARIES.items() if not _has(library)]
-    if absent:
-        said, remedy = "open3d lacks libraries of the system", _apt(*absent)
-    else:
-        said = f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}"
-        remedy = _pip("--force-reinstall", "open3d")
-    return Feature(installed.name, "broken", said, remedy)
+    if absent := [package for library, package in OPEN3D_LIBRARIES.items() if not _loads(library)]:
+        return Feature(installed.name, "broken", "open3d lacks libraries of the system", _apt(*absent))
+    said = f"open3d does not import: {_last(tried.stderr) or f'exit code {tried.returncode}'}"
+    return Feature(installed.name, "broken", said, _pip("--force-reinstall", "open3d"))
+
+
+def _loads(library: str) -> bool:
+    try:
+        ctypes.CDLL(library)
+    except OSError:
+        return False
+    return True
 
 
 def _python(code: str) -> subprocess.CompletedProcess[str]:
@@ -223,8 +202,7 @@ def _python(code: str) -> subprocess.CompletedProcess[str]:
 
 
 def _last(text: str) -> str:
-    lines = text.strip().splitlines()
-    return lines[-1] if lines else ""
+    return (text.strip().splitlines() or [""])[-1]
 
 
 def _pip(*words: str) -> str:
@@ -233,8 +211,3 @@ def _pip(*words: str) -> str:
 
 def _apt(*packages: str) -> str:
     return f"{'' if os.geteuid() == 0 else 'sudo '}apt-get install {' '.join(packages)}"
-
-
-def _has(library: str) -> bool:
-    folders = ["/lib", "/usr/lib", *(str(p) for p in Path("/usr/lib").glob("*-linux-gnu")), "/usr/lib64"]
-    return any((Path(folder) / library).exists() for folder in folders)

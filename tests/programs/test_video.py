@@ -21,9 +21,7 @@ from sucre_bench.commands.video import video
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode, to_8bit
-from sucre_bench.programs.video.flicker import flicker
-from sucre_bench.programs.video.frames import composed, panel_size
-from sucre_bench.programs.video.write_vp9 import write_video
+from sucre_bench.programs.video import composed, flicker, panel_size, write_video
 
 G = 1.25
 

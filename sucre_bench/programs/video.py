@@ -1,4 +1,9 @@
-"""Flicker: how much a method's colours change between consecutive views.
+"""Videos of the views before and after, and flicker: how much a method's colours change between consecutive views.
+
+Browsers play H.264, VP8, VP9 and AV1. OpenCV's wheels write VP9, in .mp4 and .webm, but neither H.264 nor AV1. Their
+other format, MPEG-4 part 2 ("mp4v"), does not play in browsers.
+
+Measures of flicker:
 
 gain      the mean over channels of |G(t+1) - G(t)|, where G = ln(mean of restored / mean of input) of a channel, in
           linear light, over the pixels that are restored (not black). A method that multiplies every other view by a
@@ -12,18 +17,32 @@ Of each, the mean over pairs of consecutive views and Student's 95 % interval, a
 Pairs without a common point count for gain alone.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+import contextlib
+import math
+import os
+import tempfile
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array, Picture
 from sucre_bench.engine.reopen_results import INPUT, Frame
+from sucre_bench.errors import OutputError
 from sucre_bench.imaging.cielab import ciede2000, contrast, lab_d50
+from sucre_bench.imaging.drawing import captioned
 from sucre_bench.imaging.encoding import srgb_decode
+from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import track
 from sucre_bench.multiview.common_points import matched, surface_of
 from sucre_bench.scene import View
+
+_SWEEP_SECONDS = 6.0  # of the divider, there and back
+_REACH = 0.42  # of the width, to either side of the middle
+_GAP = 4  # pixels between panels
+_LINE = 2  # pixels, the divider
 
 FORMULAE = {
     "gain": "mean over channels of |ln(restored / input)(t+1) - ln(restored / input)(t)|, of means in linear light",
@@ -31,11 +50,94 @@ FORMULAE = {
     "relative": "points / mean CIEDE2000 of different points in view t",
 }
 
-_DARKEST = (
-    0.5 / 255 / 12.92
-)  # half of the smallest step of 8 bits, in linear light: the mean of a channel without light
+_DARKEST = 0.5 / 255 / 12.92  # half of an 8-bit step in linear light: the mean of a channel without light
 _MOST_POINTS = 20_000  # points of a pair; the mean over so many has an error of about 0.02
 _LINEAR = srgb_decode(np.arange(256) / 255)
+
+
+def panel_size(frame: Frame, height: int) -> tuple[int, int]:
+    """Return the width and height of a panel: the view's, shrunk to `height` if it is higher; both even."""
+    high, wide = frame.view.rgb.shape[:2]
+    share = min(1.0, height / high)
+    return max(2, round(wide * share) // 2 * 2), max(2, round(high * share) // 2 * 2)
+
+
+def composed(
+    frames: Sequence[Frame], methods: Sequence[str], size: tuple[int, int], fps: float, split: bool
+) -> Iterator[Picture]:
+    """Yield a picture a frame, (H, W, 3) uint8 RGB with even sides: named panels next to each other.
+
+    The input comes first. With `split`, each method's panel shows the input left of a moving divider instead.
+    Views of another shape are fitted into `size` (width, height). Raises InputError for an unreadable picture.
+    """
+    for k, frame in enumerate(track(frames, "video")):
+        given = _fitted(frame.picture(INPUT), size)
+        made = {method: _fitted(frame.picture(method), size) for method in methods}
+        if split:
+            swing = math.cos(2 * math.pi * k / fps / _SWEEP_SECONDS)
+            at = round(size[0] * (0.5 - _REACH * swing))
+            panels = [_split(given, picture, at, method) for method, picture in made.items()]
+        else:
+            panels = [captioned(picture, name) for name, picture in {INPUT: given, **made}.items()]
+        gap = np.zeros((size[1], _GAP, 3), np.uint8)
+        yield np.hstack([part for panel in panels for part in (gap, panel)][1:])
+
+
+def _fitted(picture: Picture, size: tuple[int, int]) -> Picture:
+    """A picture scaled to fit a panel, black beside it."""
+    from PIL import Image, ImageOps
+
+    return np.asarray(ImageOps.pad(Image.fromarray(picture), size))
+
+
+def _split(given: Picture, made: Picture, at: int, method: str) -> Picture:
+    """The input left of a column, the restored image right of it; each name stays on its side."""
+    panel = captioned(made, method, right=True)
+    panel[:, :at] = captioned(given, INPUT)[:, :at]
+    panel[:, max(0, at - _LINE // 2) : at + _LINE // 2] = 255
+    return panel
+
+
+def write_video(path: Path, pictures: Iterable[Picture], fps: float) -> int:
+    """Write pictures (H, W, 3) uint8 RGB, all of one size with even sides, and return their number.
+
+    The file is written atomically. Raises OutputError if it cannot be written, or if this OpenCV has no VP9 encoder.
+    """
+    import cv2
+
+    writer: Any = None
+    count = 0
+    with tempfile.TemporaryDirectory(prefix="sucre-bench-") as folder:
+        file = Path(folder) / f"video{path.suffix.lower()}"
+        try:
+            for picture in pictures:
+                if writer is None:
+                    size = (picture.shape[1], picture.shape[0])
+                    with _quiet():
+                        writer = cv2.VideoWriter(str(file), cv2.CAP_FFMPEG, cv2.VideoWriter.fourcc(*"vp09"), fps, size)
+                    if not writer.isOpened():
+                        remedy = "install opencv-python-headless from PyPI"
+                        raise OutputError("this OpenCV cannot write VP9", path, remedy)
+                writer.write(np.ascontiguousarray(picture[..., ::-1]))
+                count += 1
+        finally:
+            if writer is not None:
+                writer.release()
+        write_atomically(path, file.read_bytes())
+    return count
+
+
+@contextlib.contextmanager
+def _quiet() -> Iterator[None]:
+    """Hide a harmless message of OpenCV's C code about a tag in .webm."""
+    kept = os.dup(2)
+    with Path(os.devnull).open("w") as nowhere:
+        os.dup2(nowhere.fileno(), 2)
+    try:
+        yield
+    finally:
+        os.dup2(kept, 2)
+        os.close(kept)
 
 
 @dataclass(frozen=True)

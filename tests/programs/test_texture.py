@@ -24,9 +24,7 @@ from sucre_bench.commands.texture import texture
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen_results import Frame, revisit
 from sucre_bench.imaging.encoding import srgb_decode
-from sucre_bench.programs.texture.render import rendered, vantage
-from sucre_bench.programs.texture.surface import Cells, Model, choose_cells, fuse
-from sucre_bench.programs.texture.write_ply_glb import mean_up, write_model
+from sucre_bench.programs.texture import Cells, Model, choose_cells, fuse, mean_up, rendered, vantage, write_model
 
 GRAY = np.full((48, 64, 3), 0.5, np.float32)
 RED, GREEN = (200, 30, 20), (20, 180, 40)
