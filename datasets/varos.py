@@ -31,6 +31,7 @@ from sucre_bench.loading.find_folders import existing, folders_below, scene_name
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, straight_lens, view_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.scene import Plane, Scene
 
@@ -142,7 +143,7 @@ def _camera(path: Path) -> Camera:
 
     try:
         text = regular(path).read_text(encoding="utf-8")
-        stored = yaml.safe_load(re.sub(r"^%YAML.*\n", "", text))  # as OpenCV heads its files, which YAML refuses
+        stored = read_yaml(re.sub(r"^%YAML.*\n", "", text))  # as OpenCV heads its files, which YAML refuses
         resolution = stored.get("resolution", stored)
         width, height = resolution if isinstance(resolution, list) else (resolution["width"], resolution["height"])
         focal = float(stored["focal_length"]) / float(stored["sensor_width"]) * width

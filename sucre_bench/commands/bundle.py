@@ -7,7 +7,8 @@ from typing import Any
 
 import click
 
-from sucre_bench.commands.output_endings import check_ending
+from sucre_bench.commands.output_files import check_output
+from sucre_bench.commands.shared_options import plugin_option
 from sucre_bench.machine.notices import say
 
 
@@ -22,13 +23,15 @@ from sucre_bench.machine.notices import say
     help="restored: put the restored images in; all: also views and references, if you may publish them.",
 )
 @click.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
-@click.option("--code", is_flag=True, help="Put the run's plugin files in, so that others can run lineup.yaml.")
+@click.option("--code", is_flag=True, help="Put the files of --plugin in, so that others can run lineup.yaml.")
+@plugin_option
 def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None:
     """Write a results folder as one file: scores, configuration and hashes.
 
     \b
     sucre-bench bundle results paper.zip
     sucre-bench bundle results paper.zip --pictures restored --by "Reef Lab"
+    sucre-bench bundle results paper.zip --plugin my_method.py --code
 
     The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
     give the same bytes and the same id.
@@ -36,7 +39,7 @@ def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None
     from sucre_bench.machine import progress_display
     from sucre_bench.programs.bundle.write import bundle_results
 
-    check_ending(file, "bundle")
+    check_output(file, "bundle")
     with progress_display.live():
         made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
     size = file.stat().st_size
@@ -64,26 +67,31 @@ def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
         say(f"no lineup.yaml in the bundle: {fault}", "yellow")
         return {}
     given = line_up.settings.get("plugins", [])
-    files = _plugin_files(folder, given) if has_code else {}
+    files = _plugin_files([folder / name for name in given]) if has_code else {}
     if files:
         line_up = replace(line_up, settings={**line_up.settings, "plugins": list(files)})
     elif given:
-        say(f"note: lineup.yaml needs {', '.join(given)}; --code puts that code into the bundle", "yellow")
+        code = "--plugin FILE --code puts that code into the bundle"
+        say(f"note: lineup.yaml needs {', '.join(given)}; {code}", "yellow")
     text = line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
     return {"lineup.yaml": text, **files}
 
 
-def _plugin_files(folder: Path, given: Iterable[str]) -> dict[str, str]:
-    """The text of plugin files by their name in the bundle; none if one cannot be read, or two have one name.
+def _plugin_files(paths: Iterable[Path]) -> dict[str, str]:
+    """The text of plugin files by their name in the bundle; none if one was not loaded, or two have one name.
 
-    given: paths relative to the results folder.
+    paths: that the results folder names, which may be any file of this machine.
     """
+    from sucre_bench import plugins
     from sucre_bench.errors import InputError
     from sucre_bench.machine.files import regular
 
     texts: dict[str, str] = {}
-    for path in (folder / name for name in given):
+    for path in paths:
         name = f"plugins/{path.name}"
+        if not plugins.is_loaded(path):
+            say(f"{path}: is not in the bundle; add --plugin {path} if it is the run's plugin file", "yellow")
+            return {}
         try:
             text = regular(path).read_text(encoding="utf-8")
         except (OSError, InputError, ValueError) as fault:

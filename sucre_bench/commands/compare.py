@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands import completion_words
+from sucre_bench.commands.shared_options import plugin_files_option
 from sucre_bench.errors import InputError
 from sucre_bench.machine.notices import say
 
@@ -67,6 +68,7 @@ if TYPE_CHECKING:
     help="Format of the tables. All formats but terminal have every column, with 95 % intervals.",
 )
 @click.option("--json", "as_json", is_flag=True, help="The same as --format json.")
+@plugin_files_option
 def compare(
     folders: Sequence[Path],
     by: Any,
@@ -80,6 +82,7 @@ def compare(
     spread: bool,
     how: Any,
     as_json: bool,
+    plugin_files: Sequence[str],
 ) -> None:
     """Compare the methods of one or more results folders: one table, and who leads.
 
@@ -92,10 +95,12 @@ def compare(
 
     All methods are compared on the same images. The command refuses runs that are not comparable, and says why.
     """
-    from sucre_bench import compare
+    from sucre_bench import compare, plugins
     from sucre_bench.compare.words import left_out
     from sucre_bench.machine import progress_display
 
+    for file in plugin_files:
+        plugins.load_file(file)
     gates = [compare.Gate.read(text) for text in limits]
     if gates and not baseline:
         raise click.UsageError("--fail-below: needs --baseline METHOD, which the others are compared with")
@@ -123,8 +128,12 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
     import pandas as pd
 
     from sucre_bench.engine.common_pixels.of_folders import score_folders
+    from sucre_bench.jobs.config_file import load_them, unloaded_plugin_files
     from sucre_bench.machine import progress_display
 
+    for folder in folders:
+        if files := unloaded_plugin_files(folder):
+            say(f"note: {folder}: its plugin files are not loaded; {load_them(files)}", "yellow")
     with progress_display.live():
         made = score_folders(folders, rows)
     tables = [table for table in (known, made) if len(table)]

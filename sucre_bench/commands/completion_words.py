@@ -150,9 +150,10 @@ def _names_in(line_up: Path, kind: str) -> dict[str, str]:
 
     from sucre_bench.errors import InputError
     from sucre_bench.machine.files import regular
+    from sucre_bench.machine.text_formats import read_yaml
 
     try:
-        entries = yaml.safe_load(regular(line_up).read_text(encoding="utf-8"))[f"{kind}s"]
+        entries = read_yaml(regular(line_up).read_text(encoding="utf-8"))[f"{kind}s"]
         said = [entry if isinstance(entry, dict) else {"name": entry} for entry in entries]
         return {str(one[key]): str(one["name"]) for one in said for key in ("name", "label") if key in one}
     except (OSError, InputError, ValueError, TypeError, KeyError, RecursionError, yaml.YAMLError):

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.output_endings import check_ending
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import json_option, plugin_option, print_json, refuse_options
 
 if TYPE_CHECKING:
@@ -63,34 +63,43 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
     """
     from sucre_bench.engine.select_views import select
     from sucre_bench.errors import InputError
+    from sucre_bench.loading.view_files import source_files
     from sucre_bench.machine import progress_display
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.describe import description
     from sucre_bench.programs.describe.scale_note import noted_scale
-    from sucre_bench.results import layout
 
-    suffix = ".png" if sheet is None else sheet.suffix
     if sheet is not None:
-        if sheet.is_dir():
-            raise InputError(f"{sheet}: is a folder; give --sheet a file, for example {sheet / 'sheet.png'}")
-        check_ending(sheet, "contact sheet")
+        check_output(sheet, "contact sheet")
     refuse_options(words, "describe")
     overrides = [word if "=" in word else f"dataset={word}" for word in words]
     with progress_display.live():
         selections = select(overrides)
+        sheets = [] if no_sheet else _sheets(sheet, [selection.scene.name for selection in selections])
+        inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
+        for path in sheets:
+            check_output(path, "contact sheet", inputs)
         described = [description.described(s.dataset.label, s.scene, s.views, most, noted_scale(s)) for s in selections]
     if as_json:
         print_json([one.as_object() for one in described])
-    for one in described:
+    for n, one in enumerate(described):
         if not as_json:
             _show(one)
-        if not no_sheet:
-            name = f"{layout.file_name(one.name)}-sheet{suffix}"
-            file_name = Path(name) if sheet is None else sheet if len(described) == 1 else sheet.with_name(name)
-            write_atomically(file_name, one.sheet(suffix))
-            click.echo(f"sheet    {file_name}", err=as_json)
+        if sheets:
+            write_atomically(sheets[n], one.sheet(sheets[n].suffix))
+            click.echo(f"sheet    {sheets[n]}", err=as_json)
     if not any(view.mean for one in described for view in one.facts):
         raise InputError("describe: no view could be read; mend the files named above")
+
+
+def _sheets(given: Path | None, scenes: Sequence[str]) -> list[Path]:
+    """The contact sheet of each scene: the given file if there is one scene, else named after its scene."""
+    from sucre_bench.results.layout import file_name
+
+    if given is not None and len(scenes) == 1:
+        return [given]
+    names = [f"{file_name(scene)}-sheet{given.suffix if given else '.png'}" for scene in scenes]
+    return [given.with_name(name) if given else Path(name) for name in names]
 
 
 def _show(one: Described) -> None:

@@ -4,6 +4,7 @@ from pathlib import Path
 
 import click
 
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import plugin_option
 from sucre_bench.machine.notices import say
 
@@ -34,6 +35,8 @@ def lineup(folder: Path, out: Path | None) -> None:
 
     file = folder / "lineup.yaml" if out is None else out
     is_printed = str(file) == "-"
+    if not is_printed:
+        check_output(file, "line-up")
     found = line_up_of(folder, Path() if is_printed else file.parent)
     for note in found.notes:
         say(f"note: {note}", "yellow")

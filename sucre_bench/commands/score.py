@@ -7,6 +7,7 @@ from pathlib import Path
 import click
 
 from sucre_bench.commands import completion_words
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import plugin_option
 from sucre_bench.machine.notices import say
 
@@ -66,6 +67,8 @@ def score(
     from sucre_bench.results.reasons import Reason, brief
     from sucre_bench.results.rows import RESTORATION, csv_text
 
+    if file:
+        check_output(file, "table", [like] if like else ())
     names = [name.strip() for name in metrics.split(",") if name.strip()]
     published = None
     if like:

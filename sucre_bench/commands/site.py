@@ -10,9 +10,10 @@ from typing import TYPE_CHECKING
 
 import click
 
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import plugin_option
-from sucre_bench.errors import InputError, OutputError
-from sucre_bench.machine.files import check_folder
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import check_folder, open_atomically
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.plural import counted
 
@@ -49,6 +50,7 @@ def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
     paths = sorted(bundles.glob("*.zip"))
     if not paths:
         raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
+    check_output(out / "index.html", "page")
     with progress_display.live():
         entries = [_entry(path, data) for path in paths]
         made = board(entries)
@@ -107,10 +109,6 @@ def _entry(path: Path, data: Sequence[str]) -> Entry:
 
 
 def _copy(source: Path, target: Path) -> None:
-    try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        shutil.copyfile(source, target)
-    except shutil.SameFileError:
-        return
-    except OSError as fault:
-        raise OutputError(f"{target}: cannot be written ({fault.strerror}); choose another place") from fault
+    if not (target.exists() and target.samefile(source)):
+        with source.open("rb") as content, open_atomically(target) as file:
+            shutil.copyfileobj(content, file)

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import dataset_option, echo_wrapped, json_option, labels_of, print_json
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.plural import counted
@@ -93,6 +94,7 @@ def _write(
     from sucre_bench.machine import progress_display
     from sucre_bench.programs.people import common_pixels, design, page
 
+    check_output(out, "page")
     pairs, views, width = sizes
     key = design.design(folder, methods, dataset, views)
     masks = common_pixels.common_masks(folder, key) if pixels == "common" else {}

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands.output_endings import check_ending
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import plugin_option, scene_options
 
 
@@ -51,16 +51,19 @@ def texture(
     poses.
     """
     from sucre_bench.engine.reopen_results import INPUT, revisit
+    from sucre_bench.loading.view_files import source_files
     from sucre_bench.machine import progress_display
     from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
 
-    check_ending(out, "surface")
+    check_output(out, "surface")
     if picture is not None:
-        check_ending(picture, "picture")
+        check_output(picture, "picture")
     started = time.perf_counter()
     triangles = mesh or out.suffix.lower() == ".glb"
     with progress_display.live():
         found = revisit(results, [method], dataset, scene)
+        if picture is not None:
+            check_output(picture, "picture", (file for frame in found.frames for file in source_files(frame.view)))
         cells = choose_cells(found.frames, voxel)
         model = fuse(found.frames, method, cells, triangles)
         write_model(out, model, mean_up([frame.view for frame in found.frames]))

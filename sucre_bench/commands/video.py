@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.output_endings import check_ending
+from sucre_bench.commands.output_files import check_output
 from sucre_bench.commands.shared_options import labels_of, plugin_option, scene_options
 from sucre_bench.machine.records import json_text
 
@@ -55,7 +55,9 @@ def video(
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.video import FORMULAE, composed, flicker, panel_size, write_video
 
-    check_ending(out, "video")
+    numbers = out.with_name(f"{out.name}.json")
+    check_output(out, "video")
+    check_output(numbers, "numbers")
     labels = labels_of(methods)
     if not labels:
         raise InputError("--methods: no label; give labels with commas between them")
@@ -71,7 +73,6 @@ def video(
     by_method = {method: {name: asdict(f) for name, f in values.items()} for method, values in flickers.items()}
     about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
     told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": by_method}
-    numbers = out.with_name(f"{out.name}.json")
     write_atomically(numbers, f"{json_text(told)}\n".encode())
     click.echo(f"video    {out}\nnumbers  {numbers}")
 

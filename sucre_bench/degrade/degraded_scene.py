@@ -22,7 +22,7 @@ from sucre_bench.degrade.views import around
 from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_patches import scaled_chart
-from sucre_bench.scene import Chart, Plane, Scene, View
+from sucre_bench.scene import Chart, Pixels, Plane, Scene, View
 
 
 def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
@@ -99,6 +99,11 @@ class _Degraded:
     scene: str
     degradation: Degradation
     has_references: bool
+
+    @property
+    def source(self) -> Pixels:
+        """The pixels before they are degraded."""
+        return self.view.pixels
 
     @property
     def is_jpeg(self) -> bool:

@@ -17,6 +17,7 @@ from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Tracking
 from sucre_bench.jobs.shard import Shard
 from sucre_bench.jobs.study_block import Study
 from sucre_bench.machine.files import expanded, regular
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice
 from sucre_bench.plugins.seeds import seed_of
 
@@ -82,9 +83,7 @@ class Job:
     @classmethod
     def read(cls, config: str) -> Job:
         """Read `config` of a job again, in another process say; its plugin files are loaded first."""
-        import yaml
-
-        values: dict[str, Any] = yaml.safe_load(config)
+        values: dict[str, Any] = read_yaml(config)
         for file in values["plugins"]:
             plugins.load_file(file)
         return cls.of(values)

@@ -8,6 +8,7 @@ from typing import Any, get_args
 
 from sucre_bench import plugins
 from sucre_bench.jobs.run_options import CONF_FOLDER
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, options_of, plugin_choice
 from sucre_bench.plugins.plugin import Kind, Plugin
 
@@ -91,6 +92,4 @@ def _read(path: Path) -> Preset:
 
 
 def _loaded(text: str) -> dict[str, Any]:
-    import yaml
-
-    return yaml.safe_load(text) or {}
+    return read_yaml(text) or {}

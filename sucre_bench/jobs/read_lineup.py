@@ -19,13 +19,12 @@ from sucre_bench.jobs.presets import given_paths, option_names, plugin_of, prese
 from sucre_bench.jobs.recognise_dataset import is_path, recognised
 from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig
 from sucre_bench.machine.files import expanded, fault_of
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of
 
 _LISTS = ("datasets", "methods", "metrics", "sweep")
 _SETTINGS = tuple(o.name for o in options_of(RunConfig) if o.name not in ("dataset", "method", "metrics", "tracking"))
 _NOT_SWEPT = ("dataset", "method", "metrics", "hydra", "out", "plugins", "study", "baseline")
-
-_DEEPEST = 50  # levels of a line-up
 
 
 def read_experiment(name: str) -> LineUp:
@@ -62,22 +61,6 @@ def _line_up(content: Mapping[str, Any], path: Path) -> LineUp:
     )
 
 
-def _refuse_bombs(text: str) -> None:
-    """Raise MarkedYAMLError for aliases, of which a short file may stand for a huge one, and for deep nesting.
-
-    The time to parse grows with the square of the depth: 10,000 brackets take 10 s.
-    """
-    import yaml
-
-    depth = 0
-    for event in yaml.parse(text):
-        depth += isinstance(event, yaml.CollectionStartEvent) - isinstance(event, yaml.CollectionEndEvent)
-        fault = f"*{event.anchor} is an alias" if isinstance(event, yaml.AliasEvent) else ""
-        if fault or depth > _DEEPEST:
-            problem = fault or f"more than {_DEEPEST} levels"
-            raise yaml.MarkedYAMLError(problem=problem, problem_mark=event.start_mark)
-
-
 def _content(path: Path) -> dict[str, Any]:
     """What a line-up holds, by key. Raises InputError, naming the file, for what is no line-up or an unknown key."""
     import yaml
@@ -85,13 +68,11 @@ def _content(path: Path) -> dict[str, Any]:
     if fault := fault_of(path):
         raise InputError(fault, path, "give a line-up, `sucre-bench lineup RESULTS` writes one")
     try:
-        text = path.read_text(encoding="utf-8-sig")
-        _refuse_bombs(text)
-        content = yaml.load(text, _loader())
+        content = read_yaml(path.read_text(encoding="utf-8-sig"))
     except yaml.MarkedYAMLError as error:
         line = error.problem_mark.line + 1 if error.problem_mark else 1
         raise InputError(f"line {line}: is no plain YAML, {error.problem}", path, "mend the line") from error
-    except (OSError, UnicodeDecodeError, RecursionError, yaml.YAMLError) as error:
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         raise InputError(f"cannot be read, {one_line(error)}", path, "save it as YAML in UTF-8") from error
     if content is None:
         raise InputError("is empty", path, "list methods: [NAME, ...]")
@@ -101,26 +82,6 @@ def _content(path: Path) -> dict[str, Any]:
         if key not in (*_LISTS, *_SETTINGS):
             raise unknown_name(str(path), str(key), (*_LISTS, *_SETTINGS), "key")
     return content
-
-
-def _loader() -> type[Any]:
-    """A loader of YAML that takes no key twice, and dates as text."""
-    import yaml
-
-    class Loader(yaml.SafeLoader):  # type: ignore[misc]
-        pass
-
-    def mapping(loader: Any, node: Any) -> dict[Any, Any]:
-        given = Counter(key.value for key, _ in node.value)
-        for key, times in given.items():
-            if times > 1:
-                raise yaml.MarkedYAMLError(problem=f"the key '{key}' stands twice", problem_mark=node.start_mark)
-        loader.flatten_mapping(node)
-        return dict(loader.construct_pairs(node, deep=True))
-
-    Loader.add_constructor("tag:yaml.org,2002:map", mapping)
-    Loader.add_constructor("tag:yaml.org,2002:timestamp", yaml.SafeLoader.construct_yaml_str)
-    return Loader
 
 
 def _list(key: str, content: Mapping[str, Any]) -> Sequence[Any]:

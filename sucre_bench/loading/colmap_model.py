@@ -73,8 +73,8 @@ def read_model(sparse: Path, images: Path, distorted: bool = False) -> list[Pose
     for pose, number, name in _rows(images_file, _binary_images if images_file.suffix == ".bin" else _text_images):
         place = f"{images_file}: image '{name}'"
         path = PurePosixPath(name)
-        if not name or "\0" in name or path.is_absolute() or ".." in path.parts:
-            raise InputError(f"{place} is outside of the image folder; names must be relative to {images}")
+        if not path.name or "\0" in name or path.is_absolute() or ".." in path.parts:
+            raise InputError(f"{place} is outside of the image folder, or no file; names must be relative to {images}")
         if name in posed:
             raise InputError(f"{place} is there twice; every image needs a name of its own, rename and export again")
         if number not in cameras:
@@ -206,7 +206,7 @@ def _binary_images(path: Path) -> Iterator[_ImageRow]:
 
 
 def _text_cameras(path: Path) -> Iterator[_CameraRow]:
-    with regular(path).open(encoding="utf-8") as lines:
+    with regular(path).open(encoding="utf-8-sig") as lines:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue
@@ -218,7 +218,7 @@ def _text_cameras(path: Path) -> Iterator[_CameraRow]:
 
 def _text_images(path: Path) -> Iterator[_ImageRow]:
     """Two lines an image; the second holds its points, and is empty if it has none."""
-    with regular(path).open(encoding="utf-8") as lines:
+    with regular(path).open(encoding="utf-8-sig") as lines:
         for line in lines:
             if not line.strip() or line.startswith("#"):
                 continue

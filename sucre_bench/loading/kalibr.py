@@ -23,6 +23,7 @@ from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.files import regular
+from sucre_bench.machine.text_formats import read_yaml
 
 _MODELS: dict[str, Literal["perspective", "fisheye"]] = {
     "radtan": "perspective",
@@ -48,7 +49,7 @@ def read_kalibr(path: Path, size: tuple[int, int]) -> Lens:
 
     try:
         text = regular(path).read_text(encoding="utf-8")
-        stored = _report(text) if path.suffix.lower() == ".txt" else yaml.safe_load(text)
+        stored = _report(text) if path.suffix.lower() == ".txt" else read_yaml(text)
         stored = stored.get("cam0", stored)
         focal_x, focal_y, x, y = (float(value) for value in stored["intrinsics"])
         coefficients = [float(value) for value in stored.get("distortion_coeffs") or ()]

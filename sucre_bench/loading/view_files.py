@@ -1,7 +1,7 @@
 """Views whose pixels are in files: photographs with lens and pose, decoded on demand, and their data_id."""
 
 import hashlib
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
@@ -62,6 +62,15 @@ class Files:
         if self.depth_lens is None:
             check_header(path, self.size)
         return fitted(self.read_depth(path), self.size, path)
+
+
+def source_files(view: View) -> Iterator[Path]:
+    """Yield the files that a view's pixels are read from; none if they are made."""
+    pixels: object = view.pixels
+    while not isinstance(pixels, Files):
+        if (pixels := getattr(pixels, "files", None) or getattr(pixels, "source", None)) is None:
+            return
+    yield from (path for path in (pixels.image, pixels.depth, pixels.reference) if path is not None)
 
 
 def scaled_pose(cam_from_world: Array, metres_per_unit: float) -> Array:

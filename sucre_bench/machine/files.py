@@ -104,9 +104,11 @@ def write_atomically(path: Path, content: bytes) -> None:
 def open_atomically(path: Path) -> Iterator[IO[bytes]]:
     """Yield a file that replaces `path` when this block ends well, and is removed when it does not.
 
-    Raises OutputError if the disk is full or the place cannot be written to.
+    Raises OutputError if the disk is full, the place cannot be written to, or something is there that is no file.
     """
     try:
+        if path.exists() and not (path.is_file() or path.is_dir()):
+            raise OutputError("is a device or a pipe, no file", path, "choose another place")
         path.parent.mkdir(parents=True, exist_ok=True)
         _remove_leftovers(path.parent.absolute())
         unfinished = ""

@@ -8,7 +8,18 @@ are named in ``requires`` and imported where they are used.
 
 from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
 from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, PairMetric, Plugin
-from sucre_bench.plugins.registry import Registry, current, discover, find, load_file, set_aside, unknown, usable, using
+from sucre_bench.plugins.registry import (
+    Registry,
+    current,
+    discover,
+    find,
+    is_loaded,
+    load_file,
+    set_aside,
+    unknown,
+    usable,
+    using,
+)
 from sucre_bench.plugins.requirements import missing_needs, missing_packages
 
 __all__ = [
@@ -27,6 +38,7 @@ __all__ = [
     "dataset",
     "discover",
     "find",
+    "is_loaded",
     "load_file",
     "method",
     "metric",

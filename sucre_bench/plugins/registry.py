@@ -53,6 +53,10 @@ class Registry:
             self._known.clear()
         return _plugins_in(self._files[path])
 
+    def is_loaded(self, path: str | Path) -> bool:
+        """Whether a plugin file was loaded."""
+        return Path(path).resolve() in self._files
+
     def discover(self, kind: Kind) -> dict[str, Plugin | Broken]:
         """Return every plugin of a kind by name, sorted; those that do not import or share a name are `Broken`."""
         if kind not in self._known:
@@ -124,6 +128,11 @@ def load_file(path: str | Path) -> None:
     >>> sb.load_file(Path(sb.__file__).parent / "methods" / "gray_world.py")  # loaded already: nothing happens
     """
     current().load_file(path)
+
+
+def is_loaded(path: str | Path) -> bool:
+    """Whether a plugin file was loaded."""
+    return current().is_loaded(path)
 
 
 def discover(kind: Kind) -> dict[str, Plugin | Broken]:

@@ -446,3 +446,13 @@ def test_real_reconstructions_load(folder: str, views: int, size: tuple[int, int
     assert view.depth.shape == view.distance.shape == (size[1], size[0])
     assert 0.2 < view.valid.mean() < 1
     assert (view.distance[view.valid] >= view.depth[view.valid]).all()
+
+
+def test_a_text_model_with_a_byte_order_mark_is_read(tmp_path: Path):
+    """As editors of Windows save text."""
+    write_dive(tmp_path)
+    for name in ("cameras.txt", "images.txt"):
+        path = tmp_path / "sparse" / name
+        path.write_text(path.read_text().removeprefix("# a comment\n"), encoding="utf-8-sig")
+    (scene,) = Colmap(root=tmp_path).scenes()
+    assert [view.name for view in scene.views] == ["a.png", "b.png"]

@@ -100,6 +100,7 @@ DATASET: dict[str, tuple[Change, list[str]]] = {
     "name above the root": (images(("../../etc/x.png", FORWARD, 1)), ["'../../etc/x.png' is outside", "relative"]),
     "name through the root": (images(("a/../../x.png", FORWARD, 1)), ["'a/../../x.png' is outside"]),
     "absolute name": (images(("/etc/x.png", FORWARD, 1)), ["'/etc/x.png' is outside"]),
+    "name of the root": (images((".", FORWARD, 1)), ["image '.' is outside", "no file", "relative"]),
     "no points lines": (
         text("sparse/images.txt", f"1 1 0 0 0 0 0 0 1 a.png\n2 1 0 0 0 0 0 0 1 b.png\n{CAMERA}\n"),
         ["images.txt", "after image 'a.png' stands no line of points"],

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import signal
+import socket
 import subprocess
 import sys
 from importlib.metadata import packages_distributions
@@ -9,7 +11,7 @@ from pathlib import Path
 
 import pytest
 from support.colmap_folder import write_dive
-from support.command_line import run_program
+from support.command_line import PROGRAM, run_program
 from support.places import ROOT
 
 from sucre_bench.machine.children import environment_of_programs, isolated_children
@@ -35,6 +37,11 @@ ALONE = (
     "texture alone points.ply --method gray_world",
     "video alone dive.mp4 --methods gray_world",
     "prepare dive/images prepared",
+    "lineup alone",
+    "study alone --methods gray_world,gray_world --out study.html",
+    "bundle alone bundles/alone.zip",
+    "verify bundles/alone.zip",
+    "site bundles public",
     "list methods",
     "new method mine",
     "completion bash",
@@ -78,6 +85,23 @@ def test_no_process_that_a_command_starts_imports_from_the_current_folder(trappe
     done = run_program(trapped, *command.split(), PYTHONPATH=str(ROOT))
     assert sprung(trapped) == []
     assert "Traceback" not in done.stderr
+
+
+def test_the_page_of_mlflow_imports_nothing_from_the_current_folder(trapped: Path):
+    run = "run dataset=colmap dataset.root=dive method=gray_world metrics=[uciqe] tracking.uri=off out=tracked"
+    assert run_program(trapped, *run.split()).returncode == 0
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        port = str(free.getsockname()[1])
+    words = [PROGRAM, "track", "tracked", "--ui", "--port", port]
+    with subprocess.Popen(words, cwd=trapped, stdout=subprocess.PIPE, text=True) as serving:
+        try:
+            assert serving.stdout
+            opened = any("(Ctrl-C ends it)" in line for line in serving.stdout)
+        finally:
+            serving.send_signal(signal.SIGINT)
+    assert sprung(trapped) == []
+    assert opened
 
 
 def test_no_command_imports_from_the_current_folder(trapped: Path):

@@ -56,14 +56,15 @@ def bundle_results(
 ) -> Bundled:
     """Write a bundle of a results folder. by: who publishes it; texts: more text files, by their names.
 
-    Raises InputError if the folder holds no results or a picture is gone, OutputError if the bundle cannot be written.
+    Raises InputError if the folder holds no results, a picture is gone, or a link leads out of the folder; OutputError
+    if the bundle cannot be written.
     """
     rows = results.read(folder)
-    files: dict[str, bytes | Path] = {n: folder / n for n in _TEXTS if is_file(folder / n)}
+    files: dict[str, bytes | Path] = {n: _own(folder / n, folder) for n in _TEXTS if is_file(folder / n)}
     common = read_common(folder)
     files |= {COMMON: csv_text(common).encode()} if len(common) else {}
     files |= {name: text.encode() for name, text in (texts or {}).items()}
-    found = {file.relative_to(folder).as_posix(): file for file in _files(folder, rows)}
+    found = {file.relative_to(folder).as_posix(): _own(file, folder) for file in _files(folder, rows)}
     is_inside = {"none": (), "restored": ("restored/",), "all": ("restored/", "views/", "references/")}[pictures]
     files |= {n: file for n, file in found.items() if n.endswith(".json") or n.startswith(is_inside)}
     left = {name: file for name, file in found.items() if name not in files}
@@ -85,6 +86,13 @@ def _files(folder: Path, rows: DataFrame) -> Iterator[Path]:
             raise InputError(f"{where}: {fault}; repeat the run's command, which makes it again")
         more = (picture.with_suffix(".json"), place.original(folder), place.reference(folder))
         yield from (picture, *(file for file in more if is_file(file)))
+
+
+def _own(file: Path, folder: Path) -> Path:
+    """A file of a results folder. Raises InputError for a link to a file elsewhere, which may be anyone's secret."""
+    if not file.resolve().is_relative_to(folder.resolve()):
+        raise InputError("leads out of the results folder", file, "put the file itself there, or remove the link")
+    return file
 
 
 def _local_paths(rows: DataFrame) -> tuple[str, ...]:

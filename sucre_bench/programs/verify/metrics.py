@@ -13,6 +13,7 @@ from sucre_bench import plugins
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.errors import ANY_FAULT, SucreBenchError
 from sucre_bench.jobs.metric_words import MetricChoice, metric_choices
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import options_of, typed
 from sucre_bench.results.bundle_format import Bundle
 from sucre_bench.results.restorations import Measured
@@ -66,12 +67,10 @@ class Metrics:
     @functools.cached_property
     def _recorded(self) -> list[Mapping[str, Any]]:
         """The metrics of the bundle's configuration, each with its name and options; none if it cannot be read."""
-        import yaml
-
         if self._bundle.entries.get(_CONFIG, math.inf) > _MOST_BYTES:
             return []
         try:
-            told = yaml.safe_load(self._bundle.read(_CONFIG))
+            told = read_yaml(self._bundle.read(_CONFIG).decode())
             jobs = [told, *told.get("jobs", [])]
             return [dict(metric) for job in jobs for metric in job.get("metrics", {}).values()]
         except ANY_FAULT:

@@ -10,11 +10,13 @@ import time
 import urllib.error
 import urllib.request
 from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import Any
 
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.decisive_columns import deciding
 from sucre_bench.errors import InputError, OutputError
+from sucre_bench.machine.files import temporary_folder
 from sucre_bench.reports.mlflow.connection import connect, resolved, said_of
 
 # mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
@@ -72,9 +74,10 @@ def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
     from sucre_bench.machine.sigterm import terminated_as_interrupt
 
     serving = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST]
+    store = resolved(uri) if ":" in uri else str(Path(uri).resolve())  # seen from here, not from the server's folder
     settings = {
-        "MLFLOW_BACKEND_STORE_URI": resolved(uri),  # not as arguments, which all users of the machine can read
-        "MLFLOW_REGISTRY_STORE_URI": resolved(uri),
+        "MLFLOW_BACKEND_STORE_URI": store,  # not as arguments, which all users of the machine can read
+        "MLFLOW_REGISTRY_STORE_URI": store,
         "MLFLOW_DISABLE_TELEMETRY": "true",
         "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
         "PYTHONWARNINGS": "ignore",
@@ -83,7 +86,8 @@ def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
     environment = {**os.environ, **settings}
     with (
         tempfile.TemporaryFile() as said,
-        subprocess.Popen([*serving, *more], env=environment, stdout=said, stderr=said) as server,
+        temporary_folder() as empty,  # mlflow's server puts the current folder first where it looks for modules
+        subprocess.Popen([*serving, *more], cwd=empty, env=environment, stdout=said, stderr=said) as server,
     ):
         try:
             with terminated_as_interrupt():

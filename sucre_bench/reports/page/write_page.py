@@ -23,6 +23,7 @@ from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.html_pages import filled_in, policy_hash, source
 from sucre_bench.machine.records import masked
+from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.reports.metric_roles import roles
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
@@ -127,7 +128,7 @@ def _plugins(config: str) -> tuple[str, ...]:
     import yaml
 
     try:
-        found = (yaml.safe_load(config) or {}).get("plugins")
+        found = (read_yaml(config) or {}).get("plugins")
     except (yaml.YAMLError, AttributeError):
         return ()
     return tuple(map(str, found or ()))

@@ -133,7 +133,7 @@ def test_a_metric_that_cannot_be_tried_costs_no_bundle(folder: Path, tmp_path: P
     (tmp_path / "fragile.py").write_text(FRAGILE.replace("DOES", does))
     words = (*MADE, "method=gray_world", "metrics=[fragile]", "tracking.uri=off", "report=false")
     assert run_here(tmp_path, "run", "--plugin", "fragile.py", *words, "out=results").returncode == 0
-    command = [PROGRAM, "bundle", "results", "b.zip", "--pictures", "restored"]
+    command = [PROGRAM, "bundle", "results", "b.zip", "--pictures", "restored", "--plugin", "fragile.py"]
     done = subprocess.run(command, cwd=tmp_path, check=False, capture_output=True, text=True)
     assert (done.returncode, (tmp_path / "b.zip").is_file()) == (0, True), done.stderr
     assert bool(re.search(r"2 of fragile:", done.stderr)) == is_lost
@@ -335,7 +335,8 @@ def test_odd_records_are_faults_and_no_crash(bench, bundles: Path, record: bytes
 
 def test_a_bundle_with_code_can_be_unpacked_and_run(bench, folder: Path, tmp_path: Path):
     """It is data to `verify`; whoever unpacks it runs the line-up as it is."""
-    assert bench("bundle", str(folder / "results"), "code.zip", "--code", "--pictures", "restored").returncode == 0
+    words = ("code.zip", "--pictures", "restored", "--plugin", str(folder / "half.py"), "--code")
+    assert bench("bundle", str(folder / "results"), *words).returncode == 0
     with zipfile.ZipFile(tmp_path / "code.zip") as archive:
         archive.extractall(tmp_path / "unpacked")
     assert verified(bench, "code.zip")[0] == 0

@@ -1,0 +1,54 @@
+"""Reads YAML: values alone, in the time and memory that the length of the text suggests."""
+
+import functools
+from typing import Any
+
+_DEEPEST = 50  # levels; the time to parse grows with the square of the depth
+
+
+def read_yaml(text: str) -> Any:
+    """Return the value of a YAML text; dates stay text.
+
+    Raises yaml.YAMLError, and MarkedYAMLError where a line can be named: also for an alias (with merge keys, 400 bytes
+    of them stand for gigabytes), for a key that stands twice, and for more than 50 levels.
+    """
+    import yaml
+
+    try:
+        return yaml.load(text, _loader())
+    except (ValueError, TypeError, LookupError, AttributeError, RecursionError) as fault:  # of tags with odd values
+        raise yaml.YAMLError(f"{type(fault).__name__}: {fault}") from fault
+
+
+@functools.cache
+def _loader() -> type[Any]:
+    import yaml
+
+    class Loader(yaml.SafeLoader):  # type: ignore[misc]
+        depth = 0
+
+        def compose_node(self, parent: Any, index: Any) -> Any:
+            event = self.peek_event()
+            if isinstance(event, yaml.AliasEvent):
+                raise yaml.MarkedYAMLError(problem=f"*{event.anchor} is an alias", problem_mark=event.start_mark)
+            if self.depth == _DEEPEST and isinstance(event, yaml.CollectionStartEvent):
+                raise yaml.MarkedYAMLError(problem=f"more than {_DEEPEST} levels", problem_mark=event.start_mark)
+            self.depth += 1
+            node = super().compose_node(parent, index)
+            self.depth -= 1
+            return node
+
+    def mapping(loader: Any, node: Any) -> dict[Any, Any]:
+        keys = set()
+        for key, _ in node.value:
+            if not isinstance(key, yaml.ScalarNode):
+                raise yaml.MarkedYAMLError(problem="a key is no word", problem_mark=key.start_mark)
+            if key.value in keys:
+                raise yaml.MarkedYAMLError(problem=f"the key '{key.value}' stands twice", problem_mark=node.start_mark)
+            keys.add(key.value)
+        loader.flatten_mapping(node)
+        return dict(loader.construct_pairs(node, deep=True))
+
+    Loader.add_constructor("tag:yaml.org,2002:map", mapping)
+    Loader.add_constructor("tag:yaml.org,2002:timestamp", yaml.SafeLoader.construct_yaml_str)
+    return Loader

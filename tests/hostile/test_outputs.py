@@ -1,0 +1,161 @@
+"""Commands that are told to write over something: what is there stays as it is."""
+
+from __future__ import annotations
+
+import errno
+import os
+import re
+import shlex
+import shutil
+import stat
+from pathlib import Path
+
+import pytest
+from support.colmap_folder import write_dive
+from support.command_line import run_here
+
+from sucre_bench.errors import OutputError
+from sucre_bench.machine.files import write_atomically
+
+# A command, the file that must stay as it is, a word of the fault, and what to do.
+CASES: dict[str, tuple[str, str, str]] = {
+    "scores over a photograph": (
+        "score dive/images --metrics uciqe --csv dive/images/a.png",
+        "dive/images/a.png",
+        r"suffix.*\.csv",
+    ),
+    "scores over the published table": (
+        "score dive/images --like published.csv --csv published.csv",
+        "published.csv",
+        "input.*another file",
+    ),
+    "scores over a link to the published table": (
+        "score dive/images --like published.csv --csv link.csv",
+        "link.csv",
+        "input.*another file",
+    ),
+    "scores into a pipe": ("score dive/images --metrics uciqe --csv pipe.csv", "pipe.csv", "pipe.*another file"),
+    "scores into a device": ("score dive/images --metrics uciqe --csv device.csv", "device.csv", "device"),
+    "a study over the score table": (
+        "study results --methods gray_world,clahe --out results/scores.parquet",
+        "results/scores.parquet",
+        r"suffix.*\.html",
+    ),
+    "a study over the report": (
+        "study results --methods gray_world,clahe --out results/report/index.html",
+        "results/report/index.html",
+        "part of a results folder.*elsewhere",
+    ),
+    "a contact sheet over a view": (
+        "describe colmap dataset.root=dive --sheet dive/images/a.png",
+        "dive/images/a.png",
+        "input.*another file",
+    ),
+    "a contact sheet over a restored image": (
+        "describe colmap dataset.root=dive --sheet results/restored/colmap/clahe/a.png",
+        "results/restored/colmap/clahe/a.png",
+        "part of a results folder",
+    ),
+    "a line-up over the configuration": (
+        "lineup results --out results/config.yaml",
+        "results/config.yaml",
+        "part of a results folder",
+    ),
+    "a line-up over a photograph": ("lineup results --out dive/images/a.png", "dive/images/a.png", r"suffix.*\.yaml"),
+    "a bundle into a device": ("bundle results device.zip", "device.zip", "device.*another file"),
+    "a bundle over the score table": (
+        "bundle results results/scores.parquet",
+        "results/scores.parquet",
+        r"suffix.*\.zip",
+    ),
+    "a surface into a pipe": ("texture results pipe.ply --method clahe", "pipe.ply", "pipe"),
+    "a picture of the surface over a view": (
+        "texture results surface.ply --method clahe --picture dive/images/a.png",
+        "dive/images/a.png",
+        "input",
+    ),
+    "a video into a device": ("video results device.mp4 --methods clahe", "device.mp4", "device"),
+    "the numbers of a video into a pipe": ("video results dive.mp4 --methods clahe", "dive.mp4.json", "pipe"),
+    "a board over the report": ("site bundles results/report", "results/report/index.html", "part of a results folder"),
+}
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A dive, a run of it with its page, a bundle and a published table."""
+    place = tmp_path_factory.mktemp("made")
+    write_dive(place / "dive")
+    words = "dataset=colmap dataset.root=dive method=gray_world,clahe metrics=[uciqe] tracking.uri=off out=results"
+    assert run_here(place, "run", "-m", *words.split()).returncode == 0
+    (place / "bundles").mkdir()
+    assert run_here(place, "bundle", "results", "bundles/one.zip").returncode == 0
+    (place / "published.csv").write_text("image,uciqe\na.png,0.5\nb.png,0.6\n")
+    (place / "link.csv").symlink_to("published.csv")
+    return place
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Path:
+    folder = tmp_path / "here"
+    shutil.copytree(made, folder, symlinks=True)
+    for name in ("pipe.csv", "pipe.ply", "dive.mp4.json"):
+        os.mkfifo(folder / name)
+    for name in ("device.csv", "device.zip", "device.mp4"):
+        (folder / name).symlink_to("/dev/full")
+    return folder
+
+
+@pytest.mark.parametrize("case", CASES.values(), ids=CASES)
+def test_an_output_that_would_destroy_something_is_refused(place: Path, case: tuple[str, str, str]):
+    command, target, said = case
+    before = _state(place / target)
+    done = run_here(place, *shlex.split(command))
+    assert done.returncode == 2, done.stdout
+    (line,) = done.errors
+    assert re.search(rf"^error: {re.escape(target)}: .*{said}", line), line
+    assert _state(place / target) == before
+
+
+def _state(path: Path) -> tuple[int, int, bytes]:
+    state = path.lstat()
+    return state.st_mode, state.st_ino, path.read_bytes() if stat.S_ISREG(path.stat().st_mode) else b""
+
+
+@pytest.mark.parametrize(
+    "command",
+    [
+        "score dive/images --metrics uciqe --csv out.csv",
+        "study results --methods gray_world,clahe --out results/study.html",
+        "describe colmap dataset.root=dive --sheet out.png",
+        "lineup results",
+        "bundle results results/out.zip",
+        "site bundles out",
+    ],
+)
+def test_a_command_replaces_what_it_wrote_before(place: Path, command: str):
+    for _ in range(2):
+        done = run_here(place, *command.split())
+        assert done.returncode == 0, done.stderr
+
+
+def test_what_is_no_file_is_not_replaced_by_one(tmp_path: Path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OutputError, match=r"pipe: .*no file; "):
+        write_atomically(tmp_path / "pipe", b"text")
+    assert stat.S_ISFIFO((tmp_path / "pipe").stat().st_mode)
+
+
+def test_a_board_on_a_full_disk_leaves_the_bundles_that_it_had(place: Path, monkeypatch: pytest.MonkeyPatch):
+    assert run_here(place, "site", "bundles", "public").returncode == 0
+    before = (place / "public/bundles/one.zip").read_bytes()
+
+    def copy(source: object, target: object) -> None:
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(shutil, "copyfileobj", copy)
+    monkeypatch.setattr(shutil, "copyfile", copy)
+    done = run_here(place, "site", "bundles", "public")
+    assert done.returncode == 2
+    assert "the disk is full" in done.stderr
+    assert (place / "public/bundles/one.zip").read_bytes() == before
+    assert [path.name for path in (place / "public/bundles").iterdir()] == ["one.zip"]

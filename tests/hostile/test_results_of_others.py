@@ -1,0 +1,148 @@
+"""A results folder from somebody else: no command runs its code, or publishes what its links lead to."""
+
+from __future__ import annotations
+
+import shutil
+import zipfile
+from pathlib import Path
+
+import pytest
+import yaml
+from support.colmap_folder import write_dive
+from support.command_line import run_here
+
+from sucre_bench.errors import InputError
+from sucre_bench.jobs.read_lineup import read_line_up
+from sucre_bench.loading.kalibr import read_kalibr
+from sucre_bench.machine.text_formats import read_yaml
+
+EVIL = """
+from dataclasses import dataclass
+from pathlib import Path
+from sucre_bench import Restoration, method
+
+(Path(__file__).parent / "ran").touch()
+
+@method()
+@dataclass(frozen=True)
+class Evil:
+    def restore(self, scene, view):
+        return Restoration(view.rgb)
+"""
+COMMANDS = {
+    "lineup": "lineup theirs",
+    "bundle": "bundle theirs out.zip",
+    "bundle with code": "bundle theirs out.zip --code",
+    "texture": "texture theirs out.ply --method evil",
+    "video": "video theirs out.mp4 --methods evil",
+    "compare": "compare theirs mine",
+    "report": "report theirs",
+    "study": "study theirs --methods evil,clahe --out out.html",
+    "track": "track theirs --uri sqlite:///mlflow.db",
+}
+OF_CONFIG = ("lineup", "bundle", "bundle with code", "texture", "video", "compare")
+
+# 10 levels of merge keys or aliases, each twice the one before: 400 bytes that stand for a thousand values, and with 30
+# levels for more than fits into any machine.
+BOMB = "a: &a {x: 1}\n" + "".join(
+    f"{'abcdefghij'[n]}: &{'abcdefghij'[n]} {{<<: [{', '.join(['*' + 'abcdefghij'[n - 1]] * 9)}]}}\n"
+    for n in range(1, 10)
+)
+
+
+@pytest.fixture(scope="module")
+def made(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """Two results folders of one dive: theirs is of a plugin file, and fills other pixels."""
+    place = tmp_path_factory.mktemp("made")
+    write_dive(place / "dive")
+    (place / "evil.py").write_text(EVIL)
+    words = ["dataset=colmap", "dataset.root=dive", "metrics=[uciqe]", "tracking.uri=off", "report=false"]
+    theirs = (*words, "method=evil,clahe", "out=theirs")
+    assert run_here(place, "run", "-m", "--plugin", "evil.py", *theirs).returncode == 0
+    assert run_here(place, "run", *words, "method=gray_world", "out=mine").returncode == 0
+    return place
+
+
+@pytest.fixture
+def place(made: Path, tmp_path: Path) -> Path:
+    """The folders where another user gets them; config.yaml names the plugin file there."""
+    folder = tmp_path / "here"
+    shutil.copytree(made, folder)
+    config = folder / "theirs/config.yaml"
+    config.write_text(config.read_text().replace(str(made), str(folder)))
+    (folder / "ran").unlink()
+    return folder
+
+
+@pytest.mark.parametrize("name", COMMANDS)
+def test_code_that_a_results_folder_names_does_not_run(place: Path, name: str):
+    done = run_here(place, *COMMANDS[name].split())
+    assert not (place / "ran").exists()
+    if name in OF_CONFIG:
+        assert f"--plugin {place / 'evil.py'}" in done.stderr, done.stderr
+
+
+@pytest.mark.parametrize("name", OF_CONFIG)
+def test_the_option_plugin_loads_it(place: Path, name: str):
+    done = run_here(place, *COMMANDS[name].split(), "--plugin", "evil.py")
+    assert done.returncode == 0, done.stderr
+    assert "--plugin" not in done.stderr or name == "bundle"  # which says how to add the code
+
+
+def test_a_bundle_takes_no_file_as_code_that_was_not_loaded(place: Path):
+    """A configuration may name any file of this machine as its plugin."""
+    (place / "secret.txt").write_text("a secret")
+    config = place / "mine/config.yaml"
+    config.write_text(config.read_text().replace("plugins: []", f"plugins: [{place / 'secret.txt'}]"))
+    done = run_here(place, "bundle", "mine", "out.zip", "--code")
+    assert done.returncode == 0
+    assert "secret.txt" in done.stderr
+    with zipfile.ZipFile(place / "out.zip") as archive:
+        assert not [name for name in archive.namelist() if b"a secret" in archive.read(name)]
+
+
+@pytest.mark.parametrize(
+    "name", ["restored/colmap/clahe/a.png", "views/colmap/a.jpg", "environment.json", "config.yaml"]
+)
+def test_a_bundle_publishes_nothing_that_a_link_leads_to(place: Path, name: str):
+    (place / "secret").write_text("a secret")
+    link = place / "theirs" / name
+    link.unlink()
+    link.symlink_to(place / "secret")
+    done = run_here(place, "bundle", "theirs", "out.zip", "--pictures", "all", "--plugin", "evil.py")
+    assert done.returncode == 2
+    assert f"{name}: leads out of the results folder; " in done.stderr
+    assert not (place / "out.zip").exists()
+
+
+def test_a_bundle_of_a_folder_that_is_reached_by_a_link_is_made(place: Path):
+    (place / "elsewhere").symlink_to("mine")
+    assert run_here(place, "bundle", "elsewhere", "out.zip", "--pictures", "all").returncode == 0
+
+
+def test_yaml_that_stands_for_more_than_it_is_long_is_refused_by_each_reader(place: Path):
+    assert len(BOMB) < 600
+    with pytest.raises(yaml.YAMLError, match="alias"):
+        read_yaml(BOMB)
+    (place / "bomb.yaml").write_text(BOMB)
+    with pytest.raises(InputError, match=r"bomb\.yaml: .*alias"):
+        read_line_up(place / "bomb.yaml")
+    with pytest.raises(InputError, match=r"bomb\.yaml: .*alias"):
+        read_kalibr(place / "bomb.yaml", (64, 48))
+    (place / "mine/config.yaml").write_text(BOMB)
+    done = run_here(place, "lineup", "mine")
+    assert done.returncode == 2
+    assert "config.yaml: is no run's configuration" in done.stderr
+    assert run_here(place, "report", "mine").returncode == 0
+
+
+@pytest.mark.parametrize(
+    "text", ["? [a]\n: b", "!!int x", "!!bool x", "a: !!python/object/apply:os.system [id]", "[" * 60]
+)
+def test_odd_yaml_is_one_kind_of_error(text: str):
+    with pytest.raises(yaml.YAMLError):
+        read_yaml(text)
+
+
+def test_dates_and_words_stay_as_they_are_typed():
+    assert read_yaml("a: 2026-11-22\nb: [x, {c: 1.5}]") == {"a": "2026-11-22", "b": ["x", {"c": 1.5}]}
