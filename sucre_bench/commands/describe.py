@@ -67,7 +67,6 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
     from sucre_bench.machine import progress_display
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs.describe import description
-    from sucre_bench.programs.describe.scale_note import noted_scale
 
     if sheet is not None:
         check_output(sheet, "contact sheet")
@@ -79,7 +78,7 @@ def describe(words: tuple[str, ...], as_json: bool, sheet: Path | None, no_sheet
         inputs = [file for selection in selections for view in selection.views for file in source_files(view)]
         for path in sheets:
             check_output(path, "contact sheet", inputs)
-        described = [description.described(s.dataset.label, s.scene, s.views, most, noted_scale(s)) for s in selections]
+        described = [description.described(selection, most) for selection in selections]
     if as_json:
         print_json([one.as_object() for one in described])
     for n, one in enumerate(described):

@@ -6,7 +6,7 @@ mistakes are undone one by one: distances in place of depth, depth in another un
 mistake whose undoing makes far more points agree is named.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Literal
 
@@ -44,55 +44,40 @@ class Overlap:
 Mistake = Literal["distance for depth", "inverted poses", "OpenGL poses", "unit of depth"]
 
 
-@dataclass(frozen=True)
-class Suspicion:
-    """A mistake that explains why depth maps disagree. agreeing: share of points with and without the mistake."""
-
-    mistake: Mistake
-    what: str
-    remedy: str
-    agreeing: tuple[float, float]
-
-
 def overlaps(looks: Sequence[Look]) -> list[Overlap]:
     """Return the overlap of up to 40 views, evenly chosen, with all others; views need pose and depth."""
-    views = _usable(looks)
+    views = _placed(looks)
     return [_overlap(views[k], views) for k in track(evenly(len(views), _MOST_TARGETS), "overlaps")]
 
 
-def suspect(looks: Sequence[Look]) -> Suspicion | None:
-    """Return the mistake that best explains why depth maps disagree; None if no known one does.
+def suspect(looks: Sequence[Look]) -> tuple[Mistake, str, str] | None:
+    """Return the mistake that best explains why depth maps disagree, its text and remedy; None if no known one does.
 
     Without it at least half as many points more must agree, and at least a tenth of all.
     """
-    views = _usable(looks)
+    views = _placed(looks)
     targets = evenly(len(views), _MOST_TARGETS)
     targets = targets[:: max(1, len(targets) // 8)]
     pairs = [(k, j) for k in targets for j in range(max(0, k - 2), min(len(views), k + 3)) if j != k]
-    as_is = _firmly(views, pairs)
-    scale = _likely_scale(views, pairs)
-    rescaled = [_with_depth(view, view.depth * scale) for view in views]
-    tried = [
-        Suspicion(mistake, what, remedy, (as_is, _firmly([change(view) for view in views], pairs)))
-        for mistake, what, remedy, change in _MISTAKES
+    as_is = _agreeing(views, pairs)
+    coarse = max(_SCALES, key=lambda scale: _agreeing(views, pairs, _LOOSE, scale))
+    scale = max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, _FIRM, s))
+    remedy = f"multiply depth by {scale:.3g}, or divide positions"
+    tried: list[tuple[Mistake, str, str, Callable[[View], View]]] = [
+        *_MISTAKES,
+        ("unit of depth", f"depth is {1 / scale:.3g} times that of the poses", remedy, lambda v: _scaled(v, scale)),
     ]
-    what, remedy = (
-        f"depth is {1 / scale:.3g} times that of the poses",
-        f"multiply depth by {scale:.3g}, or divide positions",
-    )
-    tried.append(Suspicion("unit of depth", what, remedy, (as_is, _firmly(rescaled, pairs))))
-    likeliest = max(tried, key=lambda one: one.agreeing[1])
-    return likeliest if likeliest.agreeing[1] > max(1.5 * as_is, 0.1) else None
+    shares = [_agreeing([change(view) for view in views], pairs) for *_, change in tried]
+    mistake, what, remedy, _ = tried[int(np.argmax(shares))]
+    if max(shares) <= max(1.5 * as_is, 0.1):
+        return None
+    agreeing = f"{as_is:.0%} of points agree between views, {max(shares):.0%} without that mistake"
+    return mistake, f"{what}: {agreeing}", remedy
 
 
-def _usable(looks: Sequence[Look]) -> list[View]:
+def _placed(looks: Sequence[Look]) -> list[View]:
     """Reduced views with camera, pose and depth."""
-    blank = np.zeros((1, 1, 3), np.float32)
-    return [
-        replace(look.view, pixels=Arrays(blank, look.depth), camera=look.camera)
-        for look in looks
-        if look.camera is not None and look.view.cam_from_world is not None and look.depth is not None
-    ]
+    return [view for look in looks if (view := look.small) is not None]
 
 
 def _overlap(view: View, views: Sequence[View]) -> Overlap:
@@ -111,33 +96,13 @@ def _overlap(view: View, views: Sequence[View]) -> Overlap:
     return Overlap(view.name, float(seen.mean()) if len(seen) else 0.0, partners, disagreement)
 
 
-def _likely_scale(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
-    """The factor of depth with which most points agree, to about 1 %."""
-    points = _some_points(views, pairs)
-    coarse = max(_SCALES, key=lambda s: _agreeing(views, pairs, points, _LOOSE, s))
-    return max((coarse * (1 + k / 100) for k in range(-6, 7)), key=lambda s: _agreeing(views, pairs, points, _FIRM, s))
-
-
-def _firmly(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> float:
-    """The share of points that project to a place of the same depth in another view."""
-    return _agreeing(views, pairs, _some_points(views, pairs), _FIRM)
-
-
 def _agreeing(
-    views: Sequence[View],
-    pairs: Sequence[tuple[int, int]],
-    points: Mapping[int, Array],
-    tolerance: float,
-    scale: float = 1.0,
+    views: Sequence[View], pairs: Sequence[tuple[int, int]], tolerance: float = _FIRM, scale: float = 1.0
 ) -> float:
-    """As `_firmly`, all depth maps times a factor. points: see `_some_points`."""
+    """The share of points that project to a place of the same depth in another view, all depth maps times a factor."""
+    points = {k: some_points(views[k], _MOST_POINTS)[2][::8] for k in {k for k, _ in pairs}}  # a few are enough
     agreeing = [np.abs(_landing(points[k] * scale, views[k], views[j], scale)) <= tolerance for k, j in pairs]
     return float(np.concatenate(agreeing).mean()) if agreeing else 0.0
-
-
-def _some_points(views: Sequence[View], pairs: Sequence[tuple[int, int]]) -> dict[int, Array]:
-    """A few points of the first view of each pair: enough to test a mistake."""
-    return {k: some_points(views[k], _MOST_POINTS)[2][::8] for k in {k for k, _ in pairs}}
 
 
 def some_points(view: View, most: int) -> tuple[Indices, Indices, Array]:
@@ -161,42 +126,28 @@ def _landing(points: Array, view: View, other: View, scale: float = 1.0) -> Arra
     return np.divide(d - z, z, out=np.full(len(points), np.nan), where=d > 0)
 
 
-# -- mistakes, undone ----------------------------------------------------------------------------------------------
+def _scaled(view: View, factor: float | Array) -> View:
+    return replace(view, pixels=Arrays(view.rgb, view.depth * factor))
 
 
-def _with_depth(view: View, depth: Array) -> View:
-    return replace(view, pixels=Arrays(view.rgb, depth))
-
-
-def _planar(view: View) -> View:
-    return _with_depth(view, view.depth / np.linalg.norm(pixel_rays(view.placed[0]), axis=-1))
-
-
-def _inverted(view: View) -> View:
-    return replace(view, cam_from_world=np.linalg.inv(view.placed[1]))
-
-
-def _opengl(view: View) -> View:
-    return replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.placed[1])
-
-
+# Each with what it is, its remedy, and what undoes it.
 _MISTAKES: tuple[tuple[Mistake, str, str, Callable[[View], View]], ...] = (
     (
         "distance for depth",
         "depth is distance",
         "divide each pixel by the length of its ray, K^-1 (u + .5, v + .5, 1)",
-        _planar,
+        lambda view: _scaled(view, 1 / np.linalg.norm(pixel_rays(view.placed[0]), axis=-1)),
     ),
     (
         "inverted poses",
         "poses are inverted",
         "give cam_from_world, the inverse of the camera's place in the world",
-        _inverted,
+        lambda view: replace(view, cam_from_world=np.linalg.inv(view.placed[1])),
     ),
     (
         "OpenGL poses",
         "cameras look along -z",
         "turn poses by 180 degrees about the camera's x axis, as from OpenGL",
-        _opengl,
+        lambda view: replace(view, cam_from_world=np.diag([1.0, -1.0, -1.0, 1.0]) @ view.placed[1]),
     ),
 )

@@ -1,5 +1,6 @@
 """The description of a scene, also as JSON and as a contact sheet."""
 
+import json
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
@@ -7,15 +8,35 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import evenly
+from sucre_bench.engine.select_views import Selection
+from sucre_bench.errors import InputError
+from sucre_bench.machine.files import expanded, regular
 from sucre_bench.programs.describe.contact_sheet import contact_sheet
 from sucre_bench.programs.describe.depth_and_poses import Overlap, overlaps
 from sucre_bench.programs.describe.exposure import Exposure, NoExposure, estimate_exposure
 from sucre_bench.programs.describe.faults import Fault, find_faults
-from sucre_bench.programs.describe.scale_note import ScaleNote
 from sucre_bench.programs.describe.view_facts import Look, ViewFacts, look_at
-from sucre_bench.scene import Scene, View, Water
+from sucre_bench.scene import Water
 
 _BINS = 12
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleNote:
+    """The note of `sucre-bench prepare` on the scale. is_metric: whether lengths are metres; note: how it was found."""
+
+    is_metric: bool
+    note: str
+
+
+def _noted_scale(selection: Selection) -> ScaleNote | None:
+    """Return the note in prepare.json in the dataset's root; None if there is none."""
+    root = selection.dataset.options.get("root")
+    try:
+        scale = json.loads(regular(expanded(root) / "prepare.json").read_bytes())["scale"] if root else None
+        return scale and ScaleNote(bool(scale["is_metric"]), str(scale["note"]))
+    except (OSError, InputError, ValueError, KeyError, TypeError, RecursionError):
+        return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -44,7 +65,7 @@ class Described:
     @property
     def unit(self) -> str:
         """The unit of lengths."""
-        return "m" if self.scale is None else self.scale.unit
+        return _unit(self.scale)
 
     def sheet(self, suffix: str = ".png") -> bytes:
         """The contact sheet as PNG or JPEG, by the suffix."""
@@ -77,18 +98,17 @@ class Described:
         }
 
 
-def described(
-    dataset: str, scene: Scene, views: Sequence[View], most: int, scale: ScaleNote | None = None
-) -> Described:
-    """Describe at most `most` views of a scene, evenly chosen. scale: the note of prepare, or None."""
-    chosen = [views[k] for k in evenly(len(views), most)]
+def described(selection: Selection, most: int) -> Described:
+    """Describe at most `most` of the selected views of a scene, evenly chosen."""
+    scene, scale = selection.scene, _noted_scale(selection)
+    chosen = [selection.views[k] for k in evenly(len(selection.views), most)]
     seen = look_at(chosen, "reference" in scene.has)
     facts, looks = [one for one, _ in seen], [look for _, look in seen]
     between = overlaps(looks)
     edges, counts = _histogram(looks)
-    faults = find_faults(facts, looks, between, "m" if scale is None else scale.unit)
+    faults = find_faults(facts, looks, between, _unit(scale))
     return Described(
-        dataset,
+        selection.dataset.label,
         scene.name,
         len(scene),
         tuple(sorted(scene.has)),
@@ -102,6 +122,10 @@ def described(
         estimate_exposure(looks),
         scale,
     )
+
+
+def _unit(scale: ScaleNote | None) -> str:
+    return "m" if scale is None or scale.is_metric else "units"
 
 
 def _histogram(looks: Sequence[Look]) -> tuple[tuple[float, ...], tuple[float, ...]]:

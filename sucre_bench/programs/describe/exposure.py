@@ -11,22 +11,20 @@ and s follow from differences to the pair's means, and the pair's medians give t
 pairs. How well the pairs agree tells what is chance.
 """
 
-from __future__ import annotations
-
 import enum
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 
 from sucre_bench.arrays import Array, evenly
 from sucre_bench.camera import project
-from sucre_bench.imaging.encoding import srgb_decode
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.programs.describe.depth_and_poses import into, some_points
 from sucre_bench.programs.describe.view_facts import Look
-from sucre_bench.scene import Arrays, View
+from sucre_bench.scene import View
 
 # Views that are compared with others, how many others each, points of a view, and the fewest that make a pair.
 _TARGETS, _PARTNERS, _POINTS, _FEWEST = 40, 8, 4_000, 100
@@ -83,88 +81,62 @@ class NoExposure(enum.Enum):
 
 def estimate_exposure(looks: Sequence[Look]) -> Exposure | NoExposure:
     """Return the exposure of the largest group of views that see points at like distances; why not if no two do."""
-    views = [_small(look) for look in looks if _is_usable(look)]
+    views = [view for look in looks if look.picture is not None and (view := look.small) is not None]
     if len(views) < 2:
         return NoExposure.FEW_VIEWS
     tried = [pair for k in evenly(len(views), _TARGETS) for pair in _pairs_of(k, views)]
     pairs = [pair for pair in tried if isinstance(pair, _Pair)]
     if not pairs:
         return NoExposure.UNLIKE if NoExposure.UNLIKE in tried else NoExposure.NO_OVERLAP
-    light = _Light.of(pairs)
+    falloff, slope, least = _light(pairs)
     group = _largest_group(pairs, len(views))
     within = [pair for pair in pairs if pair.first in group]
-    between, errors = np.array([pair.gain(light) for pair in within]).T
-    number = {k: n for n, k in enumerate(group)}
-    A = np.zeros((len(within), len(group)))
-    for row, pair in enumerate(within):
-        A[row, number[pair.second]], A[row, number[pair.first]] = 1, -1
+    between, errors, A = np.empty(len(within)), np.empty(len(within)), np.zeros((len(within), len(group)))
+    for row, pair in enumerate(within):  # log of the second view's gain over the first's, from the most equal distances
+        off = np.abs(pair.columns[:, 5])
+        is_equal = off <= max(_EQUAL, np.quantile(off, _SHARE))
+        left = pair.ratio - (pair.columns[:, :5] @ falloff)[:, None] - pair.columns[:, 5:] * slope
+        between[row] = np.median(left[is_equal])
+        errors[row] = _LEAST_ERROR + _BENT * off[is_equal].mean()
+        A[row, group.index(pair.second)], A[row, group.index(pair.first)] = 1, -1
     inverse = np.linalg.pinv(A / errors[:, None])
     log = inverse @ (between / errors)
     excess = len(within) - len(group) + 1
     off = (((between - A @ log) / errors) ** 2).sum() / max(excess, 1)
     gains = np.exp(log - np.median(log))
-    return Exposure(
-        tuple(views[k].name for k in group),
-        tuple(float(gain) for gain in gains),
-        float(np.sqrt((inverse**2).sum(axis=1).max() * max(1.0, off))),
-        light.least,
-    )
+    error = float(np.sqrt((inverse**2).sum(axis=1).max() * max(1.0, off)))
+    return Exposure(tuple(views[k].name for k in group), tuple(float(gain) for gain in gains), error, least)
 
 
-@dataclass(frozen=True, eq=False)
-class _Pair:
-    """Points that two views see. ratio: (N, 3) log I of the second over the first; place: (N, 2, 2) of the two, x / z
-    and y / z; further: (N,) how much farther the second is, over the middle distance."""
+class _Pair(NamedTuple):
+    """Points that two views see. ratio: (N, 3) log I of the second over the first; terms: (N, 2, 5) of falling light in
+    the two; columns: (N, 6) differences of the terms, and how much farther the second is, over the middle distance."""
 
     first: int
     second: int
     ratio: Array
-    place: Array
-    further: Array
-
-    @property
-    def columns(self) -> Array:
-        """(N, 6): the terms of falling light, and `further`."""
-        terms = _terms(self.place)
-        return np.concatenate([terms[:, 1] - terms[:, 0], self.further[:, None]], axis=1)
-
-    def gain(self, light: _Light) -> tuple[float, float]:
-        """Return log of the second view's gain over the first's, and its error, from the most equal distances."""
-        off = np.abs(self.further)
-        is_equal = off <= max(_EQUAL, np.quantile(off, _SHARE))
-        left = (self.ratio - light.explains(self))[is_equal]
-        return float(np.median(left)), _LEAST_ERROR + _BENT * float(off[is_equal].mean())
+    terms: Array
+    columns: Array
 
 
-@dataclass(frozen=True, eq=False)
-class _Light:
-    """falloff: (5,) coefficients t; slope: (3,) of each channel; least: see `Exposure`."""
+def _light(pairs: Sequence[_Pair]) -> tuple[Array, Array, float]:
+    """Fit falling light and slopes to what differs within pairs.
 
-    falloff: Array
-    slope: Array
-    least: float
-
-    @staticmethod
-    def of(pairs: Sequence[_Pair]) -> _Light:
-        """Fit falling light and slopes to what differs within pairs."""
-        x = np.concatenate([pair.columns - pair.columns.mean(axis=0) for pair in pairs])
-        y = np.concatenate([pair.ratio - np.median(pair.ratio, axis=0) for pair in pairs])
-        slope = _regressed(x[:, 5:], y, np.zeros((1, 3))).clip(*_SLOPES)
-        before = np.median(np.abs(y - x[:, 5:] @ slope))
-        for _ in range(3):
-            falloff = _regressed(x[:, :5], (y - x[:, 5:] @ slope).mean(axis=1, keepdims=True), np.zeros((5, 1)))
-            slope = _regressed(x[:, 5:], y - x[:, :5] @ falloff, slope).clip(*_SLOPES)
-        after = np.median(np.abs(y - x[:, 5:] @ slope - x[:, :5] @ falloff))
-        over = _terms(np.concatenate([pair.place.reshape(-1, 2) for pair in pairs])) @ falloff[:, 0]
-        least = float(np.exp(np.subtract(*np.percentile(over, (1, 99)))))
-        if after > (1 - _EXPLAINED) * before or least > _DARKER:
-            return _Light(np.zeros(5), _regressed(x[:, 5:], y, slope).clip(*_SLOPES)[0], 1.0)
-        return _Light(falloff[:, 0], slope[0], least)
-
-    def explains(self, pair: _Pair) -> Array:
-        """Return what light and slope explain of the ratios (N, 3)."""
-        columns = pair.columns
-        return np.asarray((columns[:, :5] @ self.falloff)[:, None] + columns[:, 5:] * self.slope)
+    Return the coefficients t (5,), the slope (3,) of each channel, and `least`, see `Exposure`.
+    """
+    x = np.concatenate([pair.columns - pair.columns.mean(axis=0) for pair in pairs])
+    y = np.concatenate([pair.ratio - np.median(pair.ratio, axis=0) for pair in pairs])
+    slope = _regressed(x[:, 5:], y, np.zeros((1, 3))).clip(*_SLOPES)
+    before = np.median(np.abs(y - x[:, 5:] @ slope))
+    for _ in range(3):
+        falloff = _regressed(x[:, :5], (y - x[:, 5:] @ slope).mean(axis=1, keepdims=True), np.zeros((5, 1)))
+        slope = _regressed(x[:, 5:], y - x[:, :5] @ falloff, slope).clip(*_SLOPES)
+    after = np.median(np.abs(y - x[:, 5:] @ slope - x[:, :5] @ falloff))
+    over = np.concatenate([pair.terms.reshape(-1, 5) for pair in pairs]) @ falloff[:, 0]
+    least = float(np.exp(np.subtract(*np.percentile(over, (1, 99)))))
+    if after > (1 - _EXPLAINED) * before or least > _DARKER:
+        return np.zeros(5), _regressed(x[:, 5:], y, slope).clip(*_SLOPES)[0], 1.0
+    return falloff[:, 0], slope[0], least
 
 
 def _regressed(x: Array, y: Array, start: Array) -> Array:
@@ -179,24 +151,6 @@ def _regressed(x: Array, y: Array, start: Array) -> Array:
     return found
 
 
-def _terms(place: Array) -> Array:
-    x, y = place[..., 0], place[..., 1]
-    return np.stack([x, y, x * x, x * y, y * y], axis=-1)
-
-
-def _is_usable(look: Look) -> bool:
-    known = look.picture, look.depth, look.camera, look.view.cam_from_world
-    return all(one is not None for one in known)
-
-
-def _small(look: Look) -> View:
-    """Return the view at reduced size, with the intensities that its file holds."""
-    assert look.picture is not None
-    shown = look.picture.astype(np.float32) / 255
-    rgb = srgb_decode(shown) if look.view.encoding == "linear" else shown
-    return replace(look.view, pixels=Arrays(rgb, look.depth), camera=look.camera)
-
-
 def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair | NoExposure]:
     """Return the pairs of a view with others that may see it, the nearest in the order of the scene first; or why not.
 
@@ -206,9 +160,8 @@ def _pairs_of(k: int, views: Sequence[View]) -> list[_Pair | NoExposure]:
     others = sorted((j for j in range(len(views)) if j != k and most[j]), key=lambda j: abs(j - k))
     tried: list[_Pair | NoExposure] = []
     for j in others[: 3 * _PARTNERS]:
-        tried.append(_pair(k, j, views))
-        if sum(isinstance(pair, _Pair) for pair in tried) == _PARTNERS:
-            break
+        if sum(isinstance(pair, _Pair) for pair in tried) < _PARTNERS:
+            tried.append(_pair(k, j, views))
     return tried
 
 
@@ -229,9 +182,10 @@ def _pair(first: int, second: int, views: Sequence[View]) -> _Pair | NoExposure:
     seen = is_shared & is_lit & (np.abs(further) < _ALIKE)
     if seen.sum() < _FEWEST:
         return NoExposure.UNLIKE if is_shared.sum() >= _FEWEST else NoExposure.NO_OVERLAP
-    place = np.stack([points[seen, :2] / points[seen, 2:], there[seen, :2] / there[seen, 2:]], axis=1)
-    ratio = np.log(I_other[seen].astype(np.float64) / I[seen])
-    return _Pair(first, second, ratio, place, further[seen])
+    x, y = np.stack([one[seen, :2] / one[seen, 2:] for one in (points, there)], axis=1).transpose(2, 0, 1)
+    terms = np.stack([x, y, x * x, x * y, y * y], axis=-1)
+    columns = np.column_stack([terms[:, 1] - terms[:, 0], further[seen]])
+    return _Pair(first, second, np.log(I_other[seen].astype(np.float64) / I[seen]), terms, columns)
 
 
 def _largest_group(pairs: Sequence[_Pair], n: int) -> list[int]:

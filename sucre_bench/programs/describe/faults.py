@@ -72,12 +72,10 @@ def _files(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
         remedy = f"{_PREPARE} both of photographs that overlap; methods of one image need neither"
         yield Fault("no pose and no depth", "the views have no camera positions and no depth", remedy)
         return
-    yield from _where(
-        "no pose", lost, "no pose", f"{_PREPARE} poses of photographs that overlap; other views do not help these"
-    )
-    yield from _where(
-        "no depth", bare, "no depth map", f"{_PREPARE} depth maps; methods that need depth skip these views"
-    )
+    remedy = f"{_PREPARE} poses of photographs that overlap; other views do not help these"
+    yield from _where("no pose", lost, "no pose", remedy)
+    remedy = f"{_PREPARE} depth maps; methods that need depth skip these views"
+    yield from _where("no depth", bare, "no depth map", remedy)
 
 
 def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fault]:
@@ -88,9 +86,7 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fa
     lonely = [o for o in overlaps if not o.partners]
     suspicion = suspect(looks) if typical > _DOUBTFUL or len(lonely) > len(overlaps) / 2 else None
     if suspicion is not None:
-        without, with_ = suspicion.agreeing
-        what = f"{suspicion.what}: {without:.0%} of points agree between views, {with_:.0%} without that mistake"
-        yield Fault(suspicion.mistake, what, suspicion.remedy)
+        yield Fault(*suspicion)
     elif typical > _DISAGREES:
         what = (
             f"depth differs by {typical:.1%} (median) where views overlap" if known else "views see nothing in common"
@@ -99,15 +95,14 @@ def _geometry(looks: Sequence[Look], overlaps: Sequence[Overlap]) -> Iterator[Fa
         yield Fault(kind, what, "check that depth maps and poses are of one reconstruction, and their scale")
     worse = [o for o in overlaps if o.disagreement is not None and o.disagreement > max(_DISAGREES, 3 * typical)]
     if worse:
-        yield Fault(
-            "view disagrees", "depth disagrees with other views'", "check their depth maps and poses", _names(worse)
-        )
+        names = tuple(o.view for o in worse)
+        yield Fault("view disagrees", "depth disagrees with other views'", "check their depth maps and poses", names)
     # A view whose points project into others at other depths lacks no views in between.
     astray = worse if typical <= _DISAGREES else [o for o in overlaps if o.disagreement is not None]
-    alone = [o for o in lonely if o not in astray]
+    alone = [o.view for o in lonely if o not in astray]
     if alone and suspicion is None:
         what = "no other view sees 5 % of what they show"
-        yield Fault("view alone", what, "add views between; SUCRe has single observations there", _names(alone))
+        yield Fault("view alone", what, "add views between; SUCRe has single observations there", tuple(alone))
 
 
 def _images(facts: Sequence[ViewFacts]) -> Iterator[Fault]:
@@ -132,9 +127,8 @@ def _depth(facts: Sequence[ViewFacts], unit: str) -> Iterator[Fault]:
     holes = [v for v in facts if v.has_depth and v.coverage < _COVERED]
     least = min((v.coverage for v in holes), default=0)
     what = f"depth on less than half of the image (least: {least:.0%}), so restorations are mostly holes"
-    yield from _where(
-        "little depth", holes, what, "make denser depth maps with `sucre-bench prepare`, or leave the views out"
-    )
+    remedy = "make denser depth maps with `sucre-bench prepare`, or leave the views out"
+    yield from _where("little depth", holes, what, remedy)
     ranges = np.array([v.distances for v in facts if v.distances])
     if len(ranges):
         nearest, farthest = ranges[:, 0].min(), ranges[:, 2].max()
@@ -200,7 +194,3 @@ def _where(kind: Kind, facts: Sequence[ViewFacts], what: str, remedy: str) -> It
     """One fault for all of these views; nothing if there are none."""
     if facts:
         yield Fault(kind, what, remedy, tuple(view.name for view in facts))
-
-
-def _names(overlaps: Sequence[Overlap]) -> tuple[str, ...]:
-    return tuple(overlap.view for overlap in overlaps)

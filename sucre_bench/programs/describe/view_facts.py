@@ -5,7 +5,7 @@ For a view without a camera, depth along the axis takes their place.
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import numpy.typing as npt
@@ -15,9 +15,9 @@ from sucre_bench.camera import Camera, distance_map, scaled_camera
 from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_patches import image_from_chart, reading_order
 from sucre_bench.imaging.display import display
-from sucre_bench.imaging.encoding import converted, to_8bit
+from sucre_bench.imaging.encoding import converted, srgb_decode, to_8bit
 from sucre_bench.machine.progress import track
-from sucre_bench.scene import View
+from sucre_bench.scene import Arrays, View
 
 _LONG_SIDE = 480  # pixels of a reduced view
 _FULL = 0.998  # a channel at or above this counts as saturated
@@ -82,6 +82,15 @@ class Look:
             return self.depth
         return distance_map(self.camera, self.depth)
 
+    @property
+    def small(self) -> View | None:
+        """The view at reduced size, with the intensities that its file holds; None without camera, pose or depth."""
+        if self.camera is None or self.view.cam_from_world is None or self.depth is None:
+            return None
+        shown = np.zeros((1, 1, 3), np.float32) if self.picture is None else self.picture.astype(np.float32) / 255
+        rgb = srgb_decode(shown) if self.view.encoding == "linear" else shown
+        return replace(self.view, pixels=Arrays(rgb, self.depth), camera=self.camera)
+
 
 def look_at(views: Sequence[View], references: bool) -> list[tuple[ViewFacts, Look]]:
     """Read every view once. references: whether to read references. An unreadable file is a fact, not an exception."""
@@ -89,6 +98,8 @@ def look_at(views: Sequence[View], references: bool) -> list[tuple[ViewFacts, Lo
 
 
 def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
+    import cv2
+
     rgb, image_fault = _loaded(view, "rgb")
     depth, depth_fault = _loaded(view, "depth")
     camera, pose = view.camera, view.cam_from_world
@@ -98,7 +109,8 @@ def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
         remedy = "use the images that its camera was found for, uncropped"
         image_fault = image_fault or f"{view.name}: {fault}; {remedy}"
         camera = None
-    small = _reduced((width, height))
+    shrink = min(1.0, _LONG_SIDE / max(width, height, 1))
+    small = max(1, round(width * shrink)), max(1, round(height * shrink))
     at_scale = None if camera is None else scaled_camera(camera, small)
     distance = None if depth is None else (distance_map(camera, depth) if camera else depth)
     known = np.zeros(0, bool) if distance is None else distance > 0
@@ -123,10 +135,14 @@ def _look_at(view: View, references: bool) -> tuple[ViewFacts, Look]:
         charts=() if rgb is None else _charts(view, rgb, distance),
     )
     corners = np.array([chart.corners for chart in view.charts]).reshape(-1, 4, 2)
-    picture = None if rgb is None else to_8bit(display(_shrunk(rgb, small), "none", view.encoding))
-    return facts, Look(
-        view, picture, _sampled(depth, small), at_scale, corners * np.divide(small, (max(width, 1), max(height, 1)))
-    )
+    corners = corners * np.divide(small, (max(width, 1), max(height, 1)))
+    picture, sampled = None, depth
+    if rgb is not None:
+        shrunk: Array = np.asarray(cv2.resize(rgb, small, interpolation=cv2.INTER_AREA))
+        picture = to_8bit(display(shrunk, "none", view.encoding))
+    if depth is not None:  # by picking pixels: a mean of two surfaces would lie on neither
+        sampled = np.asarray(cv2.resize(depth, small, interpolation=cv2.INTER_NEAREST_EXACT))
+    return facts, Look(view, picture, sampled, at_scale, corners)
 
 
 def _size_of(camera: Camera | None) -> tuple[int, ...]:
@@ -157,24 +173,6 @@ def _charts(view: View, rgb: Array, distance: Array | None) -> tuple[ChartFacts,
             fault = one_line(wrong)
         facts.append(ChartFacts(chart.name, chart.kind, metres, fault))
     return tuple(facts)
-
-
-def _reduced(size: tuple[int, int]) -> tuple[int, int]:
-    scale = min(1.0, _LONG_SIDE / max(*size, 1))
-    return max(1, round(size[0] * scale)), max(1, round(size[1] * scale))
-
-
-def _shrunk(picture: Array, size: tuple[int, int]) -> Array:
-    import cv2
-
-    return np.asarray(cv2.resize(picture, size, interpolation=cv2.INTER_AREA))
-
-
-def _sampled(depth: Array | None, size: tuple[int, int]) -> Array | None:
-    """Reduce a depth map by picking pixels; a mean of two surfaces would lie on neither."""
-    import cv2
-
-    return None if depth is None else np.asarray(cv2.resize(depth, size, interpolation=cv2.INTER_NEAREST_EXACT))
 
 
 def _triple(values: Array | Mask) -> tuple[float, float, float]:
