@@ -113,7 +113,7 @@ def prepare(
     from sucre_bench.machine import progress_display
     from sucre_bench.machine.sigterm import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline
-    from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
+    from sucre_bench.programs.prepare.registered_photos import load_pycolmap
     from sucre_bench.programs.prepare.scale import Known, Length
 
     known = Known(

@@ -2,11 +2,10 @@
 
 import functools
 import io
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from pathlib import Path, PurePosixPath
-from typing import Protocol
 
 import numpy as np
 
@@ -15,17 +14,21 @@ from sucre_bench.camera import scaled_camera
 from sucre_bench.imaging.image_files import decode, write_png
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.progress import track
-from sucre_bench.programs.prepare.fill_depth_holes import without_small_holes
+from sucre_bench.machine.progress import say, track
 from sucre_bench.programs.prepare.options import Surface
 from sucre_bench.programs.prepare.plane_sweep import agreeing, planes_of, sweep
 from sucre_bench.programs.prepare.registered_photos import Shot, neighbours
-from sucre_bench.programs.prepare.relief import Relief
+from sucre_bench.programs.prepare.relief import relief_of
 
 _MOST_DENSE = 500  # photos: about an hour of plane sweeps on two cores
 _SOURCES = 4
 _FEWEST_POINTS = 6  # sparse points of a photo that a sweep needs
 _SMOOTH = 0.01  # a larger relative difference between neighbours is a border
+# A hole is filled up to this size, a share of the image, where its rim lies on one plane.
+_LARGEST_HOLE = 0.01  # share of the image
+_RIM = 3  # pixels: width of the rim around a hole
+_FEWEST_RIM = 12  # fewest pixels of a rim
+_FLAT_RIM = 0.005  # relative distance from one plane that nine tenths of the rim must keep
 _MOST_MILLIMETRES = 65_500
 _NEAR_M = 0.5  # metres; nearer scenes need finer steps than a millimetre
 
@@ -35,32 +38,29 @@ def is_dense(surface: Surface, photos: int) -> bool:
     return surface == "dense" or (surface == "auto" and photos <= _MOST_DENSE)
 
 
-class DepthMaps(Protocol):
-    """A source of depth maps. surface: what they are made from, for people."""
-
-    surface: str
-
-    def depth(self, shot: Shot) -> Array:
-        """Return planar depth (H, W) float32 at the shot's size, in the model's unit, 0 = unknown."""
-        ...
+# A photo's planar depth (H, W) float32 at its size, in the model's unit, 0 = unknown.
+DepthMaps = Callable[[Shot], Array]
 
 
-class Sparse:
-    """Rays cast at a surface through the sparse points. masks: folder of masks (may be empty)."""
+def depth_maps(
+    shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int | None
+) -> tuple[str, DepthMaps]:
+    """Return what depth maps are made from, for people, and the function that gives them.
 
-    surface = "relief of the sparse points"
-
-    def __init__(self, relief: Relief, masks: Path) -> None:
-        self._relief, self._masks = relief, masks
-
-    def depth(self, shot: Shot) -> Array:
-        return _masked(self._relief.depth(shot), shot, self._masks)
+    masks: folder of masks (may be empty); longest: longest side in pixels of swept images, which are stored in
+    `folder`; None: no sweep, but the relief of the sparse points.
+    """
+    if longest is None:
+        say(f"{len(shots)} photos: surface through the sparse points")
+        relief = relief_of(shots)
+        return "relief of the sparse points", lambda shot: _masked(relief.depth(shot), shot, masks)
+    dense = Dense(shots, images, masks, folder, longest)
+    dense.sweep_all()
+    return "plane sweep, confirmed by other photos", dense.depth
 
 
 class Dense:
     """Plane sweeps at reduced size, stored in a folder. longest: longest side of the swept images, in pixels."""
-
-    surface = "plane sweep, confirmed by other photos"
 
     def __init__(self, shots: Sequence[Shot], images: Path, masks: Path, folder: Path, longest: int) -> None:
         self._images, self._masks, self._folder = images, masks, folder
@@ -104,11 +104,45 @@ class Dense:
         return _masked(np.asarray(small, dtype=np.float32) + 1, shot, self._masks)
 
     def depth(self, shot: Shot) -> Array:
+        """Return what the sweeps of this photo and of others agree on, its small holes filled."""
         i = self._place[shot.name]
         near = self._near[i]
         small = agreeing(self._shots[i], self._raw(i), [self._shots[j] for j in near], lambda k: self._raw(near[k]))
         small = without_small_holes(small)
         return _masked(_enlarged(small, (shot.camera.width, shot.camera.height)), shot, self._masks)
+
+
+def without_small_holes(depth: Array) -> Array:
+    """Return planar depth (H, W) with every hole filled whose rim lies on one plane.
+
+    On a plane inverse depth is linear in pixel coordinates. A hole at the image's border, or between an object and its
+    background, has no such rim and stays 0.
+    """
+    import cv2
+
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((depth <= 0).astype(np.uint8), connectivity=8)
+    filled = depth.copy()
+    height, width = depth.shape
+    for label in range(1, count):
+        x, y, wide, high, area = stats[label]
+        if area > _LARGEST_HOLE * depth.size or x == 0 or y == 0 or x + wide == width or y + high == height:
+            continue
+        window = np.s_[max(0, y - _RIM) : y + high + _RIM, max(0, x - _RIM) : x + wide + _RIM]
+        hole = labels[window] == label
+        around = cv2.dilate(hole.astype(np.uint8), np.ones((2 * _RIM + 1, 2 * _RIM + 1), np.uint8)) > 0
+        rows, columns = np.nonzero(around & (depth[window] > 0))
+        if len(rows) < _FEWEST_RIM:
+            continue
+        w = 1 / depth[window][rows, columns].astype(np.float64)
+        design = np.column_stack([columns, rows, np.ones(len(rows))])
+        plane = np.linalg.lstsq(design, w, rcond=None)[0]
+        if np.quantile(np.abs(design @ plane / w - 1), 0.9) > _FLAT_RIM:
+            continue
+        rows, columns = np.nonzero(hole)
+        inside = plane[0] * columns + plane[1] * rows + plane[2]
+        if inside.min() > 0:
+            filled[window][hole] = 1 / inside
+    return filled
 
 
 def _shrunk(shot: Shot, longest: int) -> Shot:

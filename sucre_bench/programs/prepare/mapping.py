@@ -19,10 +19,9 @@ from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.current_step import needed_step
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import line, say, track
-from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 from sucre_bench.programs.prepare.options import CameraModel, Cameras, Matching
 from sucre_bench.programs.prepare.photos import Photo, write_gray
-from sucre_bench.programs.prepare.placed_photos import PlacedPhotos
+from sucre_bench.programs.prepare.registered_photos import load_pycolmap
 
 _MOST_EXHAUSTIVE = 80  # photos: 3,160 pairs, about ten minutes on two cores
 _NEIGHBOURS = 10
@@ -242,15 +241,23 @@ def _map(pycolmap: Any, database: Path, folder: Path, count: int, attempt: _Atte
     output = folder / "models"
     shutil.rmtree(output, ignore_errors=True)
     output.mkdir()
+    in_model = shown = 0  # COLMAP may begin again with other photos, or place one twice
+
+    def placed(number: int) -> None:
+        nonlocal in_model, shown
+        in_model = number
+        for _ in range(shown, min(in_model, count)):
+            step()
+            shown += 1
+
     with line("placing photos", count) as step:
-        placed = PlacedPhotos(step, count)
         models = pycolmap.incremental_mapping(
             database,
             folder / "gray",
             output,
             options,
-            initial_image_pair_callback=placed.first_two,
-            next_image_callback=placed.another,
+            initial_image_pair_callback=lambda: placed(2),
+            next_image_callback=lambda: placed(in_model + 1),
         )
     return sorted(models.values(), key=lambda m: (-m.num_reg_images(), -m.num_points3D()))
 

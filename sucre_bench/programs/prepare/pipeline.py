@@ -1,28 +1,54 @@
 """Runs the stages in order, from a folder of photos to a folder that dataset=colmap reads."""
 
 import errno
+import hashlib
 import json
 import shutil
-from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from dataclasses import asdict, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.errors import InputError, OutputError, SucreBenchError
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.progress import say
-from sucre_bench.programs.prepare.make_depth_maps import Dense, DepthMaps, Sparse, is_dense
+from sucre_bench.programs.prepare.make_depth_maps import depth_maps, is_dense
 from sucre_bench.programs.prepare.mapping import Mapped, Rules, map_photos, read_mapped
 from sucre_bench.programs.prepare.options import Options
 from sucre_bench.programs.prepare.photos import Photo, find_photos, too_few
 from sucre_bench.programs.prepare.prepare_json import Prepared, given, read_record, settled_by
-from sucre_bench.programs.prepare.registered_photos import Shot, read_shots
-from sucre_bench.programs.prepare.relief import relief_of
-from sucre_bench.programs.prepare.resumable_stages import Stage, stage
+from sucre_bench.programs.prepare.registered_photos import read_shots
 from sucre_bench.programs.prepare.scale import Known, Scale, find_scale
 from sucre_bench.programs.prepare.undistort import undistort
 from sucre_bench.programs.prepare.write_scene import write_scene
+
+
+@dataclass(frozen=True, slots=True)
+class Stage:
+    """A stage's folder. key: a hash of its inputs and of the stages before it."""
+
+    folder: Path
+    key: str
+
+    @property
+    def done(self) -> bool:
+        """Whether its result exists."""
+        return (self.folder / "done").is_file()
+
+    def finish(self) -> None:
+        """Mark the stage as done."""
+        write_atomically(self.folder / "done", b"")
+
+
+def stage(work: Path, name: str, *depends: object) -> Stage:
+    """Return the stage of that name under `work`; its files for other inputs or options are removed."""
+    key = hashlib.blake2b(repr(depends).encode(), digest_size=6).hexdigest()
+    folder = work / f"{name}-{key}"
+    for old in work.glob(f"{name}-*"):
+        if old != folder:
+            shutil.rmtree(old)
+    folder.mkdir(parents=True, exist_ok=True)
+    return Stage(folder, key)
 
 
 def prepare(
@@ -33,7 +59,18 @@ def prepare(
     known: without it the scale of an earlier command stays; again: replace an `out` that was made with other options.
     Raises InputError if photos or options are unusable, OutputError if `out` cannot be written.
     """
-    options, known = options or Options(), known or Known()
+    try:
+        return _prepare(folder, out, options or Options(), known or Known(), again)
+    except SucreBenchError:
+        raise
+    except Exception as fault:  # also write errors of libraries
+        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
+        if full or (out.exists() and shutil.disk_usage(out).free < 1 << 20):
+            raise OutputError(f"{out}: the disk is full; free some space and repeat the command") from fault
+        raise
+
+
+def _prepare(folder: Path, out: Path, options: Options, known: Known, again: bool) -> Prepared:
     work = out / ".prepare"
     _check_folders(folder, out)
     photos, damaged = find_photos(folder, options.masks, options.max_size, out)
@@ -51,7 +88,9 @@ def prepare(
 
     straight = stage(work, "images", mapping.key)
     pinhole, masks = straight.folder / "sparse", straight.folder / "masks"
-    _undistort(photos, mapped, out, straight)
+    if not (straight.done and all((out / "images" / name).is_file() for name in mapped.registered)):
+        undistort({photo.output: photo for photo in photos}, mapped.model, out / "images", masks, pinhole)
+        straight.finish()
 
     dense = is_dense(options.surface, len(mapped.registered))
     surface = stage(work, "sweeps", straight.key, options.depth_size if dense else 0)
@@ -63,17 +102,16 @@ def prepare(
             return replace(before, is_new=False, is_kept=settled.is_kept)
 
     shots = read_shots(pinhole)
-    maps = _depth_maps(shots, out / "images", masks, surface, options.depth_size if dense else None)
+    longest = options.depth_size if dense else None
+    made_from, maps = depth_maps(shots, out / "images", masks, surface.folder, longest)
     output_of, placed = {photo.name: photo.output for photo in photos}, {shot.name: shot for shot in shots}
-    scale = settled.scale or find_scale(settled.known, shots, output_of, lambda name: maps.depth(placed[name]))
+    scale = settled.scale or find_scale(settled.known, shots, output_of, lambda name: maps(placed[name]))
     warnings = (*settled.warnings, *_warnings(mapped, scale))
     made = Prepared(
         out, (), damaged, _unplaced(photos, mapped), scale, given(settled.known), warnings, keys, True, settled.is_kept
     )
-    more = {**_asked(folder, options), "attempt": mapped.attempt}
     result = stage(work, "result", surface.key, scale, sorted(damaged))
-    with _full_disk_named(out):
-        made = write_scene(made, pinhole, mapped.model, shots, maps, more, result.folder)
+    made = write_scene(made, pinhole, mapped, shots, maps, made_from, _asked(folder, options), result.folder)
     result.finish()
     return made
 
@@ -117,49 +155,12 @@ def _model(photos: Sequence[Photo], folder: Path, out: Path, rules: Rules) -> Ma
     before = read_mapped(folder)
     if before is not None:
         return before
-    with _full_disk_named(out):
-        made = map_photos(photos, folder, rules)
+    made = map_photos(photos, folder, rules)
     if made.registered:
         for name in ("images", "depths"):  # of another model
             shutil.rmtree(out / name, ignore_errors=True)
     made.write(folder)
     return made
-
-
-@contextmanager
-def _full_disk_named(out: Path) -> Iterator[None]:
-    """Turn write errors of libraries in this block into an OutputError that names a full disk if it is one."""
-    try:
-        yield
-    except SucreBenchError:
-        raise
-    except Exception as fault:
-        full = isinstance(fault, OSError) and fault.errno in (errno.ENOSPC, errno.EDQUOT)
-        if full or shutil.disk_usage(out).free < 1 << 20:
-            raise OutputError(f"{out}: the disk is full; free some space and repeat the command") from fault
-        raise
-
-
-def _undistort(photos: Sequence[Photo], mapped: Mapped, out: Path, straight: Stage) -> None:
-    """Write the undistorted images and their model, unless they are there."""
-    if straight.done and all((out / "images" / name).is_file() for name in mapped.registered):
-        return
-    by_output = {photo.output: photo for photo in photos}
-    masks, pinhole = straight.folder / "masks", straight.folder / "sparse"
-    with _full_disk_named(out):
-        undistort(by_output, mapped.model, out / "images", masks, pinhole)
-    straight.finish()
-
-
-def _depth_maps(shots: Sequence[Shot], images: Path, masks: Path, swept: Stage, longest: int | None) -> DepthMaps:
-    """Plane sweeps at this longest side in pixels; without one, the relief of the sparse points."""
-    if longest is None:
-        say(f"{len(shots)} photos: surface through the sparse points")
-        return Sparse(relief_of(shots), masks)
-    maps = Dense(shots, images, masks, swept.folder, longest)
-    with _full_disk_named(images.parent):
-        maps.sweep_all()
-    return maps
 
 
 def _unplaced(photos: Sequence[Photo], mapped: Mapped) -> dict[str, str]:

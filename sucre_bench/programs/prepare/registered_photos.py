@@ -1,15 +1,19 @@
-"""A registered photo for the stages after mapping: its pinhole camera, pose, and the sparse points it sees."""
+"""A registered photo for the stages after mapping: its pinhole camera, pose, and the sparse points it sees.
+
+pycolmap is imported here and nowhere else.
+"""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Indices
 from sucre_bench.camera import Camera, moved, project
-from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
+from sucre_bench.errors import InputError
 
 _TELLING_ANGLE = np.deg2rad(5.0)  # degrees: depth is well determined; more only changes the appearance
 _WIDEST_ANGLE = np.deg2rad(45.0)
@@ -40,6 +44,22 @@ class Shot:
     def seen_points(self) -> tuple[Array, Array]:
         """The points' projections (P, 2) and planar depths (P,)."""
         return project(self.camera, moved(self.points, self.cam_from_world))
+
+
+def load_pycolmap() -> ModuleType:
+    """Return pycolmap with its log switched off. Raises InputError if it is too old."""
+    # pycolmap's wheel has its own zlib, png and jpeg. If it were the first to load them, writing a PNG later
+    # would abort the process.
+    import zlib  # noqa: F401
+
+    import cv2  # noqa: F401
+    import pycolmap
+
+    if not hasattr(pycolmap.Database, "num_verified_image_pairs") or not hasattr(pycolmap, "FeatureExtractionOptions"):
+        fault = f"is {pycolmap.__version__}, too old to prepare photos"
+        raise InputError(f"pycolmap: {fault}; run pip install 'pycolmap>=4.0'")
+    pycolmap.logging.minloglevel = pycolmap.logging.FATAL.value
+    return pycolmap
 
 
 def read_shots(model: Path) -> list[Shot]:
@@ -73,36 +93,27 @@ def neighbours(shots: Sequence[Shot], most: int) -> list[list[int]]:
 
     A common point counts by the angle it is seen under, up to 5 degrees in full, beyond 45 not at all.
     """
+    from scipy.sparse import csc_array
+
     if not shots:
         return []
-    # The photos that see a point: a range for each point, in all observations ordered by point.
     firsts = [np.unique(shot.point_ids, return_index=True)[1] for shot in shots]
     seen = np.concatenate([shot.point_ids[first] for shot, first in zip(shots, firsts, strict=True)])
     by = np.repeat(np.arange(len(shots)), [len(first) for first in firsts])
-    order = np.argsort(seen, kind="stable")
-    points, starts, counts = np.unique(seen[order], return_index=True, return_counts=True)
-    seers, centres = by[order], np.array([shot.centre for shot in shots])
-    return [
-        _best(i, shots[i].points[first], seers, centres, *_ranges(points, starts, counts, shots[i].point_ids[first]))[
-            :most
-        ]
-        for i, first in enumerate(firsts)
-    ]
+    known, columns = np.unique(seen, return_inverse=True)
+    seers = csc_array((np.ones(len(by)), (by, columns)), shape=(len(shots), len(known)))  # a column a point
+    centres = np.array([shot.centre for shot in shots])
+    best = []
+    for i, (shot, first) in enumerate(zip(shots, firsts, strict=True)):
+        of_points = seers[:, columns[by == i]]
+        points = np.repeat(shot.points[first], np.diff(of_points.indptr), axis=0)
+        best.append(_best(i, points, of_points.indices, centres)[:most])
+    return best
 
 
-def _ranges(points: Indices, starts: Indices, counts: Indices, chosen: Indices) -> tuple[Indices, Indices]:
-    """Every place in the ranges of a photo's points, and the point of each place: (R,) each."""
-    at = np.searchsorted(points, chosen)
-    lengths = counts[at]
-    which = np.repeat(np.arange(len(chosen)), lengths)
-    within = np.arange(len(which)) - np.repeat(np.cumsum(lengths) - lengths, lengths)
-    return starts[at][which] + within, which
-
-
-def _best(one: int, points: Array, seers: Indices, centres: Array, places: Indices, which: Indices) -> list[int]:
-    """The photos that determine this one's depths, the best first. points: (P, 3) that it sees."""
-    others = seers[places]
-    rays = [centres[one] - points[which], centres[others] - points[which]]
+def _best(one: int, points: Array, others: Indices, centres: Array) -> list[int]:
+    """The photos that determine this one's depths, the best first. points (R, 3), others (R,): who sees which point."""
+    rays = [centres[one] - points, centres[others] - points]
     lengths = [np.maximum(np.linalg.norm(ray, axis=1), 1e-12) for ray in rays]
     angles = np.arccos(np.clip((rays[0] * rays[1]).sum(axis=1) / (lengths[0] * lengths[1]), -1, 1))
     weight = np.minimum(angles / _TELLING_ANGLE, 1) * (angles < _WIDEST_ANGLE) * (others != one)

@@ -15,8 +15,8 @@ from sucre_bench.loading.colmap_model import Posed, read_model
 from sucre_bench.loading.lens import Lens
 from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.progress import track
-from sucre_bench.programs.prepare.load_pycolmap import load_pycolmap
 from sucre_bench.programs.prepare.photos import Photo, read_photo
+from sucre_bench.programs.prepare.registered_photos import load_pycolmap
 
 
 def undistort(photos: Mapping[str, Photo], model: Path, images: Path, masks: Path, pinhole: Path) -> None:

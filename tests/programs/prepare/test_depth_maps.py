@@ -15,8 +15,7 @@ from support.photographed_valley import (
 
 from sucre_bench.camera import depth_at, pixel_rays
 from sucre_bench.loading.depth_maps import read_depth
-from sucre_bench.programs.prepare.fill_depth_holes import without_small_holes
-from sucre_bench.programs.prepare.make_depth_maps import write_depth
+from sucre_bench.programs.prepare.make_depth_maps import without_small_holes, write_depth
 from sucre_bench.programs.prepare.registered_photos import neighbours
 from sucre_bench.programs.prepare.relief import relief_of
 

@@ -43,10 +43,10 @@ from sucre_bench.programs.prepare.options import Options
 from sucre_bench.programs.prepare.photos import find_photos
 from sucre_bench.programs.prepare.pipeline import prepare
 from sucre_bench.programs.prepare.prepare_json import Prepared, Settled, given, read_record, settled_by
-from sucre_bench.programs.prepare.quality import quality_of
 from sucre_bench.programs.prepare.registered_photos import read_shots
 from sucre_bench.programs.prepare.scale import Known, Length
 from sucre_bench.programs.prepare.undistort import write_pinhole
+from sucre_bench.programs.prepare.write_scene import quality_of
 
 
 @pytest.fixture(scope="module")
