@@ -36,7 +36,7 @@ class Coverage:
 
 
 @metric(
-    role="diagnosis",
+    role="negative",
     needs={"restoration"},
     unit="share",
     better="lower",

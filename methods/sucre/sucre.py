@@ -1,4 +1,4 @@
-"""SUCRe, solved exactly: the method `sucre` with all its options."""
+"""The method `sucre`: the least-squares minimum of SUCRe's model, with all its options."""
 
 from __future__ import annotations
 
@@ -48,10 +48,12 @@ if TYPE_CHECKING:
 )
 @dataclass(frozen=True)
 class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOptions, FitOptions):
-    """SUCRe at its exact minimum: one water for all observations, and one colour for each pixel.
+    """This project's method on SUCRe's model, to measure the water: one water for a view, one colour for each pixel.
 
-    The paper's model and least squares. Colours are eliminated, and Levenberg-Marquardt finds the water from several
-    starts. Attenuation and backscatter stay positive, the veiling light between 0 and 1.
+    `sucre_paper` is SUCRe as published; its authors have not seen this method. The model and its least squares are the
+    paper's. Colours are eliminated, and Levenberg-Marquardt finds the water from several starts. Attenuation and
+    backscatter stay positive, the veiling light between 0 and 1. Footprints of observations, exposure, uneven light and
+    weak priors are this project's.
     """
 
     def __post_init__(self) -> None:

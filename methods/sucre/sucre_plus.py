@@ -1,4 +1,4 @@
-"""The method `sucre_plus`: SUCRe with the options that lowered errors on colour charts and made scenes."""
+"""The method `sucre_plus`: `sucre` with the options that lowered errors on colour charts and made scenes."""
 
 from __future__ import annotations
 
@@ -18,7 +18,10 @@ from sucre_bench.methods.sucre.sucre_paper import CITES
 )
 @dataclass(frozen=True)
 class SucrePlus(Sucre):
-    """SUCRe with colours above zero, less noise, no dots, edges as in the image, and one black for all channels.
+    """This project's method on SUCRe's model, for pictures: like `sucre`, with colours above zero and less noise.
+
+    Dots are removed, edges follow the image, and all channels have one black. SUCRe's authors have not seen it. Pixels
+    without depth have no colour, unless fill=true guesses them.
 
     The veil can absorb an offset of all colours without changing any residual, so an offset is the least known quantity
     of the model. A black of each channel would make up for it by turning hues; one black for all channels cannot. White

@@ -32,9 +32,10 @@ _FEWEST = 5
     better="lower",
     range=(0, np.inf),
     default=["patches", "relative"],
+    unranked=["patches"],
     cites="Sharma et al. 2005",
     variants={
-        "patches": "means over patches of 8 x 8 pixels",
+        "patches": "means over patches of 8 x 8 pixels; not ranked: pictures without contrast have the least",
         "relative": "the same, over the mean difference between patches of a view; no unit",
     },
 )

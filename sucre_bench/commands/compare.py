@@ -171,7 +171,8 @@ def _say_gated(verdict: Gated, baseline: str) -> None:
     column, (gain, low, high) = verdict.column, verdict.gain
     unit = f" {column.unit}" if column.unit else ""
     what = f"{verdict.dataset} / {verdict.method}: {column.metric} ({column.variant})"
-    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}, + is better"
+    up = "better" if column.competes else column.better  # of a picture alone nobody knows which is better
+    by = f"{signed(gain)}{unit} [{signed(low)}, {signed(high)}] against {baseline}, + is {up}"
     limit = f"limit {number(verdict.gate.limit)}"
     if verdict.outcome == "failed":
         views = ", ".join(f"{name} {signed(worst)}" for name, worst in verdict.worst)

@@ -103,7 +103,7 @@ def prepare(
     \b
     sucre-bench prepare photos/ dive/
     sucre-bench prepare photos/ dive/ --distance IMG_1.jpg IMG_9.jpg 1.85
-    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre
+    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre_plus method.fill=true
 
     Then look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length,
     --depth-track or --scale the depths are not metres. You may add one of these later; the command keeps it until you
@@ -142,4 +142,4 @@ def prepare(
     click.echo(f"scale    {done.scale.note}{', kept from before' if done.is_kept else ''}")
     click.echo(f"page     {out / 'quality.html'}")
     root = shlex.quote(f"dataset.root={quoted(str(out))}")
-    click.echo(f"run it   sucre-bench run dataset=colmap {root} method=sucre")
+    click.echo(f"run it   sucre-bench run dataset=colmap {root} method=sucre_plus method.fill=true")

@@ -34,7 +34,7 @@ def run(
 
     \b
     sucre-bench run dataset=demo method=gray_world
-    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre views=[a.png]
+    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre_plus method.fill=true
     sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
     sucre-bench run -m method.pairing=mutual,depth hydra/launcher=joblib
     sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx

@@ -7,23 +7,20 @@ from sucre_bench.compare.compare_rows import against
 from sucre_bench.compare.decisive_columns import Deciding
 from sucre_bench.compare.model import EQUAL, Cell, Column, Comparison, Verdict, may_be_chance
 from sucre_bench.compare.verdicts import verdicts
-from sucre_bench.compare.words import ahead, listed, with_unit
+from sucre_bench.compare.words import BLIND, ahead, listed, with_unit
 
 
 def answer(comparison: Comparison, chosen: Deciding) -> list[str]:
-    """Return one or two sentences by the chosen columns; none where there is nothing to decide."""
+    """Return one or two sentences by the chosen columns; none where there is nothing to decide.
+
+    Where no score shows which colours are true, the sentence says that.
+    """
+    if not chosen.knows_colours:
+        return [BLIND]
     if chosen.main is None:
         return []
     lines = _against_baseline if comparison.baseline else _leaders
     return [line for line in lines(comparison, chosen) if line]
-
-
-def blind(chosen: Deciding) -> str:
-    """Return what says that no score knows the true colours; "" where one does."""
-    if chosen.knows_colours or not chosen.scores:
-        return ""
-    names = ", ".join(column.metric for column in chosen.scores)
-    return f"{names}: scores of the picture alone; `sucre-bench study` asks people which they prefer"
 
 
 def _leaders(comparison: Comparison, chosen: Deciding) -> Iterator[str]:
@@ -70,9 +67,10 @@ def _chance(verdict: Verdict) -> str:
     views = verdict.column.n_views
     if views < 2:
         return ", on one view"
+    chance = ", which may be chance" if verdict.may_be_chance else ", more than chance"
     if verdict.column.has_few_views:
-        return f", best in {round(verdict.wins, 1):g} of {views} views"
-    return ", which may be chance" if verdict.may_be_chance else ", more than chance"
+        return f", best in {round(verdict.wins, 1):g} of {views} views{chance * verdict.may_be_chance}"
+    return chance
 
 
 def _photograph_leads(comparison: Comparison, column: Column, best: str) -> bool:

@@ -84,10 +84,6 @@ class LaidOut:
         cells = (shown(comparison, name, column, spread) for name in comparison.methods)
         return cls(head, tuple(cell if intervals else replace(cell, interval="") for cell in cells))
 
-    def without_ties(self) -> LaidOut:
-        """The same without the marks of ties."""
-        return replace(self, cells=tuple(replace(cell, mark="") for cell in self.cells))
-
     @property
     def value(self) -> int:
         return max(len(_marked(cell)) for cell in self.cells)

@@ -9,7 +9,7 @@ from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import ranks
 from sucre_bench.compare.choose_pixels import filled_rows, pixel_notes, says_filled
 from sucre_bench.compare.means import column_of, measured_column, repetitions_of
-from sucre_bench.compare.missing_scores import notes
+from sucre_bench.compare.missing_scores import notes, unlikely_pictures
 from sucre_bench.compare.model import Cell, Column, Comparison, Note
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
@@ -141,11 +141,12 @@ def _table(
     if len(filled := filled_rows(rows)):
         ok = pd.concat([filled, ok])
     made_of = [(of_column, repetitions_of(of_column)) for _, of_column in ok.groupby(["metric", "variant"], sort=False)]
-    of_columns = [(*column_of(of_column, repeats), repeats) for of_column, repeats in made_of]
+    knows = _knows_colours(rows)
+    of_columns = [(*column_of(of_column, repeats, knows), repeats) for of_column, repeats in made_of]
     scores = {column: values for column, values, _ in of_columns}
     repetitions = {column: repeats for column, _, repeats in of_columns}
     columns = sorted(scores, key=_order)
-    found = pixel_notes(rows, columns)
+    found = [*unlikely_pictures(rows), *pixel_notes(rows, columns)]
     found += notes(rows[rows["method"].isin(methods)] if stale else rows, scores, repetitions, methods)
     if stale:
         found.append(Note("older data", stale))
@@ -161,6 +162,13 @@ def _table(
     }
     table = Comparison(title, tuple(methods), tuple(columns), made, stale, "", tuple(found), measured, photographs)
     return against(table, baseline) if baseline else table
+
+
+def _knows_colours(rows: DataFrame) -> bool:
+    """Whether a score compares with true colours, be it among the requested metrics or not."""
+    known = {name for name, plugin in plugins.usable("metric").items() if plugin.knows_colours}
+    scored = rows[rows["_fresh"] & (rows["status"] == "ok") & rows["value"].notna()]
+    return bool(scored["metric"].isin(known).any())
 
 
 def _photographs(rows: DataFrame) -> set[tuple[str, str]]:

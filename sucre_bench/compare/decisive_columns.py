@@ -21,7 +21,8 @@ _OTHERS: frozenset[Role] = frozenset({"", "change-with-distance"})
 @dataclass(frozen=True)
 class Deciding:
     """scores: the main one first; filled: share of pixels with a colour; seconds: a restoration's; None where it was
-    not measured; knows_colours: whether a score compares with true colours, or is of a kind that is not known.
+    not measured; knows_colours: False if scores of the picture alone stand in a table without any that compares with
+    true colours, and nobody voted.
     """
 
     scores: tuple[Column, ...]
@@ -31,8 +32,13 @@ class Deciding:
 
     @property
     def main(self) -> Column | None:
-        """The score that sorts the methods."""
-        return next((column for column in self.scores if column.ranked), None)
+        """The score that sorts the methods; None if no score shows which colours are true."""
+        return next((column for column in self.scores if column.ranked), None) if self.knows_colours else None
+
+    @property
+    def first(self) -> Column | None:
+        """The main score; the first one if none sorts the methods."""
+        return self.main or next((column for column in self.scores if column.directed), None)
 
     @property
     def columns(self) -> tuple[Column, ...]:
@@ -47,17 +53,17 @@ def deciding(comparison: Comparison, every: bool = False) -> Deciding:
     place. If there is room, scores of several views and those without a role follow: those of a plugin under test, say.
     """
     if every:
-        return Deciding(comparison.columns, None, None)
-    ranked = [column for column in _one_a_metric(comparison.columns) if column.ranked]
-    roles: dict[Column, Role] = {column: column.plugin.role if column.plugin else "" for column in ranked}
-    of_people = [column for column in ranked if column.metric == PREFERENCE]
-    known = [*_of_roles(ranked, roles, _TRUE_COLOURS)] or [*of_people, *_of_roles(ranked, roles, _WITHOUT)]
-    others = [column for column in ranked if roles[column] in _OTHERS and column not in known]
-    chosen = (known + others)[:_MOST] or ranked[:_MOST]
+        return Deciding(comparison.columns, None, None, _may_know_colours(comparison.columns))
+    directed = _one_a_metric([column for column in comparison.columns if column.directed])
+    roles: dict[Column, Role] = {column: column.plugin.role if column.plugin else "" for column in directed}
+    of_people = [column for column in directed if column.metric == PREFERENCE]
+    known = [*_of_roles(directed, roles, _TRUE_COLOURS)] or [*of_people, *_of_roles(directed, roles, _WITHOUT)]
+    others = [column for column in directed if roles[column] in _OTHERS and column not in known]
+    chosen = (known + others)[:_MOST] or directed[:_MOST]
     filled = next((column for column in comparison.columns if says_filled(column.metric, column.variant)), None)
     seconds = next((column for column in comparison.columns if column.metric == RESTORATION), None)
     scores = tuple(column for column in chosen if column != filled)
-    return Deciding(scores, filled, seconds, any(_may_know_colours(column) for column in scores))
+    return Deciding(scores, filled, seconds, _may_know_colours(scores))
 
 
 def decisive(comparison: Comparison) -> Comparison:
@@ -66,16 +72,16 @@ def decisive(comparison: Comparison) -> Comparison:
 
 
 def _of_roles(
-    ranked: Sequence[Column], roles: dict[Column, Role], wanted: Sequence[tuple[Role, int]]
+    directed: Sequence[Column], roles: dict[Column, Role], wanted: Sequence[tuple[Role, int]]
 ) -> Iterator[Column]:
     for role, most in wanted:
-        yield from [column for column in ranked if roles[column] == role][:most]
+        yield from [column for column in directed if roles[column] == role][:most]
 
 
-def _may_know_colours(column: Column) -> bool:
-    """Whether a score is of more than the picture alone, or is of a metric that is not known here."""
-    plugin = column.plugin
-    return plugin is None or (plugin.role != "no-reference" and bool(plugin.needs))
+def _may_know_colours(columns: Sequence[Column]) -> bool:
+    """Whether all directed scores compete, or people judged, or a metric is not installed here: it may know them."""
+    directed = [column for column in columns if column.directed]
+    return all(column.competes for column in directed) or any(column.plugin is None for column in directed)
 
 
 def _one_a_metric(columns: Sequence[Column]) -> list[Column]:

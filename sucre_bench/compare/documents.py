@@ -10,7 +10,8 @@ from typing import Any, Literal
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.choose_pixels import says_filled
 from sucre_bench.compare.column_layout import blocks
-from sucre_bench.compare.words import Shown, left_out, legend, shown, title
+from sucre_bench.compare.decisive_columns import deciding
+from sucre_bench.compare.words import BLIND, Shown, left_out, legend, shown, title
 from sucre_bench.machine.records import json_text
 from sucre_bench.results.rows import csv_text
 
@@ -87,7 +88,8 @@ def _evidence(comparison: Comparison) -> list[str]:
 
 
 def _below(comparison: Comparison, spread: bool) -> list[str]:
-    return [legend(comparison, spread), *_evidence(comparison), *left_out(comparison)]
+    blind = [] if deciding(comparison, every=True).knows_colours else [BLIND]
+    return [*blind, legend(comparison, spread), *_evidence(comparison), *left_out(comparison)]
 
 
 # -- Markdown ----------------------------------------------------------------------------------------------

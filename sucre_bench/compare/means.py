@@ -38,23 +38,29 @@ def _averaged(repetitions: DataFrame) -> DataFrame:
     return shared.reindex(means.index).fillna(means)
 
 
-def column_of(scores: DataFrame, repetitions: DataFrame) -> tuple[Column, DataFrame]:
-    """Return a metric, and its values: units x methods, both sorted, NaN = a hole."""
+def column_of(scores: DataFrame, repetitions: DataFrame, knows_colours: bool) -> tuple[Column, DataFrame]:
+    """Return a metric, and its values: units x methods, both sorted, NaN = a hole.
+
+    knows_colours: whether a score of the table compares with true colours.
+    """
     values = _averaged(repetitions)
     left = values.dropna().index
     first: Any = scores.iloc[0]
+    metric, variant = str(first["metric"]), str(first["variant"])
+    plugin = plugins.usable("metric").get(metric)
     column = Column(
-        metric=str(first["metric"]),
-        variant=str(first["variant"]),
+        metric=metric,
+        variant=variant,
         unit=str(first["unit"]),
-        better=str(first["better"]),
-        range=_range(str(first["metric"])),
+        better="none" if plugin and variant in plugin.unranked else str(first["better"]),
+        range=_range(metric),
         of="image" if (scores["region"] == "image").all() else "chart",
         n_units=len(left),
         n_views=len(left.droplevel("region").unique()),
         n_scenes=left.get_level_values("scene").nunique(),
         missing=len(values) - len(left),
         pixels="common" if "pixels" in scores and (scores["pixels"] == "common").any() else "own",
+        competes=knows_colours or plugin is None or not plugin.is_of_picture_alone,
     )
     return column, values
 

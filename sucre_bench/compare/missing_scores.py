@@ -5,10 +5,14 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
+from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.compare.model import Column, Note
+from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.results.reasons import without_view
 from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples, values_of
+
+# More than this share of a picture without colour, or of its colours below zero, and a table says so.
+_MUCH = 0.1
 
 _REPETITION = ["scene", "view", "_replicate"]
 
@@ -47,6 +51,27 @@ def notes(
     if not scores:
         made += _unscored(rows, some)
     return [*made, *_repeats_lost(rows, repetitions)]
+
+
+def unlikely_pictures(rows: DataFrame) -> Iterator[Note]:
+    """Yield which methods leave much of a picture without colour, and whose colours are often below zero.
+
+    rows: of one table, with `_fresh`.
+    """
+    fresh = rows[rows["_fresh"] & (rows["status"] == "ok") & (rows["view"] != "")]
+    whole = restoration_rows(fresh)
+    yield from _often("holes", whole, 1 - whole["coverage"])
+    of_any = {(name, p.default[0]) for name, p in plugins.usable("metric").items() if p.role == "negative"}
+    negative = fresh.loc[[pair in of_any for pair in values_of(fresh, "metric", "variant")]]
+    yield from _often("negative colours", negative, negative["value"])
+
+
+def _often(kind: NoteKind, rows: DataFrame, shares: Series) -> Iterator[Note]:
+    """A note on the methods of which a picture has too large a share, with the mean share of each, largest first."""
+    by_method = shares.groupby(rows["method"]).agg(["mean", "max"])
+    worst = by_method[by_method["max"] > _MUCH].sort_values("mean", ascending=False, kind="stable")["mean"]
+    if len(worst):
+        yield Note(kind, tuple(map(str, worst.index)), shares=tuple(map(float, worst)))
 
 
 def _unscored(rows: DataFrame, methods: Iterable[str]) -> Iterator[Note]:

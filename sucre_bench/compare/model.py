@@ -38,7 +38,8 @@ class Column:
 
     better: "higher", "lower", or "none" for a number that only describes; range: of possible values; of: "image" or
     "chart", what a unit is; n_units, n_views, n_scenes: what all methods have; missing: units some method lacks;
-    pixels: "common" if methods fill different pixels, and the scores are on those that all of them fill.
+    pixels: "common" if methods fill different pixels, and the scores are on those that all of them fill; competes:
+    False for a score of the picture alone in a table without a score that knows the true colours.
     """
 
     metric: str
@@ -52,6 +53,7 @@ class Column:
     n_scenes: int
     missing: int
     pixels: Literal["own", "common"] = "own"
+    competes: bool = True
 
     @property
     def plugin(self) -> Plugin | None:
@@ -59,9 +61,14 @@ class Column:
         return plugins.usable("metric").get(self.metric)
 
     @property
+    def directed(self) -> bool:
+        """Whether it is a score with a better and a worse, neither a cost nor a number that only describes."""
+        return self.better != "none" and self.metric not in COSTS
+
+    @property
     def ranked(self) -> bool:
         """Whether methods win or lose by it."""
-        return self.better != "none" and self.metric not in COSTS
+        return self.directed and self.competes
 
     @property
     def has_few_views(self) -> bool:
@@ -132,6 +139,8 @@ NoteKind = Literal[
     "nothing shared",  # a score of which the methods share no unit
     "replicates lost",  # it lacks replicates of n images, `lost` of `total` in all
     "common pixels",  # scores on the pixels that all methods fill, `share` of the image, in n of total images
+    "holes",  # methods leave much of a picture without colour: `shares`
+    "negative colours",  # many colours of methods are below zero: `shares`
     "own pixels",  # methods fill different pixels, but scores in n of total images are on each method's own
     "no shared pixels",  # n of total images have no pixel that all methods fill
     "older data",  # the methods ran on older data than the newest
@@ -147,7 +156,7 @@ class Note:
     methods: labels it is about; columns: scores it is about, empty if it is about restorations; n, total: number of
     lost units, and of all units; left: number of units that remain for all methods; lost: the lost replicates; unit:
     unit of n; reasons: how often each reason occurs, as text; option: the followed option; share: of the image, 0 to 1,
-    where pixels are left out.
+    where pixels are left out; shares: for each method, 0 to 1, the mean over its views.
     """
 
     kind: NoteKind
@@ -161,6 +170,7 @@ class Note:
     reasons: str = ""
     option: str = ""
     share: float = 1.0
+    shares: tuple[float, ...] = ()
 
 
 @dataclass(frozen=True)

@@ -27,7 +27,7 @@ def cells(column: Column, measured: ColumnScores, apart: Collection[str] = ()) -
         Cell(float(mean[m]), float(measured.std[m]), float(low[m]), float(high[m]), int(measured.holes[m]))
         for m in range(len(mean))
     ]
-    if column.better == "none":
+    if column.better == "none" or not column.competes:
         return made
     rivals = [m for m, name in enumerate(measured.methods) if name not in apart] or [*range(len(made))]
     ranked = _ranked(column, measured.of(rivals), [made[m] for m in rivals])

@@ -13,19 +13,19 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.answer import answer, blind
+from sucre_bench.compare.answer import answer
 from sucre_bench.compare.column_layout import LaidOut, aligned
 from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.numbers import signed
 from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.compare.view_counts import over_datasets, over_views, rough
-from sucre_bench.compare.words import ARROW, left_out, legend, shown, title, verdict_text
+from sucre_bench.compare.words import ARROW, BLIND, left_out, legend, shown, title, verdict_text
 
 if TYPE_CHECKING:
     from rich.console import RenderableType
     from rich.text import Text
 
-_MOST_NOTES = 3
+_MOST_NOTES = 5
 _MOST_BLOCKS = 3  # datasets with a block of their own
 
 
@@ -44,19 +44,16 @@ def as_table(comparison: Comparison, width: int, spread: bool = False, intervals
         LaidOut.of(comparison, column, spread, intervals, (title(column), column.variant))
         for column in comparison.columns
     ]
-    if not intervals:
-        few = [column.has_few_views for column in comparison.columns]
-        laid_out = [laid.without_ties() if few else laid for laid, few in zip(laid_out, few, strict=True)]
-    ties = any(cell.mark for laid in laid_out for cell in laid.cells)
     parts: list[Any] = [_wrapped(_head(comparison, chosen), width, "bold")]
     parts += [part for lines in aligned(comparison.methods, laid_out, width) for part in (lines, Text(""))]
     said = [
         "" if intervals else rough(comparison.columns),
-        legend(comparison, spread, colours=True, intervals=intervals, ties=ties),
+        legend(comparison, spread, colours=True, intervals=intervals),
     ]
     parts += [_wrapped(line, width, "dim") for line in (*said, *left_out(comparison)) if line]
     leads = [verdict_text(comparison, verdict) for verdict in verdicts(comparison)] if intervals else []
-    return Group(*parts, *(_wrapped(line, width) for line in leads))
+    blind = [] if chosen.knows_colours else [BLIND]
+    return Group(*parts, *(_wrapped(line, width) for line in (*leads, *blind)))
 
 
 def _head(comparison: Comparison, chosen: Deciding) -> str:
@@ -78,7 +75,7 @@ def _block(comparison: Comparison, width: int, every: bool) -> RenderableType:
         _wrapped(_head(block, chosen), width, "bold"),
         *aligned(methods, laid_out, width, comparison.photographs),
     ]
-    said = [_signs(block, laid_out, over_views(block.columns)), blind(chosen), *_notes(block)]
+    said = [_signs(block, laid_out, over_views(block.columns)), *_notes(block)]
     parts += [_wrapped(line, width, "dim") for line in said if line]
     return Group(*parts, *(_wrapped(line, width) for line in answer(block, chosen)))
 
@@ -88,12 +85,12 @@ def as_blocks(comparisons: Sequence[Comparison], width: int, every: bool = False
 
     every: with all columns, each comparison by itself.
     """
-    by_main: dict[tuple[str, str], list[Comparison]] = {}
+    by_first: dict[tuple[str, str], list[Comparison]] = {}
     for comparison in comparisons:
-        main = deciding(comparison).main
-        by_main.setdefault((main.metric, main.variant) if main else ("", ""), []).append(comparison)
+        first = deciding(comparison).first
+        by_first.setdefault((first.metric, first.variant) if first else ("", ""), []).append(comparison)
     made: list[RenderableType] = []
-    for (metric, _), group in by_main.items():
+    for (metric, _), group in by_first.items():
         is_overview = metric and len(group) > _MOST_BLOCKS and not every
         made += [_overview(group, width)] if is_overview else [_block(one, width, every) for one in group]
     return made
@@ -103,37 +100,33 @@ def _overview(comparisons: Sequence[Comparison], width: int) -> RenderableType:
     """The main score of every dataset: a line a method, a column a dataset."""
     from rich.console import Group
 
-    mains = [column for one in comparisons if (column := deciding(one).main)]
+    mains = [column for one in comparisons if (column := deciding(one).first)]
     ranked = [_best_first(one, deciding(one)) for one in comparisons]
     places = {
         name: [ranking.index(name) for ranking in ranked if name in ranking] for ranking in ranked for name in ranking
     }
     apart = {name for one in comparisons if one.restorers for name in one.photographs}
-    methods = sorted(places, key=lambda name: (name in apart, fmean(places[name])))
+    blind = [one for one in comparisons if not deciding(one).knows_colours]
+    methods = [*places] if blind else sorted(places, key=lambda name: (name in apart, fmean(places[name])))
     titles = [one.title for one in comparisons]
     prefix = _shared_start(titles)
     laid_out = []
     for one, column in zip(comparisons, mains, strict=True):
         cells = [shown(one, name, column) for name in methods]
         heading = (one.title.removeprefix(prefix), "")
-        laid_out.append(
-            LaidOut(
-                heading,
-                tuple(replace(cell, interval="", mark="" if column.has_few_views else cell.mark) for cell in cells),
-            )
-        )
+        laid_out.append(LaidOut(heading, tuple(replace(cell, interval="") for cell in cells)))
     head = f"{title(mains[0])} of {len(titles)} datasets{': ' + prefix if prefix else ''}"
     signs = _signs(comparisons[0], laid_out, over_datasets(mains))
     best = Counter(
         ranking[0]
         for one, ranking, column in zip(comparisons, ranked, mains, strict=True)
-        if ranking[0] not in apart and (ranking[0], column) in one.cells
+        if column.ranked and ranking[0] not in apart and (ranking[0], column) in one.cells
     )
     counts = ", ".join(f"{name} in {n}" for name, n in best.most_common())
     line = f"best {mains[0].metric}: {counts} of {len(titles)}" if best else ""
     parts = [_wrapped(head, width, "bold"), *aligned(methods, laid_out, width, apart)]
     said = [_wrapped(text, width, "dim") for text in (signs, *_pixels(comparisons, mains))]
-    return Group(*parts, *said, *([_wrapped(line, width)] if line else []))
+    return Group(*parts, *said, *(_wrapped(text, width) for text in (line, BLIND * bool(blind)) if text))
 
 
 def _pixels(comparisons: Sequence[Comparison], mains: Sequence[Column]) -> Iterator[str]:
@@ -158,14 +151,15 @@ def _wrapped(line: str, width: int, style: str = "") -> Text:
 
 
 def _best_first(comparison: Comparison, chosen: Deciding) -> tuple[str, ...]:
-    """The methods by their mean of the main score, those without it behind them, the photograph last."""
+    """The methods by their mean of the main score, those without it behind them, the photograph last; else as asked."""
+    if chosen.main is None:
+        return comparison.methods
     names = comparison.restorers or comparison.methods
-    if chosen.main is not None:
-        cells = {name: comparison.cells.get((name, chosen.main)) for name in names}
-        sign = -1 if chosen.main.better == "higher" else 1
-        names = tuple(
-            sorted(names, key=lambda name: (cells[name] is None, sign * cell.mean if (cell := cells[name]) else 0))
-        )
+    cells = {name: comparison.cells.get((name, chosen.main)) for name in names}
+    sign = -1 if chosen.main.better == "higher" else 1
+    names = tuple(
+        sorted(names, key=lambda name: (cells[name] is None, sign * cell.mean if (cell := cells[name]) else 0))
+    )
     return (*names, *(name for name in comparison.photographs if name not in names))
 
 
@@ -184,8 +178,7 @@ def _decider(comparison: Comparison, column: Column, chosen: Deciding) -> LaidOu
             for name, cell in zip(comparison.methods, cells, strict=True)
         )
     cells = tuple(replace(cell, look="") if cell.look == "second" else cell for cell in cells)
-    laid_out = replace(laid_out, cells=cells)
-    return laid_out.without_ties() if column.has_few_views else laid_out
+    return replace(laid_out, cells=cells)
 
 
 def _percent(comparison: Comparison, name: str, column: Column) -> str:

@@ -11,6 +11,12 @@ from sucre_bench.compare.view_counts import over_units, rough_below
 
 _MOST_NAMES = 4
 
+# What a table says in which no score shows which colours are true.
+BLIND = (
+    "No chart and no reference: these numbers do not show which colours are true. Look at the pictures, mark a chart"
+    " (`sucre-bench charts`), or ask people (`study`)."
+)
+
 ARROW = {"higher": "↑", "lower": "↓", "none": ""}
 
 
@@ -78,13 +84,11 @@ def _interval(low: float, high: float, word: Callable[[float], str] = number) ->
 # -- below a table -----------------------------------------------------------------------------------------
 
 
-def legend(
-    comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True, ties: bool = True
-) -> str:
+def legend(comparison: Comparison, spread: bool = False, colours: bool = False, intervals: bool = True) -> str:
     """Say what the numbers of a table are, over what, what its marks mean, and how intervals are made.
 
     colours: whether the table tells better and worse by green and red, rather than better by bold; intervals: whether
-    it shows them; ties: whether it marks them.
+    it shows them.
     """
     if not comparison.columns:
         return "no scores"
@@ -98,7 +102,7 @@ def legend(
     parts += ["bold: best, underlined: second"] * ("best" in looks)
     if looks & {"better", "worse"}:
         parts.append("green: better, red: worse" if colours else "bold: better")
-    if ties and any(cell.mark for cell in cells):
+    if any(cell.mark for cell in cells):
         parts.append(f"≈: the difference from {comparison.baseline or 'the best'} may be chance")
     parts += ["○n: lacks n that others have"] * any(cell.holes for cell in cells)
     if comparison.restorers and comparison.photographs:
@@ -126,7 +130,8 @@ def _of_differences(comparison: Comparison) -> str:
     if n == 2:
         return "; of the difference: Student's"
     of = f"differences from {comparison.baseline}" if comparison.baseline else "leads of the best"
-    return f"; of {of}: step-down max-t over {n} methods, so that at most 5 % of tables have a false one"
+    condition = "if views are an independent sample"  # not neighbours on a track
+    return f"; of {of}: step-down max-t over {n} methods: at most 5 % of tables have a false one, {condition}"
 
 
 def left_out(comparison: Comparison) -> list[str]:
@@ -156,6 +161,10 @@ def _note_text(note: Note) -> str:
         case "common pixels":
             in_some = f", in {note.n} of {note.total} images" if note.n < note.total else ""
             return f"{metrics} on the pixels that all methods fill: {number(100 * note.share)} % of the image{in_some}"
+        case "holes":
+            return f"share of the picture without colour: {_shares(note)}"
+        case "negative colours":
+            return f"share of colours below zero, which no real scene has: {_shares(note)}"
         case "own pixels":
             in_some = f" in {note.n} of {note.total} images" if note.n < note.total else ""
             why = f" ({note.reasons})" if note.reasons else ""
@@ -168,6 +177,10 @@ def _note_text(note: Note) -> str:
             return f"{name} was not run here: there is nothing to compare with"
         case "no option":
             return f"{name} is left out: it has no option {note.option}"
+
+
+def _shares(note: Note) -> str:
+    return listed(f"{name} {100 * share:.0f} %" for name, share in zip(note.methods, note.shares, strict=True))
 
 
 def with_unit(value: float, column: Column, *more: str) -> str:

@@ -72,10 +72,10 @@ def score_rows(
     scored = Scored(replace(measured.restoration, image=locked(measured.restoration.image)), locked(shown), view)
     for scorer in metrics:
         plugin, code = scorer.plugin, score_code(base, scorer.code)
-        of_metric = replace(base, metric=plugin.name, unit=plugin.unit, better=plugin.better, code=code)
+        of_metric = replace(base, metric=plugin.name, unit=plugin.unit, code=code)
         absent = plugins.missing_needs(plugin, offers, "view")
         for variant in scorer.variants:
-            row = replace(of_metric, variant=variant)
+            row = replace(of_metric, variant=variant, better=plugin.better_of(variant))
             if absent:
                 rows.append(row_without_value(row, "skipped", absent))
             else:

@@ -164,15 +164,11 @@ class _Tally:
         for name, base in self.entrant.bases.items():
             for place, scorer in enumerate(self.entrant.scorers):
                 plugin = scorer.plugin
-                of_metric = replace(
-                    base,
-                    code=self.entrant.code(base, scorer),
-                    metric=plugin.name,
-                    unit=plugin.unit,
-                    better=plugin.better,
-                )
+                code = self.entrant.code(base, scorer)
+                of_metric = replace(base, code=code, metric=plugin.name, unit=plugin.unit)
                 for variant in scorer.variants:
-                    yield from self._rows((place, variant), name, replace(of_metric, variant=variant))
+                    row = replace(of_metric, variant=variant, better=plugin.better_of(variant))
+                    yield from self._rows((place, variant), name, row)
 
     def _rows(self, variant: _Variant, name: str, row: Row) -> Iterator[Row]:
         scorer = self.entrant.scorers[variant[0]]

@@ -137,6 +137,7 @@ def metric(
     licence: str = "",
     role: Role = "",
     symbol: str = "",
+    unranked: Iterable[str] = (),
 ) -> Callable[[_C], _C]:
     """Make a metric of a frozen dataclass with ``score(restored, shown, view, variant)``.
 
@@ -151,7 +152,8 @@ def metric(
     - requires: import names of the packages that the metric uses when it runs;
     - cites, licence: publication and licence of its definition;
     - role: what tables, figures and the page use the metric for, besides its column (`Role` in plugin.py);
-    - symbol: its name on the axis of a figure, with TeX between dollars; default name and unit.
+    - symbol: its name on the axis of a figure, with TeX between dollars; default name and unit;
+    - unranked: variants that only describe: tables show them, but no method wins by them.
 
     Raises PluginError if the class is no frozen dataclass, or an argument is not allowed.
 
@@ -173,7 +175,7 @@ def metric(
         raise PluginError(f"unknown role '{role}'", "metric", did_you_mean(role, get_args(Role)))
     chosen = tuple(default) or tuple(variants)[:1]
     about: dict[str, Any] = {"unit": unit, "better": better, "range": range, "variants": dict(variants)}
-    about |= {"default": chosen, "role": role, "symbol": symbol}
+    about |= {"default": chosen, "role": role, "symbol": symbol, "unranked": frozenset(unranked)}
     return _decorator("metric", name, needs, requires=tuple(requires), cites=cites, licence=licence, **about)
 
 

@@ -21,8 +21,9 @@ Role = Literal[
     "colour-difference",  # the same, as a difference between colours that swatches show
     "coverage",  # share of pixels with a colour
     "diagnosis",  # how a method works, not how good its picture is
+    "negative",  # share of the colours that are below zero, which no real scene has
     "distance-variance",  # of a view's distances, m^2
-    "no-reference",  # a picture alone: it decides only where there is neither reference nor chart
+    "no-reference",  # a picture alone: shown where there is neither reference nor chart, but nobody wins by it there
     "observations",  # how many a restoration used
     "patch-colour",  # measured and expected colour of a patch: variants "red" and "red-expected", and so on
     "patch-hue",  # measured and expected hue of a patch, degrees: variants NAME and "NAME-expected"
@@ -82,7 +83,7 @@ class Plugin:
 
     needs: what a scene must offer; requires: packages it imports when it runs; display: how its image is brought
     to the screen, encoding, reads, is_photograph: see `method`; source, has, charts_file, signs: see `dataset`; unit,
-    better, range, variants, default, role, symbol: see `metric`.
+    better, range, variants, default, role, symbol, unranked: see `metric`.
     """
 
     kind: Kind
@@ -105,6 +106,7 @@ class Plugin:
     default: tuple[str, ...] = ()
     role: Role = ""
     symbol: str = ""
+    unranked: frozenset[str] = frozenset()
     charts_file: str = ""
     signs: tuple[str, ...] = ()
 
@@ -116,6 +118,20 @@ class Plugin:
         """
         ranks = self.kind == "metric" and self.better != "none"
         return ranks and self.needs <= {"reference", "depth", "poses"}
+
+    @property
+    def knows_colours(self) -> bool:
+        """Whether it is a metric that compares with true colours: those of a reference or of charts."""
+        return self.kind == "metric" and bool(self.needs & {"reference", "charts"})
+
+    @property
+    def is_of_picture_alone(self) -> bool:
+        """Whether it is a metric of the restored picture alone, which cannot show which colours are true."""
+        return self.kind == "metric" and self.needs <= {"restoration"}
+
+    def better_of(self, variant: str) -> Better:
+        """Which direction of a variant's scores is better; "none" for a variant that only describes."""
+        return "none" if variant in self.unranked else self.better
 
     @property
     def is_of_pairs(self) -> bool:

@@ -454,5 +454,19 @@ def test_a_score_that_nobody_has_is_in_no_note_about_pixels():
     )
     on_common = np.where(rows["metric"] == "uciqe", "common", "own")
     (comparison,) = compare.compare(rows.assign(pixels=on_common, pixels_share=0.5, pixels_reason=""))
-    named = [(note.kind, {column.metric for column in note.columns}) for note in comparison.notes]
+    named = [(note.kind, {c.metric for c in note.columns}) for note in comparison.notes if note.columns]
     assert named == [("common pixels", {"uciqe"})]
+
+
+def test_differences_between_views_of_a_scene_are_shown_and_only_the_relative_ones_ranked():
+    """Pictures without contrast differ least between views, so nobody wins by the absolute differences."""
+    row = replace(ROW, metric="consistency", unit="dE00", better="lower")
+    rows = frame(
+        replace(row, method=method, view=view, variant=variant, value=value)
+        for method, value in (("flat", 1.0), ("colourful", 3.0))
+        for view in ("a", "b")
+        for variant in ("patches", "relative")
+    )
+    (comparison,) = compare.compare(rows)
+    assert {column.variant: column.ranked for column in comparison.columns} == {"patches": False, "relative": True}
+    assert len(comparison.cells) == 4

@@ -19,7 +19,7 @@ export const measuresOf = (kind) =>
   data.columns.filter(
     (c) =>
       c.of === "chart" &&
-      c.ranked &&
+      c.directed &&
       chartsOf().some(({ chart }) =>
         kind === "chart" ? c.key in chart.scores : Object.values(chart.patches).some((p) => c.key in p),
       ),

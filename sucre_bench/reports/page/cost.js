@@ -1,11 +1,11 @@
 // Time against quality.
 
-import { $, choose, columnOf, data, fill, ranked, shownMethods, state, watch } from "./page.js";
+import { $, choose, columnOf, data, directed, fill, shownMethods, state, watch } from "./page.js";
 import { isKnown, number, withUnit } from "./words.js";
 import { inked, isNarrow, label, legendBelow, ownColour, plot, signOf } from "./plots.js";
 
 watch(["dataset", "metric"], () => {
-  const scores = ranked();
+  const scores = directed();
   fill(
     $("cost-metric"),
     scores.map((c) => [c.key, withUnit(c)]),

@@ -10,7 +10,7 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, Verdict, verdicts
-from sucre_bench.compare.answer import answer, blind
+from sucre_bench.compare.answer import answer
 from sucre_bench.compare.choose_pixels import FILLED
 from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.documents import Format, as_text
@@ -40,7 +40,7 @@ def key_of(metric: str, variant: str) -> str:
 def column_of(column: Column) -> dict[str, Any]:
     """A column of a table.
 
-    cost: it is shown, but nobody wins by it; ranked: neither that nor what only describes; pixels: see `Column`.
+    cost: it is shown, but nobody wins by it; directed, ranked, pixels: see `Column`.
     """
     return {
         "key": key_of(column.metric, column.variant),
@@ -49,6 +49,7 @@ def column_of(column: Column) -> dict[str, Any]:
         "unit": column.unit,
         "better": column.better,
         "ranked": column.ranked,
+        "directed": column.directed,
         "of": column.of,
         "n": column.n_units,
         "views": column.n_views,
@@ -91,8 +92,8 @@ class Section:
         return {
             "name": self.table.title,
             "scene": "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), ""),
-            "legend": legend(self.table, intervals=enough, ties=enough),
-            "answer": [*answer(self.table, self._deciding), *filter(None, [blind(self._deciding)])],
+            "legend": legend(self.table, intervals=enough),
+            "answer": answer(self.table, self._deciding),
             "few": few,
             "main": key_of(main.metric, main.variant) if (main := self._deciding.main) else "",
             "photographs": list(self.table.photographs),

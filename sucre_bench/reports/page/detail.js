@@ -72,7 +72,7 @@ watch(["metric"], drawCommand);
 
 function resultParts(result, shown) {
   const scores = data.columns.filter(
-    (c) => (c.ranked || c.cost) && c.key in result.scores && !state.unshown.has(c.key),
+    (c) => (c.directed || c.cost) && c.key in result.scores && !state.unshown.has(c.key),
   );
   const line = (c) =>
     h(

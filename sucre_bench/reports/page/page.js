@@ -24,7 +24,7 @@ export const state = {
   rows: "mean",
   sort: "", // a column's key, "-" before it: from the greatest down
   filter: "",
-  unshown: new Set(summary.columns.filter((c) => !c.ranked && !c.cost).map((c) => c.key)), // what only describes
+  unshown: new Set(summary.columns.filter((c) => !c.directed && !c.cost).map((c) => c.key)), // what only describes
   hidden: new Set(),
   theme: "",
 };
@@ -75,10 +75,13 @@ function startPanels(best, second) {
   return [...new Set(wanted)].slice(0, 4);
 }
 
-// The methods by their mean, best first, without the photograph and those without a score.
+// The methods by their mean, best first, without the photograph and those without a score; as asked by a score of the
+// picture alone, where nothing knows the true colours.
 export function byScore(key) {
   const at = data.columns.findIndex((c) => c.key === key);
   if (at < 0) return [];
+  if (data.columns[at].directed && !data.columns[at].ranked)
+    return data.methods.map((m) => m.label).filter((label) => !data.photographs.includes(label));
   const sign = data.columns[at].better === "lower" ? 1 : -1;
   const scored = data.methods
     .map((m, row) => [m.label, data.cells[row][at]?.mean])
@@ -106,7 +109,7 @@ function typicalView(method, key) {
 export const viewOf = (name) => data.views.find((v) => v.name === name);
 export const roleOf = (key) => summary.roles[key.split(":")[0]] || "";
 export const columnOf = (key) => data.columns.find((c) => c.key === key);
-export const ranked = () => data.columns.filter((c) => c.ranked);
+export const directed = () => data.columns.filter((c) => c.directed);
 export const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));
 
 // An element. Text stays text: nothing that a label holds is ever read as markup.

@@ -119,8 +119,8 @@ function drawMeans(columns) {
 
 export function meanCell(cell, scale, column) {
   if (!cell) return h("td", { class: "hole", title: "no score" }, "–");
-  const few = column.views < summary.fewest_views; // which decide nothing: the interval is in the title only
-  const tie = cell.tie && !few;
+  const few = column.views < summary.fewest_views; // which make it rough: it is in the title only
+  const tie = cell.tie;
   const hasInterval = isKnown(cell.low) && cell.high > cell.low && cell.high < HUGE;
   const title = [
     `${withUnit(column)}: ${number(cell.mean)}${isKnown(cell.std) ? ` ± ${number(cell.std)}` : ""}`,

@@ -21,7 +21,7 @@ watch(["dataset"], () =>
 
 watch(["dataset", "metric", "hidden", "theme"], () => {
   if (!several) return;
-  const columns = summary.columns.filter((c) => c.ranked || c.cost);
+  const columns = summary.columns.filter((c) => c.directed || c.cost);
   fill(
     $("sweep-metric"),
     columns.map((c) => [c.key, `${c.metric} (${c.variant})`]),

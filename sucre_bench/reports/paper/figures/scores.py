@@ -37,7 +37,7 @@ def draw(results: StudyResults) -> Iterator[tuple[str, Figure]]:
 def panels(comparison: Comparison, study: Study) -> list[Column]:
     """Return the columns worth a panel: what tells methods apart, but of costs only those that the study names."""
     named = {metric.partition(":")[0] for metric in study.metrics}
-    chosen = (c for c in comparison.columns if c.ranked or (c.metric in COSTS and c.metric in named))
+    chosen = (c for c in comparison.columns if c.directed or (c.metric in COSTS and c.metric in named))
     return [column for column in chosen if _tells(comparison, column)]
 
 
