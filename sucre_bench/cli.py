@@ -134,46 +134,45 @@ def _fault(text: str, status: int) -> int:
 
 
 class _Command(NamedTuple):
-    """A command's line in --help, and the module and name of its click command."""
+    """A command's line in --help, and the module that holds it."""
 
     help: str
     module: str
-    name: str
 
 
-def _in(module: str, help: str, name: str = "") -> _Command:
-    return _Command(help, f"sucre_bench.commands.{module}", name or module)
+def _in(module: str, help: str) -> _Command:
+    return _Command(help, f"sucre_bench.commands.{module}")
 
 
 # The table of contents of --help. A command is imported when it is called: its line of help stands here.
 SECTIONS: dict[str, dict[str, _Command]] = {
     "Restore and compare": {
         "run": _in("run", "Restore views of a dataset with methods, and score them."),
-        "lineup": _in("lineup", "Write the line-up of a results folder, to run it again."),
+        "lineup": _in("run", "Write the line-up of a results folder, to run it again."),
         "compare": _in("compare", "Compare methods: one table, and who leads."),
         "score": _in("score", "Score a folder of images with any published metric."),
     },
     "Your own data": {
         "prepare": _in("prepare", "Make a scene of photos: cameras, depth maps."),
-        "describe": _in("describe", "Describe what a dataset holds, and list its faults."),
-        "charts": _in("charts", "Mark colour charts on a page in your browser."),
+        "describe": _in("data", "Describe what a dataset holds, and list its faults."),
+        "charts": _in("data", "Mark colour charts on a page in your browser."),
     },
     "Look at results": {
-        "report": _in("report", "Write the page of a results folder: tables, pictures."),
-        "texture": _in("texture", "Write a scene as points or a mesh in restored colours."),
-        "video": _in("video", "Write a video of the views before and after."),
+        "report": _in("look", "Write the page of a results folder: tables, pictures."),
+        "texture": _in("look", "Write a scene as points or a mesh in restored colours."),
+        "video": _in("look", "Write a video of the views before and after."),
         "study": _in("study", "Ask people which restored images they prefer."),
-        "track": _in("track", "Log a results folder in mlflow, and open its page."),
+        "track": _in("look", "Log a results folder in mlflow, and open its page."),
     },
     "Share results": {
-        "bundle": _in("bundle", "Write a results folder as one file, with hashes."),
-        "verify": _in("verify", "Check a bundle: hashes, data, scores."),
-        "site": _in("site", "Write a lab's board: a page over many bundles."),
+        "bundle": _in("share", "Write a results folder as one file, with hashes."),
+        "verify": _in("share", "Check a bundle: hashes, data, scores."),
+        "site": _in("share", "Write a lab's board: a page over many bundles."),
     },
     "Extend": {
-        "list": _in("list", "List plugins, their options, and whether they run here.", "list_"),
-        "new": _in("new", "Write a working plugin to start from, and its test."),
-        "check": _in("check", "Check whether a plugin keeps the contract."),
+        "list": _in("extend", "List plugins, their options, and whether they run here."),
+        "new": _in("extend", "Write a working plugin to start from, and its test."),
+        "check": _in("extend", "Check whether a plugin keeps the contract."),
     },
     "This machine": {
         "doctor": _in("doctor", "List what works on this machine, and what is missing."),
@@ -192,7 +191,7 @@ class _LazyGroup(click.Group):
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         if cmd_name not in _COMMANDS:
             return None
-        command = getattr(import_module(_COMMANDS[cmd_name].module), _COMMANDS[cmd_name].name)
+        command = getattr(import_module(_COMMANDS[cmd_name].module), "list_" if cmd_name == "list" else cmd_name)
         assert isinstance(command, click.Command)
         return command
 

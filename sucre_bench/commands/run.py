@@ -1,4 +1,6 @@
-"""`sucre-bench run`: restore a dataset with methods, and score the restorations."""
+"""`sucre-bench run` and `lineup`: restore a dataset with methods, and write what made a results folder."""
+
+from __future__ import annotations
 
 import contextlib
 import sys
@@ -6,12 +8,19 @@ from collections.abc import Sequence
 from contextlib import AbstractContextManager
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any
 
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.shared_options import json_option, plugin_files_option, print_json, refuse_options
+from sucre_bench.commands.shared_options import (
+    check_output,
+    json_option,
+    plugin_files_option,
+    plugin_option,
+    print_json,
+    refuse_options,
+)
+from sucre_bench.machine.notices import say
 
 
 @click.command(context_settings={"ignore_unknown_options": True})
@@ -80,35 +89,26 @@ def run(
 
         command = jobs([word for word in overrides if word != "job"], multirun)  # Hydra's own is `--cfg job`
         click.echo(config_text(command.jobs, command.words, command.is_sweep), nl=False)
-    elif dry_run:
-        _forecast(overrides, multirun, as_json)
+        return
+    # What a plugin prints is no part of a JSON object.
+    printed = contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
+    if dry_run:
+        from sucre_bench.commands import run_forecast
+        from sucre_bench.engine.forecast import forecast
+
+        with printed:
+            found = forecast(overrides, multirun)
+        print_json(asdict(found)) if as_json else run_forecast.show(found)
     else:
-        sys.exit(_run(overrides, multirun, as_json))
+        sys.exit(_run(overrides, multirun, as_json, printed))
 
 
-def _no_prints(as_json: bool) -> AbstractContextManager[Any]:
-    """What a plugin prints is no part of a JSON object."""
-    return contextlib.redirect_stdout(sys.stderr) if as_json else contextlib.nullcontext()
-
-
-def _forecast(overrides: Sequence[str], multirun: bool, as_json: bool) -> None:
-    from sucre_bench.commands import run_forecast
-    from sucre_bench.engine.forecast import forecast
-
-    with _no_prints(as_json):
-        found = forecast(overrides, multirun)
-    if as_json:
-        print_json(asdict(found))
-    else:
-        run_forecast.show(found)
-
-
-def _run(overrides: Sequence[str], multirun: bool, as_json: bool) -> int:
+def _run(overrides: Sequence[str], multirun: bool, as_json: bool, printed: AbstractContextManager[object]) -> int:
     """Run the jobs, print what became of them, and return the exit code."""
     from sucre_bench.commands import run_summary
     from sucre_bench.engine import sweep
 
-    with _no_prints(as_json):
+    with printed:
         outcome = sweep.run(overrides, multirun)
         comparisons = run_summary.compared(outcome)
         summary = run_summary.as_object(outcome, comparisons) if as_json else None
@@ -123,3 +123,44 @@ def _run(overrides: Sequence[str], multirun: bool, as_json: bool) -> int:
             with contextlib.redirect_stdout(sys.stderr):
                 run_summary.track(outcome, comparisons)
     return outcome.exit_code
+
+
+@click.command()
+@click.argument("folder", metavar="RESULTS", type=click.Path(path_type=Path))
+@click.option(
+    "--out",
+    type=click.Path(path_type=Path, allow_dash=True),
+    metavar="FILE",
+    help="Where to write the line-up; - prints it. [default: RESULTS/lineup.yaml]",
+)
+@plugin_option
+def lineup(folder: Path, out: Path | None) -> None:
+    """Write the line-up of a results folder: one file with its datasets, configurations, metrics and settings.
+
+    \b
+    sucre-bench lineup results/
+    sucre-bench lineup results/ --out paper.yaml
+    sucre-bench run paper.yaml out=again
+
+    The file has every configuration of the score table, with its label and options. Other settings, for example views
+    and study, are those of the last command. Paths in the file are relative to its folder.
+    """
+    from sucre_bench.jobs.lineup_of_results import line_up_of
+    from sucre_bench.jobs.rerun import shell
+    from sucre_bench.machine.files import write_atomically
+
+    file = folder / "lineup.yaml" if out is None else out
+    is_printed = str(file) == "-"
+    if not is_printed:
+        check_output(file, "line-up")
+    found = line_up_of(folder, Path() if is_printed else file.parent)
+    for note in found.notes:
+        say(f"note: {note}", "yellow")
+    text = found.line_up.as_yaml(
+        f"The line-up that made {folder}. To run it: sucre-bench run {'FILE' if is_printed else file.name}"
+    )
+    if is_printed:
+        click.echo(text, nl=False)
+        return
+    write_atomically(file, text.encode())
+    click.echo(f"{file}  run it: {shell(['sucre-bench', 'run', str(file), 'out=again'])}")

@@ -1,15 +1,26 @@
-"""`sucre-bench score`: score a folder of images."""
+"""`sucre-bench score`: score a folder of images, and find the variants that give published numbers."""
+
+from __future__ import annotations
 
 import contextlib
 import sys
+from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.output_files import check_output
-from sucre_bench.commands.shared_options import plugin_option
+from sucre_bench.commands.shared_options import check_output, plugin_option, print_json
+from sucre_bench.machine import terminal
 from sucre_bench.machine.notices import say
+
+if TYPE_CHECKING:
+    import pandas as pd
+    from rich.table import Table
+
+    from sucre_bench.programs.match_published import Candidate, Column, PublishedTable
 
 
 @click.command()
@@ -60,8 +71,7 @@ def score(
 
     The command scores every pixel, black ones too. `sucre-bench run` leaves out pixels that have no colour.
     """
-    from sucre_bench.commands import score_tables
-    from sucre_bench.machine import progress_display, terminal
+    from sucre_bench.machine import progress_display
     from sucre_bench.machine.files import write_atomically
     from sucre_bench.programs import match_published, score_folder
     from sucre_bench.results.reasons import Reason, brief
@@ -84,11 +94,11 @@ def score(
         write_atomically(file, csv_text(rows).encode())
     form = "json" if as_json else how
     if published:
-        score_tables.print_matches(published, rows, form)
+        _print_matches(published, rows, form)
     elif form != "terminal":
-        score_tables.print_records(rows, form)
+        _print_records(rows, form)
     elif (rows["status"] == "ok").any():
-        terminal.out.print(score_tables.summary(rows))
+        terminal.out.print(_summary(rows))
     faults = rows[rows["status"] != "ok"]
     asked = faults if metrics else faults[faults["status"] == "failed"]  # by default, what does not apply is no fault
     lacks = [text for text in asked["reason"].unique() if Reason.of(text) is Reason.LACK]
@@ -100,3 +110,76 @@ def score(
     for (view, metric, reason), _ in asked[~is_lack].groupby(["view", "metric", "reason"], sort=False):
         say(f"failed  {view}: {f'{metric}: ' if metric != RESTORATION else ''}{reason}", "red")
     sys.exit(1 if len(asked) else 0)
+
+
+def _summary(rows: pd.DataFrame) -> Table:
+    """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
+    from sucre_bench.compare.numbers import number, standard_deviation
+    from sucre_bench.compare.words import ARROW
+
+    table = terminal.table(["metric", "variant"], ["mean", "std", "lowest", "highest", "images"])
+    ok = rows[rows["status"] == "ok"]
+    for (metric, variant), scores in ok.groupby(["metric", "variant"], sort=False):
+        values = scores["value"]
+        title = f"{metric} {ARROW[scores['better'].iloc[0]]}"
+        figures = (values.mean(), float(standard_deviation(values.to_numpy())), values.min(), values.max())
+        table.add_row(title, variant, *(number(x) for x in figures), str(len(values)))
+    return table
+
+
+def _print_records(table: pd.DataFrame, form: str) -> None:
+    """Print a table as "json" or "csv"."""
+    from sucre_bench.results.rows import csv_text
+
+    if form == "json":
+        print_json(table.to_dict("records"))
+    else:
+        click.echo(csv_text(table), nl=False)
+
+
+def _print_matches(published: PublishedTable, rows: pd.DataFrame, form: str) -> None:
+    """Print, for each column of a published table, how far the variants are from it."""
+    import pandas as pd
+
+    from sucre_bench.programs.match_published import compare
+
+    matches = [(column, compare(column, rows)) for column in published.columns]
+    if form != "terminal":
+        table = pd.DataFrame(
+            {"column": column.header, "metric": column.metric, **asdict(one)}
+            for column, found in matches
+            for one in found
+        )
+        _print_records(table, form)
+        return
+    for column, found in matches:
+        terminal.out.print(_table(column, found))
+        terminal.out.print()
+    for column, found in matches:
+        terminal.out.print(_verdict(column, found), soft_wrap=True, highlight=False)
+
+
+def _table(column: Column, candidates: Sequence[Candidate], most: int = 10) -> Table:
+    """Return the nearest variants of a column, a line each."""
+    table = terminal.table([column.metric], ["mean difference", "largest"])
+    table.add_column("at", no_wrap=True)
+    table.add_column("compared", justify="right", no_wrap=True)
+    table.add_column("", no_wrap=True)
+    for one in candidates[:most]:
+        note = f"no score of {one.lacking}" if one.lacking else ""
+        figures = (f"{one.mean:.2g}", f"{one.largest:.2g}", one.at, str(one.compared), note)
+        table.add_row(one.variant, *figures, style="green" if one.fits else None)
+    return table
+
+
+def _verdict(column: Column, candidates: Sequence[Candidate]) -> str:
+    """Return which variants give a column's numbers, as a sentence."""
+    about = f"{column.metric}: column '{column.header}'"
+    if fitting := [one for one in candidates if one.fits]:
+        names = " or ".join(one.variant for one in fitting[:4]) + (" or others" if len(fitting) > 4 else "")
+        return f"{about} is {names}, within {fitting[0].largest:.2g}"
+    if not candidates:
+        return f"{about}: no variant has a score of these images"
+    nearest = candidates[0]
+    off = f"differs by {nearest.mean:.2g} on average and by up to {nearest.largest:.2g}"
+    return f"{about} is none of the public variants; the nearest, {nearest.variant}, {off}"

@@ -10,8 +10,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands.output_files import check_output
-from sucre_bench.commands.shared_options import dataset_option, echo_wrapped, json_option, labels_of, print_json
+from sucre_bench.commands.shared_options import (
+    check_output,
+    dataset_option,
+    echo_wrapped,
+    json_option,
+    labels_of,
+    print_json,
+)
 from sucre_bench.machine.notices import say
 from sucre_bench.machine.plural import counted
 

@@ -20,7 +20,7 @@ from support.registries import registry
 
 from sucre_bench import InputError, View, plugins
 from sucre_bench.camera import project, scaled_camera
-from sucre_bench.commands.texture import texture
+from sucre_bench.commands.look import texture
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen_results import Frame, revisit
 from sucre_bench.imaging.encoding import srgb_decode

@@ -17,7 +17,7 @@ from support.places import TOYS
 from support.registries import registry
 
 from sucre_bench import Arrays, InputError, View, plugins
-from sucre_bench.commands.video import video
+from sucre_bench.commands.look import video
 from sucre_bench.engine import sweep
 from sucre_bench.engine.reopen_results import Frame
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode, to_8bit

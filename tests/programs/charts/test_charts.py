@@ -24,7 +24,7 @@ from support.painted_charts import TILTED, painted
 
 import sucre_bench as sb
 from sucre_bench.arrays import Array
-from sucre_bench.commands.charts import charts
+from sucre_bench.commands.data import charts
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.chart_patches import image_from_chart, measure, reading_order

@@ -13,7 +13,7 @@ from support.places import TOYS
 from support.tried_plugins import HEAD, JUDGED, METHOD, METRIC, write
 
 from sucre_bench import InputError, PluginError
-from sucre_bench.commands.check import check as command
+from sucre_bench.commands.extend import check as command
 from sucre_bench.plugins.registry import find, load_file
 from sucre_bench.programs.contract.contract import Subject, check_rule
 from sucre_bench.programs.contract.rules_methods import is_the_same_elsewhere

@@ -21,7 +21,7 @@ from support.places import ROOT
 
 from sucre_bench import plugins
 from sucre_bench.cli import cli
-from sucre_bench.commands.new import new as command
+from sucre_bench.commands.extend import new as command
 from sucre_bench.errors import OutputError
 from sucre_bench.programs.contract.write_plugin import checkout_of
 

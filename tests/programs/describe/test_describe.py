@@ -18,7 +18,7 @@ from support.messages import names
 from support.painted_charts import TILTED, painted
 
 from sucre_bench.camera import pixel_rays
-from sucre_bench.commands.describe import describe
+from sucre_bench.commands.data import describe
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.programs.describe.depth_and_poses import overlaps

@@ -1,4 +1,4 @@
-"""`sucre-bench describe`: describes a dataset and lists its faults, in the terminal or as JSON."""
+"""`sucre-bench describe` and `charts`: what a dataset holds, and its colour charts."""
 
 from __future__ import annotations
 
@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 import click
 
 from sucre_bench.commands import completion_words
-from sucre_bench.commands.output_files import check_output
-from sucre_bench.commands.shared_options import json_option, plugin_option, print_json, refuse_options
+from sucre_bench.commands.shared_options import check_output, json_option, plugin_option, print_json, refuse_options
+from sucre_bench.machine.plural import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.depth_and_poses import Overlap
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from sucre_bench.programs.describe.exposure import Exposure, NoExposure
     from sucre_bench.programs.describe.view_facts import ViewFacts
     from sucre_bench.scene import Water
+
 
 _ROWS = 30  # of the table of views
 _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagrees", "mean R G B", "charts")
@@ -202,3 +203,62 @@ def _exposure(exposure: Exposure | NoExposure) -> str:
 def _water(water: Water) -> str:
     parts = (("B", water.veiling_light), ("beta", water.attenuation), ("gamma", water.backscatter))
     return ", ".join(f"{name} {' '.join(f'{v:.3g}' for v in values)}" for name, values in parts)
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument(
+    "words",
+    nargs=-1,
+    type=click.UNPROCESSED,
+    metavar="VIEW... [KEY=VALUE]...",
+    shell_complete=completion_words.complete_views,
+)
+@click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
+@click.option("--accept", is_flag=True, help="Open no page; accept all proposals whose patches are in order.")
+@click.option("--no-browser", is_flag=True, help="Print the address of the page; do not open a browser.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="Port of the page; 0 (default): any free port.")
+def charts(words: tuple[str, ...], kind: str, accept: bool, no_browser: bool, port: int) -> None:
+    """Mark colour charts: click their four corners on a page in your browser.
+
+    \b
+    sucre-bench charts dive/images/a.png
+    sucre-bench charts dataset=colmap dataset.root=dive/ views=[a.png,b.png]
+    sucre-bench charts dive/images/a.png --kind colorchecker24
+    sucre-bench charts dataset=colmap dataset.root=dive/ --accept
+
+    VIEW is an image in the folder images/ of a scene. With dataset=, it is the name of a view. The kinds are dgk,
+    colorchecker24, colorchecker_sg, or a CSV file. The command finds charts of the kind colorchecker24 by itself. Depth
+    and poses carry a marked chart to the other views, where you confirm it. The page shows the named views first. The
+    scene's charts.json stores everything.
+    """
+    import webbrowser
+
+    from sucre_bench.machine import progress_display
+    from sucre_bench.programs.charts import open_session
+
+    with progress_display.live():
+        session = open_session.open_session(words, kind, "colmap")  # for images without dataset=
+        session.prepare()
+    if accept:
+        with progress_display.live():
+            accepted, doubtful = session.accept()
+        for proposal, fault in doubtful:
+            click.echo(f"left  {proposal.view}, {proposal.chart.name}: {fault}")
+        click.echo(f"{counted(len(accepted), 'proposal')} accepted, {len(doubtful)} left for you to check")
+    else:
+        from sucre_bench.programs.charts.server import PageServer
+
+        with PageServer(session, port) as server:
+            click.echo(f"page     {server.url}  (Ctrl-C ends it)")
+            if not no_browser:
+                webbrowser.open(server.url)
+            try:
+                server.serve_forever()
+            except KeyboardInterrupt:
+                click.echo("stopped; confirmed charts are stored")
+    for view in session.everything:
+        marked, proposed = session.file.confirmed(view.name), session.file.proposed(view.name)
+        if marked or proposed:
+            open_ = f", {len(proposed)} to confirm" if proposed else ""
+            click.echo(f"{view.name}: {counted(len(marked), 'chart')}{open_}")
+    click.echo(f"charts   {session.file.path}{'' if session.file.path.is_file() else ': none marked, nothing written'}")

@@ -1,0 +1,249 @@
+"""`sucre-bench list`, `new` and `check`: plugins that are there, a new one, and whether one keeps the contract."""
+
+from __future__ import annotations
+
+import shutil
+import sys
+import textwrap
+from collections import Counter
+from collections.abc import Sequence
+from dataclasses import MISSING
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sucre_bench import plugins
+from sucre_bench.commands.completion_words import complete_words
+from sucre_bench.commands.shared_options import KINDS, json_option, plugin_option, print_json, refuse_options
+from sucre_bench.degrade import Degradation
+from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries
+from sucre_bench.plugins.options import Option, options_of
+from sucre_bench.plugins.plugin import Broken, Plugin
+
+if TYPE_CHECKING:
+    from rich.text import Text
+
+    from sucre_bench.programs.contract.contract import Outcome, Status
+
+
+@click.command("list")
+@click.argument("what", type=click.Choice(["methods", "datasets", "metrics", "experiments", "degradations"]))
+@click.argument("names", nargs=-1, metavar="[NAME]...")
+@json_option
+@plugin_option
+def list_(what: str, names: tuple[str, ...], as_json: bool) -> None:
+    """List plugins, experiments or degradations, with their options, and whether they run here.
+
+    \b
+    sucre-bench list methods
+    sucre-bench list methods sucre
+    sucre-bench list metrics --plugin my_metric.py
+    sucre-bench list experiments
+    sucre-bench list methods --json | jq -r '.[] | select(.installed) | .name'
+
+    With NAME, list prints only this one.
+    """
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+
+    items = _named(what, names)
+    if not as_json:
+        terminal.out.print(Text.from_ansi(_as_text(what, items)), soft_wrap=True)
+    elif what == "degradations":
+        print_json({item.name: option_entry(item) for item in items if isinstance(item, Option)})
+    else:
+        print_json([entry(item) if isinstance(item, Plugin | Broken) else item for item in items])
+
+
+_Item = Plugin | Broken | Option | dict[str, Any]  # the last of conf/: a preset
+
+
+def _named(what: str, names: Sequence[str]) -> list[_Item]:
+    """Return what has these names; everything if there are none. Raises InputError for a name that nothing has."""
+    known: list[tuple[str, _Item]]
+    if what == "degradations":
+        known = [(option.name, option) for option in options_of(Degradation)]
+    else:
+        kind = next((kind for kind in plugins.KINDS if what == f"{kind}s"), None)
+        known = [*(plugins.discover(kind).items() if kind else ())]
+        known += [(str(preset["name"]), preset) for preset in preset_entries(what[:-1])]
+    every = [name for name, _ in known]
+    for name in names:
+        if name not in every:
+            raise plugins.unknown(what[:-1], name, every)
+    return [item for name, item in known if not names or name in names]
+
+
+def _as_text(what: str, items: Sequence[_Item]) -> str:
+    """Each with its needs, licence, options and whether it can run here, wrapped to the terminal, in colour."""
+    if what == "experiments":
+        return "\n".join(f"{item['name']}  {item['description']}" for item in items if isinstance(item, dict))
+    if what == "degradations":
+        return "\n".join(line for item in items if isinstance(item, Option) for line in _option_lines(item))
+    texts = []
+    for item in items:
+        if isinstance(item, dict):
+            texts.append("\n".join([click.style(item["name"], bold=True), *_wrapped("", item["description"])]))
+        elif isinstance(item, Plugin | Broken):
+            texts.append(_entry(item))
+    if what == "metrics":
+        texts.append("metric:variant, * computed unless others are asked for")
+    return "\n\n".join(texts) or f"no {what}"
+
+
+def _entry(plugin: Plugin | Broken) -> str:
+    if isinstance(plugin, Broken):
+        return click.style(f"{plugin.name}  cannot be used: {plugin.reason}", fg="red")
+    about, lines = entry(plugin), [click.style(plugin.name, bold=True)]
+    if about["install"]:
+        lines[0] += click.style(f"  not installed: {about['install']}", fg="red")
+    lines += _wrapped("", plugin.summary)
+    if plugin.kind == "metric":
+        direction = "describes" if plugin.better == "none" else f"{plugin.better} is better"
+        lines += _wrapped("", f"{direction}{', in ' + plugin.unit if plugin.unit else ''}")
+    for key in ("needs", "has", "signs", "source", "licence", "cites"):
+        text = ", ".join(about[key]) if key in ("needs", "has", "signs") else about[key]
+        lines += _wrapped(f"{'known by' if key == 'signs' else key}  ", text) if text else []
+    for name, said in plugin.variants.items():
+        lines += _wrapped(f"{plugin.name}:{name}{'*' if name in plugin.default else ''}  ", said)
+    for option in options_of(plugin.cls):
+        lines += _option_lines(option)
+    return "\n".join(lines)
+
+
+def _option_lines(option: Option) -> list[str]:
+    words = [*option.choices, *([] if option.is_closed else ["..."])]
+    choices = f" ({'|'.join(words)})" if option.choices else ""
+    default = "" if option.default is MISSING else f"={'none' if option.default is None else option.default}"
+    return _wrapped(f"{option.name}{default}{choices}  ", option.help)
+
+
+def _wrapped(head: str, text: str) -> list[str]:
+    width = max(60, shutil.get_terminal_size().columns)
+    return textwrap.wrap(head + text, width, initial_indent="    ", subsequent_indent="        ")
+
+
+@click.command()
+@click.argument("kind", type=KINDS)
+@click.argument("name")
+@click.option(
+    "--package",
+    type=click.Path(path_type=Path, file_okay=False),
+    metavar="DIR",
+    help="Write a package with this plugin into DIR.",
+)
+@click.option("--depth", is_flag=True, help="Write a method that needs depth.")
+def new(kind: Any, name: str, package: Path | None, depth: bool) -> None:
+    """Write a working plugin to start from, and its test.
+
+    \b
+    sucre-bench new method warm_up_reds
+    sucre-bench new method fade_less --depth
+    sucre-bench new metric redness --package ~/my-metrics
+
+    In a checkout of sucre_bench, the files go into methods/, datasets/ or metrics/, and into the same folder of tests/.
+    Elsewhere they go into the current folder. The command overwrites nothing.
+    """
+    from sucre_bench.programs.contract.write_plugin import shown_path, write_new
+
+    if depth and kind != "method":
+        raise click.UsageError("--depth is for methods; see sucre-bench new --help")
+    written = write_new(kind, name, Path.cwd(), package, depth)
+    for path in written.files:
+        click.echo(f"{'wrote':8} {shown_path(path)}")
+    for what, command in written.commands:
+        click.echo(f"{what:8} {command}")
+
+
+@click.command(context_settings={"ignore_unknown_options": True})
+@click.argument("plugin")
+@click.argument("overrides", nargs=-1, type=click.UNPROCESSED, shell_complete=complete_words)
+@click.option("--kind", type=KINDS, help="Needed if plugins of two kinds have this name.")
+@click.option(
+    "--on", default="demo", show_default=True, metavar="DATASET", help="Dataset of the real view in the last rule."
+)
+@click.option("--quick", is_flag=True, help="Leave out rules that start processes or make scenes.")
+@json_option
+def check(plugin: str, overrides: tuple[str, ...], kind: Any, on: str, quick: bool, as_json: bool) -> None:
+    """Check whether a plugin keeps the contract, and say what to change.
+
+    \b
+    sucre-bench check gray_world
+    sucre-bench check my_method.py
+    sucre-bench check my_method.py method.factor=0.3 --json
+    sucre-bench check colmap dataset.root=dive/
+
+    PLUGIN is a name, or a .py file with plugins. Options follow as in `sucre-bench run`: method.NAME=VALUE,
+    dataset.NAME=VALUE, metrics.METRIC.NAME=VALUE.
+
+    Exit codes: 0, the plugin keeps every rule; 1, it breaks a rule; 2, the command has a mistake.
+    """
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+    from sucre_bench.programs.contract import contract
+    from sucre_bench.programs.contract.write_plugin import shown_path
+
+    refuse_options(overrides, "check")
+    checked: list[dict[str, Any]] = []
+    for subject in contract.subjects(plugin, overrides, kind, on):
+        about = {"kind": subject.plugin.kind, "name": subject.plugin.name, "file": str(subject.file)}
+        if not as_json:
+            title = Text.assemble((f"{about['kind']} {about['name']}", "bold"), f"  {shown_path(subject.file)}")
+            terminal.out.print(title, soft_wrap=True)
+        outcomes: list[Outcome] = []
+        for outcome in contract.check(subject, lasting=not quick):
+            outcomes.append(outcome)
+            for line in () if as_json else _lines(outcome):
+                terminal.out.print(line, soft_wrap=True)
+        if not as_json:
+            terminal.out.print(_counts(outcomes), soft_wrap=True)
+        is_kept = all(outcome.status != "broken" for outcome in outcomes)
+        checked.append({**about, "ok": is_kept, "rules": [_as_object(outcome) for outcome in outcomes]})
+    if as_json:
+        print_json(checked)
+    sys.exit(0 if all(one["ok"] for one in checked) else 1)
+
+
+# Sign, colour and name of a status.
+_SIGNS: dict[Status, tuple[str, str, str]] = {
+    "kept": ("✓", "green", "kept"),
+    "broken": ("✗", "red", "to mend"),
+    "doubtful": ("!", "yellow", "to look at"),
+    "skipped": ("-", "dim", "not looked at"),
+}
+
+
+def _lines(outcome: Outcome) -> list[Text]:
+    """Return a rule's line and its findings."""
+    from rich.text import Text
+
+    sign, style, _ = _SIGNS[outcome.status]
+    notes = [finding.text for finding in outcome.findings if finding.level == "note"]
+    said = f"  {'; '.join(notes)}" if notes and outcome.status != "broken" else ""
+    said += f"  {outcome.skipped}" if outcome.skipped else ""
+    head = Text.assemble((f"  {sign} ", style), outcome.rule, (said, "dim"))
+    return [head, *(Text(f"      {f.text}", style) for f in outcome.findings if f.level != "note")]
+
+
+def _counts(outcomes: Sequence[Outcome]) -> Text:
+    """Return the number of outcomes by status, and the time."""
+    from rich.text import Text
+
+    counts = Counter(outcome.status for outcome in outcomes)
+    parts = [Text(f"{counts[status]} {name}", style) for status, (_, style, name) in _SIGNS.items() if counts[status]]
+    return Text.assemble("  ", Text(", ").join(parts), f" in {sum(o.seconds for o in outcomes):.1f} s")
+
+
+def _as_object(outcome: Outcome) -> dict[str, Any]:
+    """Return the outcome of a rule as plain data for JSON."""
+    return {
+        "name": outcome.name,
+        "rule": outcome.rule,
+        "status": outcome.status,
+        "seconds": round(outcome.seconds, 3),
+        **({"skipped": outcome.skipped} if outcome.skipped else {}),
+        "findings": [finding._asdict() for finding in outcome.findings],
+    }

@@ -1,0 +1,225 @@
+"""`sucre-bench report`, `texture`, `video` and `track`: results as a page, a surface, a video, and in mlflow."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Mapping
+from dataclasses import asdict
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sucre_bench.commands.shared_options import check_output, labels_of, plugin_option, scene_options
+from sucre_bench.machine.plural import counted
+from sucre_bench.machine.records import json_text
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.video import Flicker
+
+
+@click.command("report")
+@click.argument("folder", type=click.Path(path_type=Path))
+def report(folder: Path) -> None:
+    """Write the page of a results folder: FOLDER/report/index.html.
+
+    \b
+    sucre-bench report results
+
+    The page has tables, plots and pictures. It opens from disk, without a network.
+    """
+    from sucre_bench import compare, results
+    from sucre_bench.reports import page
+    from sucre_bench.results.common_scores import read_common
+
+    rows = compare.on_pixels(results.read(folder), read_common(folder))
+    click.echo(page.write(folder, rows, compare.compare(rows)))
+
+
+@click.command()
+@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option(
+    "--method", required=True, metavar="LABEL", help='Label of the method that gives the colours; "input": the views.'
+)
+@scene_options
+@click.option(
+    "--voxel",
+    type=click.FloatRange(0, min_open=True),
+    metavar="METRES",
+    help="Edge of a voxel [default: the median size of a pixel on the surface].",
+)
+@click.option("--mesh", is_flag=True, help="Write triangles, not points, into a .ply. A .glb always has triangles.")
+@click.option(
+    "--picture",
+    type=click.Path(path_type=Path),
+    metavar="FILE",
+    help="Also write a .png with the input beside the restored surface.",
+)
+@plugin_option
+def texture(
+    results: Path,
+    out: Path,
+    method: str,
+    dataset: str,
+    scene: str,
+    voxel: float | None,
+    mesh: bool,
+    picture: Path | None,
+) -> None:
+    """Write a scene as points or a mesh in restored colours.
+
+    \b
+    sucre-bench texture results scene.glb --method sucre --picture scene.png
+    sucre-bench texture results points.ply --method sucre --voxel 0.005
+    sucre-bench texture results input.glb --method input
+
+    RESULTS is a results folder of `sucre-bench run`. The command opens its dataset again, which must have depth and
+    poses.
+    """
+    from sucre_bench.engine.reopen_results import INPUT, revisit
+    from sucre_bench.loading.view_files import source_files
+    from sucre_bench.machine import progress_display
+    from sucre_bench.programs.texture import choose_cells, fuse, mean_up, write_model
+
+    check_output(out, "surface")
+    if picture is not None:
+        check_output(picture, "picture")
+    started = time.perf_counter()
+    triangles = mesh or out.suffix.lower() == ".glb"
+    with progress_display.live():
+        found = revisit(results, [method], dataset, scene)
+        if picture is not None:
+            check_output(picture, "picture", (file for frame in found.frames for file in source_files(frame.view)))
+        cells = choose_cells(found.frames, voxel)
+        model = fuse(found.frames, method, cells, triangles)
+        write_model(out, model, mean_up([frame.view for frame in found.frames]))
+        if picture is not None:
+            from sucre_bench.imaging.image_files import write_png
+            from sucre_bench.programs.texture import side_by_side
+
+            restored = model if triangles else fuse(found.frames, method, cells)
+            models = {INPUT: fuse(found.frames, INPUT, cells, mask=method), method: restored}
+            write_png(picture, side_by_side(models, found.frames)[..., ::-1])
+    what = f"{len(model.points)} points" + (f", {len(model.triangles)} triangles" if triangles else "")
+    size = f"{out.stat().st_size / 1e6:.1f} MB, voxels of {cells.voxel:.3g} m"
+    click.echo(
+        f"{found.dataset} / {found.scene} / {method}: {len(found.frames)} views, {what}, {size}, "
+        f"{time.perf_counter() - started:.0f} s"
+    )
+    click.echo(f"surface  {out}")
+    if picture is not None:
+        click.echo(f"picture  {picture}")
+
+
+@click.command()
+@click.argument("results", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option("--methods", required=True, metavar="A,B", help="Labels of methods, in the order of the panels.")
+@scene_options
+@click.option("--fps", default=10.0, show_default=True, type=click.FloatRange(0.1, 120), help="Views a second.")
+@click.option(
+    "--split",
+    is_flag=True,
+    help="Show one panel for each method: the input left of a moving divider, the method right of it.",
+)
+@click.option(
+    "--height",
+    default=540,
+    show_default=True,
+    type=click.IntRange(64, 4320),
+    help="Greatest height of a panel, in pixels.",
+)
+@plugin_option
+def video(
+    results: Path, out: Path, methods: str, dataset: str, scene: str, fps: float, split: bool, height: int
+) -> None:
+    """Write a video of the views before and after, and measure how much each method flickers.
+
+    \b
+    sucre-bench video results dive.mp4 --methods gray_world,sucre
+    sucre-bench video results dive.webm --methods sucre --split --fps 5
+
+    RESULTS is a results folder of `sucre-bench run`. The video shows its views in capture order. The
+    command writes the numbers beside the video, for example into dive.mp4.json.
+    """
+    from sucre_bench.engine.reopen_results import revisit
+    from sucre_bench.errors import InputError
+    from sucre_bench.machine import progress_display, terminal
+    from sucre_bench.machine.files import write_atomically
+    from sucre_bench.programs.video import FORMULAE, composed, flicker, panel_size, write_video
+
+    numbers = out.with_name(f"{out.name}.json")
+    check_output(out, "video")
+    check_output(numbers, "numbers")
+    labels = labels_of(methods)
+    if not labels:
+        raise InputError("--methods: no label; give labels with commas between them")
+    with progress_display.live():
+        found = revisit(results, labels, dataset, scene)
+        size = panel_size(found.frames[0], height)
+        count = write_video(out, composed(found.frames, labels, size, fps, split), fps)
+        flickers = flicker(found.frames, labels)
+    left_out = f" ({found.left_out} that a method did not restore are left out)" if found.left_out else ""
+    click.echo(f"{found.dataset} / {found.scene}: {count} views{left_out}, {out.stat().st_size / 1e6:.1f} MB")
+    terminal.out.print(_table(flickers))
+    click.echo("flicker: " + "; ".join(f"{name}: {text}" for name, text in FORMULAE.items()))
+    by_method = {method: {name: asdict(f) for name, f in values.items()} for method, values in flickers.items()}
+    about = {"dataset": found.dataset, "scene": found.scene, "views": [frame.view.name for frame in found.frames]}
+    told = {**about, "fps": fps, "formulae": FORMULAE, "flicker": by_method}
+    write_atomically(numbers, f"{json_text(told)}\n".encode())
+    click.echo(f"video    {out}\nnumbers  {numbers}")
+
+
+def _table(flickers: Mapping[str, Mapping[str, Flicker]]) -> Any:
+    """A line a method and measure, narrow enough for any terminal."""
+    from rich.text import Text
+
+    from sucre_bench.machine import terminal
+
+    table = terminal.table(["method", "flicker"], ["mean", "95 %", "pairs"])
+    for method, by_statistic in flickers.items():
+        for n, (name, f) in enumerate(by_statistic.items()):
+            interval = f"{f.low:.3g} to {f.high:.3g}" if math.isfinite(f.low) else ""
+            table.add_row(Text("" if n else method), name, f"{f.mean:.3g}", interval, str(f.pairs))
+    return table
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.option("--uri", default="", metavar="URI", help="mlflow's tracking URI [default: a store in FOLDER].")
+@click.option("--experiment", default="sucre_bench", show_default=True, help="Name of the experiment in mlflow.")
+@click.option("--ui", is_flag=True, help="Then serve mlflow's page on this machine until Ctrl-C.")
+@click.option("--port", default=5000, show_default=True, type=click.IntRange(1, 65535), help="Port of that page.")
+def track(folder: Path, uri: str, experiment: str, ui: bool, port: int) -> None:
+    """Log a results folder in mlflow, for example after a run on a cluster.
+
+    \b
+    sucre-bench track results --uri http://127.0.0.1:5000
+    sucre-bench track results --ui
+
+    The command logs only rows that mlflow does not have yet.
+    """
+    from sucre_bench import compare, results
+    from sucre_bench.machine import progress_display
+    from sucre_bench.machine.records import masked
+    from sucre_bench.reports import mlflow
+    from sucre_bench.results.common_scores import read_common
+
+    uri = uri or mlflow.default_uri(folder)
+    is_server = uri.startswith(("http://", "https://"))
+    if ui and not is_server:
+        mlflow.check_port(port)
+    rows = results.read(folder)
+    comparisons = compare.compare(compare.on_pixels(rows, read_common(folder)))
+    with progress_display.live():
+        new = mlflow.log(folder, rows, comparisons, uri, experiment)
+    page = mlflow.runs_page(uri, experiment, port) if ui else ""
+    click.echo(f"mlflow   {masked(uri)}, experiment {experiment}: {counted(new, 'new run')}")
+    if ui and is_server:
+        click.echo(f"page     {masked(page)}")
+    elif ui:
+        click.echo("page     starting, about 10 s")
+        sys.exit(mlflow.open_ui(uri, port, lambda: click.echo(f"page     {page}  (Ctrl-C ends it)")))

@@ -1,0 +1,309 @@
+"""`sucre-bench bundle`, `verify` and `site`: one file of a results folder, its check, and a page over many."""
+
+from __future__ import annotations
+
+import contextlib
+import shlex
+import shutil
+import sys
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import asdict, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from sucre_bench.commands.shared_options import check_output, echo_wrapped, json_option, plugin_option, print_json
+from sucre_bench.errors import InputError, SucreBenchError, unknown_name
+from sucre_bench.machine.files import check_folder, open_atomically, regular
+from sucre_bench.machine.notices import say
+from sucre_bench.machine.plural import counted
+from sucre_bench.programs.verify import TOLERANCE
+
+if TYPE_CHECKING:
+    from sucre_bench.programs.site.board import Entry
+    from sucre_bench.programs.verify.outcome import Outcome
+
+_MOST = 20  # scores that are listed
+
+
+# -- bundle ------------------------------------------------------------------------------------------------
+
+
+@click.command()
+@click.argument("folder", type=click.Path(path_type=Path))
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE.zip")
+@click.option(
+    "--pictures",
+    type=click.Choice(["none", "restored", "all"]),
+    default="none",
+    show_default=True,
+    help="restored: put the restored images in; all: also views and references, if you may publish them.",
+)
+@click.option("--by", default="", metavar="TEXT", help='Who publishes the bundle, for example "Reef Lab".')
+@click.option("--code", is_flag=True, help="Put the files of --plugin in, so that others can run lineup.yaml.")
+@plugin_option
+def bundle(folder: Path, file: Path, pictures: Any, by: str, code: bool) -> None:
+    """Write a results folder as one file: scores, configuration and hashes.
+
+    \b
+    sucre-bench bundle results paper.zip
+    sucre-bench bundle results paper.zip --pictures restored --by "Reef Lab"
+    sucre-bench bundle results paper.zip --plugin my_method.py --code
+
+    The command prints an id that stands for every hash in the file. Print the id in your paper. The same results always
+    give the same bytes and the same id.
+    """
+    from sucre_bench.machine import progress_display
+    from sucre_bench.programs.bundle.write import bundle_results
+
+    check_output(file, "bundle")
+    with progress_display.live():
+        made = bundle_results(folder, file, pictures, by, _line_up(folder, code))
+    size = file.stat().st_size
+    click.echo(f"bundle   {file}, {f'{size / 1e6:.1f} MB' if size >= 1e6 else f'{size / 1e3:.0f} kB'}")
+    click.echo(f"id       {made.id}")
+    click.echo(f"scores   {made.n_scores}, and seconds and memory")
+    click.echo(f"files    {made.n_inside} pictures and records inside, {made.n_outside} outside by their hash")
+    if made.unverifiable:
+        told = ", ".join(f"{n} of {metric}" for metric, n in made.unverifiable.items())
+        say(f"nobody can verify these scores, which need more than 8 bits: {told}", "yellow")
+    if made.local_paths:
+        say(f"the bundle names folders of this machine: {', '.join(made.local_paths)}", "yellow")
+
+
+def _line_up(folder: Path, has_code: bool) -> dict[str, str]:
+    """Return the line-up file that runs these results again. If it cannot be made, say why and return none."""
+    from sucre_bench import results
+    from sucre_bench.jobs.lineup_of_results import line_up_of
+
+    results.read(folder)  # a folder without results is an error of its own
+    try:
+        line_up = line_up_of(folder, folder).line_up
+    except SucreBenchError as fault:
+        say(f"no lineup.yaml in the bundle: {fault}", "yellow")
+        return {}
+    given = line_up.settings.get("plugins", [])
+    files = _plugin_files([folder / name for name in given]) if has_code else {}
+    if files:
+        line_up = replace(line_up, settings={**line_up.settings, "plugins": list(files)})
+    elif given:
+        code = "--plugin FILE --code puts that code into the bundle"
+        say(f"note: lineup.yaml needs {', '.join(given)}; {code}", "yellow")
+    text = line_up.as_yaml("The line-up that made these results. To run it: sucre-bench run lineup.yaml")
+    return {"lineup.yaml": text, **files}
+
+
+def _plugin_files(paths: Iterable[Path]) -> dict[str, str]:
+    """The text of plugin files by their name in the bundle; none if one was not loaded, or two have one name.
+
+    paths: that the results folder names, which may be any file of this machine.
+    """
+    from sucre_bench import plugins
+
+    texts: dict[str, str] = {}
+    for path in paths:
+        name, fault = f"plugins/{path.name}", ""
+        if not plugins.is_loaded(path):
+            fault = f"add --plugin {path} if it is the run's plugin file"
+        elif name in texts:
+            fault = "another plugin file has its name; rename it and run again"
+        try:
+            texts[name] = "" if fault else regular(path).read_text(encoding="utf-8")
+        except (OSError, InputError, ValueError) as unreadable:
+            fault = f"{unreadable}; publish it beside the bundle"
+        if fault:
+            say(f"{path}: is not in the bundle; {fault}", "yellow")
+            return {}
+    return texts
+
+
+# -- verify ------------------------------------------------------------------------------------------------
+
+
+@click.command()
+@click.argument("file", type=click.Path(path_type=Path), metavar="FILE.zip")
+@click.option("--data", "data", multiple=True, metavar="[DATASET=]DIR", help="Folder of the data; may be repeated.")
+@click.option("--id", "wanted", default="", metavar="ID", help="The id that was published with the bundle.")
+@click.option(
+    "--tolerance",
+    default=TOLERANCE,
+    show_default=True,
+    type=click.FloatRange(0, 1),
+    help="How far a score may differ, as a share of the score.",
+)
+@json_option
+@plugin_option
+def verify(file: Path, data: Sequence[str], wanted: str, tolerance: float, as_json: bool) -> None:
+    """Check a bundle: verify its hashes and its data, and compute its scores again.
+
+    \b
+    sucre-bench verify paper.zip
+    sucre-bench verify paper.zip --data dive/ --id 0123456789abcdef
+
+    The command computes scores from the pictures in the bundle (bundle --pictures restored). Scores that need depth,
+    charts or a reference need --data too. It executes nothing in a bundle, and unpacks nothing onto the disk.
+
+    Exit codes: 0, nothing differs; 1, something differs; 2, the file is no bundle.
+    """
+    from sucre_bench.machine import progress_display
+    from sucre_bench.programs.verify import verify_bundle
+    from sucre_bench.results.bundle_format import open_bundle
+
+    with contextlib.redirect_stdout(sys.stderr), progress_display.live(), open_bundle(file) as bundle:
+        datasets = set(bundle.rows["dataset"])
+        found = verify_bundle.verify(bundle, _data_folders(datasets, data), tolerance)
+    is_other = bool(wanted) and wanted.strip().lower() != found.id
+    holds = found.holds and not is_other
+    if as_json:
+        differing = [
+            {k: str(v) if isinstance(v, float) and v - v else v for k, v in asdict(one).items()}
+            for one in found.differing
+        ]
+        print_json({**asdict(found), "differing": differing, "holds": holds})
+        sys.exit(0 if holds else 1)
+    if is_other:
+        say(f"differs  the bundle's id is {found.id}, not {wanted}: it is not the one that was published", "red")
+    _print_outcome(found, tolerance)
+    if not data and found.needs_data:
+        words = shlex.join(["sucre-bench", "verify", str(file), "--data", "DIR"])
+        made = "; for the dataset demo, DIR may be any folder" if "demo" in datasets else ""
+        echo_wrapped(f"more     {words}{made}", 9)
+    if not holds:
+        verdict = "NOT verified: something differs"
+    elif found.is_whole:
+        verdict = "verified: every hash holds, every score was computed again and agrees"
+    elif found.n_agree:
+        verdict = f"in part: every hash holds, {found.n_agree} of {found.n_scores} scores were computed again and agree"
+    else:
+        verdict = "hashes hold; no score could be computed again"
+    echo_wrapped(verdict)
+    sys.exit(0 if holds else 1)
+
+
+def _data_folders(labels: Collection[str], given: Sequence[str]) -> dict[str, Path]:
+    """Return the folder of the data by dataset label. labels: of all datasets; given: "DIR" for all, "DATASET=DIR".
+
+    Raises InputError for a folder that is not there, and for a label that no dataset has.
+    """
+    folders: dict[str, Path] = {}
+    for text in given:
+        label, equals, folder = text.rpartition("=")
+        if label in labels:
+            given_folders = {label: Path(folder)}
+        elif equals and not Path(text).is_dir():
+            raise unknown_name("--data", label, labels, "dataset")
+        else:
+            given_folders = dict.fromkeys(labels, Path(text))
+        folders |= given_folders
+        for place in given_folders.values():
+            check_folder(place, "give the folder of the data")
+    return folders
+
+
+def _print_outcome(found: Outcome, tolerance: float) -> None:
+    by = f" by {found.by}" if found.by else ""
+    click.echo(f"bundle   {found.id}{by}")
+    click.echo(f"files    {found.n_files} hashes checked")
+    n_not = sum(found.unchecked.values())
+    common = f" ({found.n_common} on common pixels)" if found.n_common else ""
+    echo_wrapped(
+        f"scores   {found.n_agree} computed again{common} agree within {100 * tolerance:g} % or 8-bit rounding, "
+        f"{len(found.differing)} differ, {n_not} not computed again",
+        9,
+    )
+    for reason, count in found.unchecked.items():
+        click.echo(f"         {count}: {reason}")
+    if found.other_versions:
+        click.echo(f"note     other code of the metric here: {', '.join(found.other_versions)}")
+    for fault in found.faults[:_MOST]:
+        say(f"differs  {fault}", "red")
+    for one in found.differing[:_MOST]:
+        where = f"{one.dataset} / {one.method} / {one.view} / {one.metric} ({one.variant})"
+        region = "" if one.region == "image" else f" {one.region}"
+        region += " on common pixels" if one.pixels == "common" else ""
+        say(f"differs  {where}{region}: {one.stored:.6g}, computed again {one.computed:.6g}", "red")
+    more = len(found.faults[_MOST:]) + len(found.differing[_MOST:])
+    if more:
+        say(f"         and {more} more; --json lists all", "red")
+
+
+# -- site --------------------------------------------------------------------------------------------------
+
+
+@click.command()
+@click.argument("bundles", type=click.Path(path_type=Path))
+@click.argument("out", type=click.Path(path_type=Path))
+@click.option(
+    "--title", "heading", default="Restoration of underwater images", show_default=True, help="Title of the page."
+)
+@click.option("--data", "data", multiple=True, metavar="DATASET=DIR", help="Folder of the data; may be repeated.")
+@plugin_option
+def site(bundles: Path, out: Path, heading: str, data: Sequence[str]) -> None:
+    """Write a lab's board: a page of tables over all bundles of a folder.
+
+    \b
+    sucre-bench site bundles/ public/
+    sucre-bench site bundles/ public/ --title "Reef Lab" --data reef=dive/
+
+    The command verifies each bundle first. One table has one dataset with the same images, and one variant and version
+    of each metric. Results that do not fit get a table of their own, with the reason. The page names a bundle that
+    differs from its hashes or scores, and puts it into no table.
+
+    Exit codes: 0, all bundles are in tables; 1, a bundle differs; 2, the folder has no bundle.
+    """
+    from sucre_bench.machine import progress_display
+    from sucre_bench.programs.site.board import State, board
+    from sucre_bench.programs.site.page import write_page
+
+    for text in data:
+        label, _, folder = text.rpartition("=")
+        if not label:
+            raise InputError(f"--data {text}: names no dataset; write DATASET=DIR")
+        check_folder(Path(folder), "give the folder of the data")
+    paths = sorted(bundles.glob("*.zip"))
+    if not paths:
+        raise InputError(f"{bundles}: holds no bundle; give a folder of files that `sucre-bench bundle` wrote")
+    check_output(out / "index.html", "page")
+    with progress_display.live():
+        entries = [_entry(path, data) for path in paths]
+        made = board(entries)
+    known = sorted({str(name) for entry in entries if entry.rows is not None for name in entry.rows["dataset"]})
+    for label in (text.rpartition("=")[0] for text in data):
+        if label not in known:
+            say(f"note: --data {label}=...: no bundle has this dataset; they have {', '.join(known)}", "yellow")
+    page = write_page(out, made, heading)
+    colours = {State.VERIFIED: "green", State.PARTLY: "green", State.HASHES: "yellow", State.DIFFERS: "red"}
+    for entry in entries:
+        source, target = bundles / entry.file, out / "bundles" / entry.file
+        if entry.rows is not None and not (target.exists() and target.samefile(source)):
+            with source.open("rb") as content, open_atomically(target) as copy:
+                shutil.copyfileobj(content, copy)
+        say(f"{entry.check:20} {entry.file}{': ' if entry.fault else ''}{entry.fault}", colours[entry.state])
+    click.echo(f"page     {page}: {counted(len(made.tables), 'table')} of {counted(len(entries), 'bundle')}")
+    sys.exit(1 if any(entry.state is State.DIFFERS for entry in entries) else 0)
+
+
+def _entry(path: Path, data: Sequence[str]) -> Entry:
+    """Verify a bundle. A file that is none is an entry, too, with the reason."""
+    from sucre_bench.programs.site.board import Entry, State
+    from sucre_bench.programs.verify.verify_bundle import verify
+    from sucre_bench.results.bundle_format import open_bundle
+
+    try:
+        with open_bundle(path) as bundle:
+            datasets = set(bundle.rows["dataset"])
+            given = [text for text in data if text.rpartition("=")[0] in datasets]
+            found = verify(bundle, _data_folders(datasets, given))
+            rows, version = bundle.rows, bundle.version
+            common = bundle.common if found.holds else None
+    except InputError as fault:
+        return Entry(path.name, "", "", "", State.DIFFERS, (0, 0), fault.beside(path), None)
+    state = State.VERIFIED if found.is_whole else State.PARTLY if found.n_agree else State.HASHES
+    faults = [*found.faults, *(f"{one.method} / {one.view} / {one.metric}" for one in found.differing)]
+    more = f" and {len(faults) - 1} more" if len(faults) > 1 else ""
+    fault_text = f"{faults[0]}{more}" if faults else ""
+    state = state if found.holds else State.DIFFERS
+    return Entry(
+        path.name, found.id, found.by, version, state, (found.n_agree, found.n_scores), fault_text, rows, common
+    )
