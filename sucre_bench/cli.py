@@ -1,7 +1,5 @@
 """The command line: sections of commands, each imported when it is called; exit codes; one-line errors."""
 
-import contextlib
-import errno
 import os
 import sys
 from importlib import import_module
@@ -9,43 +7,22 @@ from typing import NamedTuple
 
 import click
 
-from sucre_bench.errors import SucreBenchError, did_you_mean, one_line
+from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
-from sucre_bench.machine.control_characters import escaped_output, with_fewer_letters
-from sucre_bench.machine.memory_limit import limit_mb, too_little
+from sucre_bench.machine.control_characters import escaped_output
 from sucre_bench.machine.notices import say
-from sucre_bench.machine.process_limit import too_few_processes, want_of_processes
 from sucre_bench.machine.sigterm import was_interrupted
 from sucre_bench.machine.supervisor import supervised
 
-_NO_ROOM = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
-_QUOTE = "'"
-_LOOP = "Symlink loop from "
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 
 
 def main() -> None:
     """Run the command line and exit: 2 with one line on stderr for an expected fault, 130 after Ctrl-C."""
-    _open_closed_streams()
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
-    with_fewer_letters()
-    if fault := too_little() or too_few_processes():
-        sys.exit(_fault(fault, 2))
     sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
-
-
-def _open_closed_streams() -> None:
-    """Lead each closed standard stream to nowhere: else the next file that is opened would take its number."""
-    for number in (0, 1, 2):
-        try:
-            os.fstat(number)
-        except OSError:
-            os.open(os.devnull, os.O_RDWR)  # takes the lowest free number
-    sys.stdin = sys.stdin or open(0, encoding="utf-8")  # noqa: SIM115
-    sys.stdout = sys.stdout or open(1, "w", encoding="utf-8")  # noqa: SIM115
-    sys.stderr = sys.stderr or open(2, "w", encoding="utf-8")  # noqa: SIM115
 
 
 def _ended() -> int:
@@ -53,35 +30,12 @@ def _ended() -> int:
     if os.environ.get("_SUCRE_BENCH_COMPLETE"):  # a shell asks
         import_module(_COMMANDS["completion"].module).install()
     try:
-        status = _status_or_stopped()
+        status = _status()
         sys.stdout.flush()
-    except BrokenPipeError:  # who read us (head, say) has enough
+    except BrokenPipeError:  # who read us (head, say) has enough, and what is left in the buffer has nowhere to go
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         status = _BROKEN_PIPE
-        _drop_output()
-        with contextlib.suppress(BrokenPipeError):
-            sys.stderr.flush()
-    except OSError as fault:
-        if fault.filename is not None or fault.errno not in _NO_ROOM:
-            raise
-        _drop_output()
-        status = _fault(f"the output cannot be written, {fault.strerror}; send it where there is room", 2)
     return status
-
-
-def _drop_output() -> None:
-    """What is left in the buffer has nowhere to go."""
-    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
-
-
-def _status_or_stopped() -> int:
-    """Run the command line and return its exit code; an interrupt that a library made another error of is one still."""
-    try:
-        return _status()
-    except Exception:
-        if not was_interrupted():
-            raise
-        say("stopped", "yellow")
-        return 130
 
 
 def _status() -> int:
@@ -99,31 +53,19 @@ def _status() -> int:
         return _fault(" ".join(fault.format_message().split()), fault.exit_code)
     except SucreBenchError as fault:
         return _fault(str(fault), 2)
-    except OSError as fault:  # a path that no file system has, say
-        if fault.filename is None:
-            if text := want_of_processes(fault):
-                return _fault(text, 1)
-            raise
-        reason = fault.strerror or type(fault).__name__
-        return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
-    except ModuleNotFoundError:  # a package is missing, whatever memory there is
-        raise
-    except ImportError as fault:
-        if limit_mb() is None or (fault.name or "").startswith("sucre_bench"):
-            raise
-        remedy = f"`ulimit -v` allows {limit_mb()} MB, allow more"
-        return _fault(f"a library cannot be loaded, {one_line(fault)}; {remedy}", 1)
     except MemoryError:
         return _fault("there is not enough memory; end other programs, or give smaller images (dataset.image_scale)", 1)
     except (click.exceptions.Abort, KeyboardInterrupt) as stopped:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
-    except RuntimeError as fault:  # an Abort is one, too
-        if text := want_of_processes(fault):
-            return _fault(text, 1)
-        if not str(fault).startswith(_LOOP):  # of Path.resolve, before Python 3.13
+    except Exception as fault:
+        if was_interrupted():  # and a library made another error of it
+            say("stopped", "yellow")
+            return 130
+        if not isinstance(fault, OSError) or fault.filename is None:
             raise
-        return _fault(f"{str(fault).removeprefix(_LOOP).strip(_QUOTE)}: is a link to itself; give another path", 2)
+        reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
+        return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
     return 0
 
 

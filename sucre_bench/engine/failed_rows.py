@@ -12,7 +12,6 @@ from sucre_bench.engine.select_views import base_row
 from sucre_bench.errors import NotApplicableError, one_line, raise_if_stop
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
-from sucre_bench.machine.process_limit import want_of_processes
 from sucre_bench.machine.records import keep_traceback
 from sucre_bench.results.layout import log_path
 from sucre_bench.results.rows import RESTORATION, Row, Status
@@ -40,7 +39,7 @@ def kept_reason(fault: BaseException, log: Path | None, where: str) -> str:
     """
     raise_if_stop(fault)
     keep_traceback(log, where)
-    return want_of_processes(fault) or one_line(fault)
+    return one_line(fault)
 
 
 def failed_row(job: Job, fault: BaseException) -> Row:

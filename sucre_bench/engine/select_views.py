@@ -22,7 +22,6 @@ from sucre_bench.errors import (
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine.current_step import step
 from sucre_bench.machine.files import is_want_of_room, not_writable
-from sucre_bench.machine.process_limit import want_of_processes
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import Choice
 from sucre_bench.results.layout import Place, places
@@ -111,7 +110,7 @@ def _open(dataset: Choice) -> list[Scene]:
         raise InputError(f"{reason}; if a library is missing, `sucre-bench doctor` says which") from fault
     except BaseException as fault:
         raise_if_stop(fault)
-        reason = want_of_processes(fault) or f"{one_line(fault)}; mend the plugin"
+        reason = f"{one_line(fault)}; mend the plugin"
         raise PluginError(f"dataset '{dataset.label}': {reason}") from fault
     for scene in scenes:
         if not isinstance(scene, Scene):

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import functools
 import re
-import resource
-import subprocess
 from pathlib import Path
 
 import pytest
@@ -114,26 +112,3 @@ def test_a_limit_on_the_size_of_files_stops_a_run_with_a_remedy_that_works(place
     assert "Traceback" not in done.stdout + done.stderr
     assert run_here(tmp_path, *words).returncode == 0
     assert set(results.read(tmp_path / "small")["status"].unique()) == {"ok"}
-
-
-def test_too_little_memory_for_the_libraries_is_said_at_once(place: Path):
-    command = f"ulimit -v 500000 && exec '{PROGRAM}' compare results"
-    done = subprocess.run(["sh", "-c", command], cwd=place, check=False, capture_output=True, text=True)
-    assert done.returncode == 2
-    assert re.search(r"ulimit -v: allows 512 MB, .*; ", done.stderr)
-    assert len(done.stderr.splitlines()) == 1
-
-
-@pytest.mark.parametrize("fault", [ImportError("libx.so: failed to map segment"), ModuleNotFoundError("No module 'x'")])
-def test_a_missing_package_is_no_lack_of_memory(place: Path, monkeypatch: pytest.MonkeyPatch, fault: ImportError):
-    def fails(*_: object, **__: object) -> None:
-        raise fault
-
-    monkeypatch.setattr(resource, "getrlimit", lambda _: (4 * 10**9, 4 * 10**9))
-    monkeypatch.setattr(results, "read", fails)
-    if isinstance(fault, ModuleNotFoundError):
-        with pytest.raises(ModuleNotFoundError):
-            run_here(place, "compare", "results")
-    else:
-        done = run_here(place, "compare", "results")
-        assert (done.returncode, "ulimit -v" in done.stderr) == (1, True)

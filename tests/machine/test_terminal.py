@@ -10,7 +10,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from support.colmap_folder import picture, write_image
 from support.command_line import PROGRAM, Done
 
 ESCAPE, COLOUR = "\x1b[", re.compile(r"\x1b\[(?:\d+;)*3\d")
@@ -72,12 +71,3 @@ def test_a_reader_that_has_enough_is_no_fault(command: str, tmp_path: Path):
     os.close(writing)
     assert done.stderr == ""
     assert done.returncode in (1, 141)
-
-
-def test_an_output_without_all_letters_gets_others_of_the_same_width(program: Callable[..., Done], tmp_path: Path):
-    """An old terminal, or a log of a CI, may know ASCII alone. The table has arrows."""
-    write_image(tmp_path / "photos" / "a.png", picture(1))
-    words = ("score", "photos", "--metrics", "uciqe")
-    plain, whole = (program(*words, PYTHONIOENCODING=name) for name in ("ascii", "utf-8"))
-    assert (plain.returncode, plain.stdout.isascii(), whole.stdout.isascii()) == (0, True, False)
-    assert [len(line) for line in plain.stdout.splitlines()] == [len(line) for line in whole.stdout.splitlines()]
