@@ -16,8 +16,7 @@ import click
 
 from sucre_bench.cli import SECTIONS, cli
 from sucre_bench.degrade import Degradation
-from sucre_bench.jobs.run_options import RunConfig, Tracking
-from sucre_bench.jobs.shard import Shard
+from sucre_bench.jobs.run_options import RunConfig, Shard, Tracking
 from sucre_bench.plugins.options import options_of
 
 _PAGE = Path(__file__).parent.parent / "cli.md"

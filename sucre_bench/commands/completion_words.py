@@ -93,7 +93,7 @@ def complete_metrics(ctx: click.Context, param: click.Parameter, incomplete: str
 
 def _variants(metric: str) -> Iterator[tuple[str, str]]:
     """The variants of a metric, with what sets each apart."""
-    from sucre_bench.jobs.presets import plugin_of
+    from sucre_bench.jobs.catalogue import plugin_of
 
     if plugin := plugin_of("metric", metric):
         yield from {**plugin.variants, "all": "every variant"}.items()
@@ -125,8 +125,8 @@ def _keys(group: str, given: Mapping[str, str]) -> Iterator[tuple[str, str]]:
 def _names(group: str) -> Iterator[tuple[str, str]]:
     """Plugins and presets, or experiments, with what they are."""
     from sucre_bench import plugins
-    from sucre_bench.jobs.presets import presets
-    from sucre_bench.jobs.run_options import GROUPS
+    from sucre_bench.jobs.catalogue import presets
+    from sucre_bench.jobs.hydra_schema import GROUPS
 
     if group in GROUPS:
         yield from ((name, plugin.summary) for name, plugin in plugins.usable(GROUPS[group]).items())
@@ -136,7 +136,7 @@ def _names(group: str) -> Iterator[tuple[str, str]]:
 
 def _chosen(kind: Literal["dataset", "method"], given: Mapping[str, str]) -> dict[str, str]:
     """What words or a line-up choose, else what runs by default: names, and labels of a line-up, each with its name."""
-    from sucre_bench.jobs.presets import default_choice
+    from sucre_bench.jobs.catalogue import default_choice
 
     if kind in given:
         return {name: name for name in given[kind].split(",")}
@@ -163,10 +163,9 @@ def _names_in(line_up: Path, kind: str) -> dict[str, str]:
 def _options(group: str, given: Mapping[str, str]) -> tuple[Option, ...]:
     """The options of chosen methods or datasets, of all or of the one that is named; of a metric, or of the engine."""
     from sucre_bench.degrade import Degradation
+    from sucre_bench.jobs.catalogue import plugin_of
     from sucre_bench.jobs.lineup import KINDS
-    from sucre_bench.jobs.presets import plugin_of
-    from sucre_bench.jobs.run_options import Tracking
-    from sucre_bench.jobs.shard import Shard
+    from sucre_bench.jobs.run_options import Shard, Tracking
     from sucre_bench.plugins.options import options_of
 
     engine = {"degrade": Degradation, "shard": Shard, "tracking": Tracking}

@@ -109,7 +109,7 @@ def prepare(
     --depth-track or --scale the depths are not metres. You may add one of these later; the command keeps it until you
     give another. If you stop prepare, the same command continues.
     """
-    from sucre_bench.jobs.quoting import quoted
+    from sucre_bench.jobs.words import quoted
     from sucre_bench.machine import progress_display
     from sucre_bench.machine.sigterm import terminated_as_interrupt
     from sucre_bench.programs.prepare import pipeline

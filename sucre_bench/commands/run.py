@@ -78,7 +78,7 @@ def run(
     Exit codes: 0, everything finished (skipped views are allowed); 1, a view or a score failed, or nothing was restored
     or scored; 2, the command has a mistake; 130, stopped by Ctrl-C.
     """
-    from sucre_bench.jobs.quoting import value_of
+    from sucre_bench.jobs.words import value_of
 
     refuse_options(overrides, "run")
     if plugin_files:
@@ -146,7 +146,7 @@ def lineup(folder: Path, out: Path | None) -> None:
     and study, are those of the last command. Paths in the file are relative to its folder.
     """
     from sucre_bench.jobs.lineup_of_results import line_up_of
-    from sucre_bench.jobs.rerun import shell
+    from sucre_bench.jobs.words import shell
     from sucre_bench.machine.files import write_atomically
 
     file = folder / "lineup.yaml" if out is None else out

@@ -4,8 +4,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.jobs.run_options import Tracking
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Study, Tracking
 from sucre_bench.results.rows import values_of
 
 

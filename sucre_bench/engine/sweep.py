@@ -18,6 +18,7 @@ from sucre_bench.engine.share_decoded import remove_decoded, share_decoded
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.config_file import config_path, config_text
+from sucre_bench.jobs.lineup_of_results import record_line_up
 from sucre_bench.machine import progress_display, provenance
 from sucre_bench.machine.current_step import note_start
 from sucre_bench.machine.files import write_atomically
@@ -85,6 +86,7 @@ def _write_provenance(command: Command, planned: Sequence[Planned]) -> None:
     provenance.write(first.out / "environment.json", provenance.environment(words, first.seed, data))
     text = config_text(command.jobs, command.words, command.is_sweep)
     write_atomically(config_path(first.out), masked(text).encode())
+    record_line_up(command.jobs)
 
 
 def _outcome(rows: DataFrame, planned: Sequence[Planned], started: str, interrupted: bool, crashed: bool) -> Outcome:

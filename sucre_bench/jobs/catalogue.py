@@ -1,13 +1,99 @@
-"""The catalogue of plugins, presets and experiments, with options and needs, as plain data."""
+"""What can be chosen by name: plugins, the presets of conf/ (methods or metrics with options set), and experiments."""
 
+import functools
 import math
-from dataclasses import MISSING
-from typing import Any
+from collections.abc import Mapping
+from dataclasses import MISSING, dataclass
+from pathlib import Path
+from typing import Any, get_args
 
 from sucre_bench import plugins
-from sucre_bench.jobs.presets import plugin_of, presets
-from sucre_bench.plugins.options import Option, options_of
+from sucre_bench.jobs.run_options import CONF_FOLDER
+from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.plugins.options import Choice, Option, options_of, plugin_choice
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
+
+# What the bench adds to the options of a plugin.
+_ADDED: dict[Kind, tuple[str, ...]] = {"dataset": ("label",), "method": ("label", "display"), "metric": ("variants",)}
+
+
+@dataclass(frozen=True)
+class Preset:
+    """A file of conf/: its name, what its first comment says, the names in its defaults list, and what it sets."""
+
+    name: str
+    description: str
+    builds_on: tuple[str, ...]
+    sets: Mapping[str, Any]
+
+
+def presets(group: str) -> list[Preset]:
+    """Return the presets of a folder of conf/, "experiment" or "method" say, by name."""
+    return [_read(path) for path in sorted((CONF_FOLDER / group).glob("*.yaml"))]
+
+
+def plugin_of(kind: Kind, name: str) -> Plugin | None:
+    """Return the plugin of this name, or that a preset of this name is of; None where there is none."""
+    known = plugins.usable(kind)
+    if name not in known and (preset := preset_of(kind, name)):
+        name = next((base for base in preset.builds_on if base in known), name)
+    return known.get(name)
+
+
+def preset_of(kind: Kind, name: str) -> Preset | None:
+    """Return the preset of this name, unless a plugin has it; None where there is none."""
+    group = "metrics" if kind == "metric" else kind
+    return None if name in plugins.discover(kind) else next((p for p in presets(group) if p.name == name), None)
+
+
+def method_choice(name: str, options: Mapping[str, Any]) -> Choice:
+    """Return a method or a preset of conf/ with options (label and display too), as Python takes them."""
+    plugin = plugin_of("method", name) or plugins.find("method", name)  # which says why there is none
+    preset = preset_of("method", name)
+    values = preset.sets if preset else {}
+    return plugin_choice("method", {"display": plugin.display, **values, **options, "name": plugin.name})
+
+
+def option_names(kind: Kind, name: str) -> list[str]:
+    """Return the names of the options of a method or dataset, those that the bench adds included.
+
+    Empty where no plugin and no preset of conf/ has this name.
+    """
+    plugin = plugin_of(kind, name)
+    return [*(option.name for option in options_of(plugin.cls)), *_ADDED[kind]] if plugin else []
+
+
+def given_paths(kind: Kind, name: str, values: Mapping[str, Any]) -> dict[str, str]:
+    """Return those of a method's or dataset's given options that are paths: by type, or as a file that it `reads`."""
+    plugin = plugin_of(kind, name)
+    paths = {}
+    for option in options_of(plugin.cls) if plugin else ():
+        value = values.get(option.name)
+        is_typed = Path in (option.type, *get_args(option.type))
+        is_read = plugin is not None and option.name in plugin.reads and plugin_of("method", str(value)) is None
+        if isinstance(value, str) and value not in ("", *option.choices) and (is_typed or is_read):
+            paths[option.name] = value
+    return paths
+
+
+def default_choice(group: str) -> str:
+    """Return the method or dataset that a command without `method=` or `dataset=` takes."""
+    defaults = _loaded((CONF_FOLDER / "config.yaml").read_text(encoding="utf-8")).get("defaults") or ()
+    return next((str(entry[group]) for entry in defaults if isinstance(entry, dict) and group in entry), "")
+
+
+@functools.cache  # the files do not change while a command runs
+def _read(path: Path) -> Preset:
+    text = path.read_text(encoding="utf-8")
+    comments = [line[1:].strip() for line in text.splitlines() if line.startswith("#")]
+    description = next((comment for comment in comments if not comment.startswith("@")), "")
+    sets = _loaded(text)
+    names = tuple(entry for entry in sets.pop("defaults", None) or () if isinstance(entry, str) and entry != "_self_")
+    return Preset(path.stem, description, names, sets)
+
+
+def _loaded(text: str) -> dict[str, Any]:
+    return read_yaml(text) or {}
 
 
 def entries(kind: Kind) -> list[dict[str, Any]]:

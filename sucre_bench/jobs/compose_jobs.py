@@ -1,42 +1,37 @@
-"""From the words of a command to its jobs: Hydra composes each job's configuration once.
+"""From the words of a command to its jobs.
 
-The plugins' own fields are the schema (`sucre_bench.jobs.run_options`), so that a wrong name or type is found before
-any work.
+Words and a line-up become the settings of each job (`combinations`). Hydra composes what a dataset and a method start
+from, once for each pair of them; OmegaConf puts each job's values in their place and checks their types. The plugins'
+own fields are the schema (`hydra_schema`), so that a wrong name or type is found before any work.
 """
 
 from __future__ import annotations
 
+import copy
+import functools
 import re
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from sucre_bench import plugins
-from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError
-from sucre_bench.jobs.combinations import combinations, parse
-from sucre_bench.jobs.explain_mistakes import in_our_words
+from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, in_one_line
+from sucre_bench.jobs import mistakes
+from sucre_bench.jobs.combinations import Combination, combinations, parse
+from sucre_bench.jobs.hydra_schema import register
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.lineup import KINDS, LineUp
-from sucre_bench.jobs.quoting import quoted
-from sucre_bench.jobs.read_lineup import read_experiment, read_line_up
-from sucre_bench.jobs.refuse_words import (
-    is_bare,
-    refuse_bare_words,
-    refuse_foreign,
-    refuse_line_breaks,
-    refuse_options_of_no_dataset,
-    refuse_same_place,
-    refuse_several_values,
-)
-from sucre_bench.jobs.run_options import CONF, register
+from sucre_bench.jobs.lineup import KINDS, LineUp, Word, read_experiment, read_line_up
+from sucre_bench.jobs.metric_words import chosen_variants, group_names
+from sucre_bench.jobs.run_options import CONF
+from sucre_bench.jobs.words import quoted, value_of
 from sucre_bench.machine.files import expanded
 from sucre_bench.plugins.options import options_of
+from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import fingerprint
 
 if TYPE_CHECKING:
-    from hydra.core.override_parser.types import Override
     from omegaconf import DictConfig
 
 
@@ -44,9 +39,9 @@ if TYPE_CHECKING:
 class Command:
     """What the words of a command ask for.
 
-    words: the overrides, with ~ expanded; is_sweep: whether Hydra's launcher hands out the jobs; settings: the first
-    job's configuration with Hydra's own part, `hydra`, which names the launcher and its options; shared_pairs: the
-    folder where its jobs share pairs, the same for the same words, empty if they share none.
+    words: the overrides, with ~ expanded; is_sweep: whether Hydra's launcher hands out the jobs; settings: `out` and
+    Hydra's own part, `hydra`, which names the launcher and its options; shared_pairs: the folder where its jobs share
+    pairs, the same for the same words, empty if they share none.
     """
 
     jobs: tuple[Job, ...]
@@ -73,24 +68,23 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     Raises InputError for an unknown name or option (with the nearest known), a wrong type, a word that is no choice,
     a dataset's option without a dataset, two jobs with one label, or a line-up that cannot be read.
     """
-    refuse_line_breaks(words)
+    for word in words:
+        if word.splitlines() not in ([], [word]):
+            raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
     words = [_with_numbers_as_text(_expand_home(text)) for text in words]
-    file = _line_up_file(words)
-    overrides = [word for word in words if "=" in word or Path(word) != file]
-    refuse_bare_words(overrides)
-    line_up, parsed = _with_line_up(file, parse(overrides))
-    refuse_options_of_no_dataset(parsed, line_up)
+    files = [word for word in words if mistakes.is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
+    if len(files) > 1:
+        raise InputError("a second line-up", files[1], "run one at a time")
+    overrides = [word for word in words if word not in files]
+    mistakes.refuse_bare_words(overrides)
+    line_up, typed = _with_line_up(expanded(files[0]) if files else None, parse(overrides))
+    mistakes.refuse_options_of_no_dataset(typed, line_up)
     with _hydra():
-        composed = _compose_jobs(parsed, line_up, multirun)
-    refuse_same_place(composed.jobs)
-    shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(composed.jobs) else ""
-    return Command(
-        jobs=tuple(replace(job, shared_pairs=shared_pairs) for job in composed.jobs),
-        words=tuple(words),
-        is_sweep=composed.is_sweep,
-        settings=composed.settings,
-        shared_pairs=shared_pairs,
-    )
+        made, settings, is_sweep = _compose_jobs(typed, line_up, multirun)
+    _refuse_same_place(made)
+    shared_pairs = f"x{fingerprint({'command': words})[1]}" if _can_share_pairs(made) else ""
+    made = [replace(job, shared_pairs=shared_pairs) for job in made]
+    return Command(tuple(made), tuple(words), is_sweep, settings, shared_pairs)
 
 
 def _expand_home(override: str) -> str:
@@ -127,93 +121,112 @@ def _is_number_or_truth(text: str) -> bool:
     return True
 
 
-def _line_up_file(words: Sequence[str]) -> Path | None:
-    """Return the line-up among the words, None where there is none. Raises InputError for two."""
-    files = [word for word in words if is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
-    if len(files) > 1:
-        raise InputError("a second line-up", files[1], "run one at a time")
-    return expanded(files[0]) if files else None
-
-
-@dataclass(frozen=True)
-class _Composed:
-    """Every job, and the first one's configuration with Hydra's own part."""
-
-    jobs: list[Job]
-    settings: DictConfig
-    is_sweep: bool
-
-
-def _with_line_up(file: Path | None, parsed: list[Override]) -> tuple[LineUp, list[Override]]:
+def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, list[Word]]:
     """Read the line-up or the experiment that the words name, with all plugins loaded; and the other words."""
-    experiments = [o for o in parsed if o.key_or_group == "experiment"]
-    others = [o for o in parsed if o.key_or_group not in ("experiment", "plugins")]
-    files = [str(file) for o in parsed if o.key_or_group == "plugins" for file in _listed(o.value())]
-    for plugin_file in files:  # before its plugins can be chosen
+    experiments = [word for word in typed if word.key == "experiment"]
+    given = (word.values[0] for word in typed if word.key == "plugins")
+    plugin_files = [str(one) for value in given for one in (value if isinstance(value, list) else [value])]
+    for plugin_file in plugin_files:  # before its plugins can be chosen
         plugins.load_file(plugin_file)
     if len(experiments) + (file is not None) > 1:
-        raise InputError("beside another experiment or line-up", experiments[-1].input_line, "run one at a time")
+        raise InputError("beside another experiment or line-up", experiments[-1].text, "run one at a time")
+    line_up = LineUp()
     if file is not None:
         line_up = read_line_up(file)
-    else:
-        line_up = read_experiment(_only_name(experiments[0])) if experiments else LineUp()
-    if files:
-        every = [*line_up.settings.get("plugins", []), *files]
-        line_up = replace(line_up, settings={**line_up.settings, "plugins": list(dict.fromkeys(every))})
-    return line_up, others
+    elif experiments:
+        name = experiments[0].values[0]
+        if len(experiments[0].values) > 1 or not isinstance(name, str):
+            raise InputError("one experiment at a time", experiments[0].text, "give experiment=NAME")
+        line_up = read_experiment(name)
+    if plugin_files:
+        every = list(dict.fromkeys([*line_up.settings.get("plugins", []), *plugin_files]))
+        line_up = replace(line_up, settings={**line_up.settings, "plugins": every})
+    return line_up, [word for word in typed if word.key not in ("experiment", "plugins")]
 
 
-def _listed(value: object) -> list[object]:
-    return value if isinstance(value, list) else [value]
-
-
-def _only_name(experiment: Override) -> str:
-    name = None if experiment.is_sweep_override() else experiment.value()
-    if not isinstance(name, str):
-        raise InputError("one experiment at a time", experiment.input_line, "give experiment=NAME")
-    return name
-
-
-def _texts(overrides: Sequence[Override]) -> list[str]:
-    return [override.input_line or "" for override in overrides if not override.is_sweep_override()]
-
-
-def _compose_jobs(parsed: list[Override], line_up: LineUp, multirun: bool) -> _Composed:
-    """Compose what the words and the line-up ask for, each job once."""
+def _compose_jobs(typed: list[Word], line_up: LineUp, multirun: bool) -> tuple[list[Job], DictConfig, bool]:
+    """Return every job that the words and the line-up ask for, the launcher's settings, and whether it is a sweep."""
     from hydra.types import RunMode
 
-    settings = [o for o in parsed if o.is_hydra_override()]
-    others = [o for o in parsed if not o.is_hydra_override()]
-    is_sweep = multirun or bool(line_up.place)
-    if settings:
-        base = _compose(_texts(settings))
-        refuse_foreign(base)
-        is_sweep = is_sweep or base.hydra.mode == RunMode.MULTIRUN
-        params = base.hydra.sweeper.get("params") or {}
-        others = [*parse(f"{key}={value}" for key, value in params.items()), *others]
-    refuse_several_values(parsed, is_sweep)
+    # Hydra's own groups and keys choose what everything else is composed from.
+    own = [word for word in typed if "/" in word.key or "@" in word.key or word.head == "hydra"]
+    others = [word for word in typed if word not in own]
+    groups = [word.text for word in own if word.head != "hydra" or word.key == "hydra.searchpath"]
+    base = functools.cache(_base)
+    settings = copy.deepcopy(base(tuple(groups)))
+    for word in own:
+        if word.text not in groups:
+            _put(settings, word.key, word.values[0], may_be_new=word.is_added)
+    mistakes.refuse_foreign(settings)
+    params = settings.hydra.sweeper.get("params") or {}
+    others = [*parse(f"{key}={value}" for key, value in params.items()), *others]
+    is_sweep = multirun or bool(line_up.place) or settings.hydra.mode == RunMode.MULTIRUN
+    mistakes.refuse_several_values(typed, is_sweep)
     try:
         every = combinations(others, line_up)
     except InputError as fault:
         raise _at_its_place(fault, {}, line_up, others) from fault
-    configurations, planned = [], []
+    made = []
     for combination in every:
         try:
-            configurations.append(_compose([*_texts(settings), *combination.overrides]))
-            job = Job.composed(configurations[-1], combination.swept)
-            planned.append(replace(job, method_word=combination.method_word))
+            made.append(_job(combination, groups, base))
         except SucreBenchError as fault:
             raise _at_its_place(fault, combination.typed, line_up, others) from fault
-    return _Composed(planned, configurations[0], is_sweep)
+    settings.out = str(made[0].out)
+    return made, settings, is_sweep
+
+
+def _base(groups: tuple[str, ...]) -> DictConfig:
+    """Compose the configuration of some choices, with Hydra's own part."""
+    import hydra
+    from hydra.errors import HydraException
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        return hydra.compose("config", overrides=list(groups), return_hydra_config=True)
+    except (HydraException, OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
+        raise mistakes.of_composing(fault, parse(groups)) from fault
+
+
+def _job(combination: Combination, groups: Sequence[str], base: Any) -> Job:
+    """Put a job's values into what its dataset, method and metrics start from."""
+    from omegaconf import open_dict
+
+    values = dict(combination.values)
+    chosen = [f"dataset={value_of(combination.dataset)}", f"method={value_of(combination.method)}"]
+    variants: dict[str, tuple[Any, bool]] = {}
+    if "metrics" in values:
+        given = values.pop("metrics")[0]
+        names = chosen_variants([str(name) for name in (given if isinstance(given, list) else [given])])
+        chosen.append(f"metrics={value_of(group_names(names))}")
+        variants = {f"metrics.{name}.variants": (chosen_, False) for name, chosen_ in names.items() if chosen_}
+    composed = base((*groups, *chosen))
+    with open_dict(composed):
+        composed.pop("hydra", None)
+    config = copy.deepcopy(composed)
+    for key, (value, may_be_new) in (variants | values).items():
+        _put(config, key, value, may_be_new=may_be_new)
+    return replace(Job.composed(config, combination.swept), method_word=combination.method_word)
+
+
+def _put(config: DictConfig, key: str, value: Any, *, may_be_new: bool) -> None:
+    """Set a value of a configuration. Raises InputError for an unknown key, or a value of another type."""
+    from omegaconf import OmegaConf
+    from omegaconf.errors import OmegaConfBaseException
+
+    try:
+        OmegaConf.update(config, key, value, merge=True, force_add=may_be_new)
+    except (OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
+        raise mistakes.of_value(fault, config, key) from fault
 
 
 def _at_its_place(
-    fault: SucreBenchError, typed_keys: Mapping[str, str], line_up: LineUp, typed: Sequence[Override]
+    fault: SucreBenchError, typed_keys: Mapping[str, str], line_up: LineUp, typed: Sequence[Word]
 ) -> InputError:
     """The fault with the key as it was typed, or with the line-up that it comes from."""
     if fault.place in typed_keys:
         fault = InputError(fault.fault, typed_keys[fault.place], fault.remedy)
-    keys = {word.key_or_group for word in typed}
+    keys = {word.key for word in typed}
     # The names in a line-up were checked when it was read.
     is_typed_name = isinstance(fault, UnknownPluginError) and (fault.kind != "metric" or "metrics" in keys)
     if _is_typed(fault.place, typed) or is_typed_name or not line_up.place:
@@ -221,28 +234,28 @@ def _at_its_place(
     return fault.within(line_up.place)
 
 
-def _is_typed(place: str, typed: Sequence[Override]) -> bool:
+def _is_typed(place: str, typed: Sequence[Word]) -> bool:
     """Whether an error's place is a typed word, its key or group, or begins with a name that it chooses: psnr:x."""
     texts, chosen = set(), set()
     for word in typed:
-        texts |= {word.input_line, word.key_or_group, word.key_or_group.partition(".")[0]}
-        if word.key_or_group in (*KINDS, "metrics", "views"):
-            chosen |= set(re.findall(r"[^][,'\":]+", word.get_value_string()))
+        texts |= {word.text, word.key, word.head}
+        if word.key in (*KINDS, "metrics", "views"):
+            chosen |= set(re.findall(r"[^][,'\":]+", word.text.partition("=")[2]))
     return place in texts | chosen or place.partition("=")[0] in texts or re.split("[.:]", place)[0] in chosen
 
 
-def _compose(overrides: Sequence[str]) -> DictConfig:
-    import hydra
-    from hydra.errors import HydraException
-    from omegaconf import DictConfig
-    from omegaconf.errors import OmegaConfBaseException
-
-    try:
-        config = hydra.compose("config", overrides=list(overrides), return_hydra_config=True)
-    except (HydraException, OmegaConfBaseException, ValueError, TypeError, AttributeError, KeyError) as fault:
-        raise in_our_words(fault, overrides) from fault
-    assert isinstance(config, DictConfig)
-    return config
+def _refuse_same_place(planned: Sequence[Job]) -> None:
+    """Raise InputError if two jobs would write to one place."""
+    seen: dict[tuple[str, str, int, int, int], Job] = {}
+    for job in planned:
+        part = (job.replicate, job.shard.index, job.shard.count)
+        other = seen.setdefault((file_name(job.dataset.label), file_name(job.method.label), *part), job)
+        if other is not job:
+            name = f"{job.dataset.label} / {job.method.label}"
+            if (other.method, other.dataset) != (job.method, job.dataset):
+                of = "method" if other.dataset == job.dataset else "dataset"
+                raise InputError(f"two jobs of this sweep would both be '{name}'; tell them apart with {of}.label=...")
+            raise InputError(f"two jobs of this sweep are the same, '{name}'; sweep over datasets, methods or options")
 
 
 def _can_share_pairs(planned: Sequence[Job]) -> bool:

@@ -11,11 +11,8 @@ from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError, MissingFileError, one_line
 from sucre_bench.imaging.display import is_of_scene
-from sucre_bench.jobs.labels import swept_label
 from sucre_bench.jobs.metric_words import MetricChoice, chosen_metrics
-from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Tracking
-from sucre_bench.jobs.shard import Shard
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.text_formats import read_yaml
 from sucre_bench.plugins.options import Choice, plain_value, plugin_choice
@@ -29,8 +26,8 @@ if TYPE_CHECKING:
 class Job:
     """One dataset, one method, some metrics: what one Hydra job does.
 
-    degrade: what is done to the dataset first; shard: which part of the views it does; config: all of this as YAML, see
-    `read`; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none; method_word:
+    degrade: what is done to the dataset first; shard: which part of the views it does; values: all of this as plain
+    data; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none; method_word:
     what stands before an option of this method alone in the command, "sucre" in a sweep over methods.
     """
 
@@ -56,9 +53,16 @@ class Job:
     cache_gb: float
     cache_keep: bool
     tracking: Tracking
-    config: str
+    values: Mapping[str, Any]
     shared_pairs: str = ""
     method_word: str = "method"
+
+    @property
+    def config(self) -> str:
+        """The job as YAML, see `read`."""
+        import yaml
+
+        return str(yaml.safe_dump(self.values, sort_keys=False, allow_unicode=True))
 
     @property
     def drawn(self) -> Degradation:
@@ -94,11 +98,9 @@ class Job:
 
         Raises InputError for what its types alone cannot tell.
         """
-        import yaml
-
         run = RunConfig.of(values)
         chosen = plugin_choice("dataset", run.dataset), plugin_choice("method", run.method)
-        dataset, method = (replace(choice, label=swept_label(choice, swept)) for choice in chosen)
+        dataset, method = (replace(choice, label=_swept_label(choice, swept)) for choice in chosen)
         _check_scene_display(method.display, run)
         for kind, choice in (("dataset", dataset), ("method", method)):
             if choice.label != choice.plugin.name:  # `read` knows no sweep
@@ -126,8 +128,17 @@ class Job:
             cache_gb=run.cache_gb,
             cache_keep=run.cache_keep,
             tracking=run.tracking,
-            config=yaml.safe_dump(_plain_tree(values), sort_keys=False, allow_unicode=True),
+            values=_plain_tree(values),
         )
+
+
+def _swept_label(choice: Choice, swept: Sequence[str]) -> str:
+    """The label of a choice with the swept options: "sucre,pairing=depth". A path counts by its last part."""
+    options, kind = {**choice.options, "display": choice.display}, choice.plugin.kind
+    named = [name for name in options if f"{kind}.{name}" in swept or (name == "seed" and "seed" in swept)]
+    shown = ((name, options[name]) for name in named)
+    parts = [f"{name}={value.name if isinstance(value, Path) else plain_value(value)}" for name, value in shown]
+    return ",".join([choice.label, *(part.replace(" ", "") for part in parts)])
 
 
 def _resolved(node: Any) -> Any:

@@ -10,17 +10,70 @@
     every: 4
 
 `sweep` has values of other options, all of which are run. Every other key is an option of `sucre-bench run`.
-Experiments are the line-ups of conf/experiment/.
+Experiments are the line-ups of conf/experiment/. Paths in a line-up are relative to its folder; only `out` is relative
+to the folder where the command runs. Its values are taken as they are: nothing in them is interpolated. Errors name the
+file, the key, and what to write instead.
 """
 
+import os
+import re
+from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from pathlib import Path
 from typing import Any, Literal
 
-from sucre_bench.jobs.quoting import value_of
+from sucre_bench import plugins
+from sucre_bench.errors import InputError, SucreBenchError, did_you_mean, one_line, unknown_name
+from sucre_bench.jobs.catalogue import given_paths, option_names, plugin_of, presets
+from sucre_bench.jobs.recognise_dataset import is_path, recognised
+from sucre_bench.jobs.run_options import CONF_FOLDER, RunConfig
+from sucre_bench.jobs.words import value_of
+from sucre_bench.machine.files import expanded, fault_of
+from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.plugins.options import options_of
 
 Kind = Literal["dataset", "method"]
 KINDS: tuple[Kind, ...] = ("dataset", "method")
+
+_LISTS = ("datasets", "methods", "metrics", "sweep")
+_SETTINGS = tuple(o.name for o in options_of(RunConfig) if o.name not in ("dataset", "method", "metrics", "tracking"))
+_NOT_SWEPT = ("dataset", "method", "metrics", "hydra", "out", "plugins", "study", "baseline")
+
+
+@dataclass(frozen=True)
+class Word:
+    """A setting, typed or of a line-up.
+
+    key: as given; values: of which each job has one; text: the whole word; is_swept: whether labels name its value;
+    is_added: typed with +, so that the key may be new.
+    """
+
+    key: str
+    values: tuple[Any, ...]
+    text: str
+    is_swept: bool = False
+    is_added: bool = False
+
+    @property
+    def head(self) -> str:
+        """The key up to its first dot."""
+        return self.key.partition(".")[0]
+
+    @classmethod
+    def written(cls, key: str, *values: Any) -> "Word":
+        """Return a line-up's setting, of whose text nothing is interpolated."""
+        text = f"{key}={','.join(map(value_of, values))}"
+        return cls(key, tuple(map(_literal, values)), text, is_swept=len(values) > 1)
+
+
+def _literal(value: Any) -> Any:
+    """A value in which OmegaConf finds nothing to interpolate."""
+    if isinstance(value, list):
+        return [_literal(one) for one in value]
+    if isinstance(value, Mapping):
+        return {key: _literal(one) for key, one in value.items()}
+    return re.sub(r"(\\*)\$\{", r"\1\1\\${", value) if isinstance(value, str) else value
 
 
 @dataclass(frozen=True)
@@ -39,13 +92,10 @@ class Entry:
         """The given label, empty where none is given."""
         return str(self.options.get("label") or "")
 
-    def words(self, group: str) -> Iterator[str]:
-        """Yield the overrides of its options. group: where they stand, "method" or "metrics.psnr" say."""
+    def words(self, group: str) -> Iterator[Word]:
+        """Yield its options as settings. group: where they stand, "method" or "metrics.psnr" say."""
         for name, value in self.options.items():
-            if name == "degrade":
-                yield from _flat("degrade", value)
-            else:
-                yield f"{group}.{name}={value_of(value)}"
+            yield from _flat("degrade", value) if name == "degrade" else [Word.written(f"{group}.{name}", value)]
 
     @property
     def as_data(self) -> str | dict[str, Any]:
@@ -72,16 +122,16 @@ class LineUp:
         """Its datasets or its methods."""
         return self.datasets if kind == "dataset" else self.methods
 
-    def words(self) -> Iterator[str]:
-        """Yield the overrides of all but datasets and methods."""
+    def words(self) -> Iterator[Word]:
+        """Yield the settings of all but datasets and methods."""
         if self.metrics:
-            yield f"metrics={value_of(list(dict.fromkeys(metric.name for metric in self.metrics)))}"
+            yield Word.written("metrics", list(dict.fromkeys(metric.name for metric in self.metrics)))
         for metric in self.metrics:
             yield from metric.words(f"metrics.{metric.name.partition(':')[0]}")
         for name, value in self.settings.items():
             yield from _flat(name, value)
         for key, values in self.sweep.items():
-            yield f"{key}={','.join(map(value_of, values))}"
+            yield Word.written(key, *values)
 
     def as_yaml(self, comment: str = "") -> str:
         """Return the text of its file: an entry a line. comment: its first lines."""
@@ -96,17 +146,176 @@ class LineUp:
         return "\n".join([*lines, ""])
 
 
-def _flat(key: str, value: Any) -> Iterator[str]:
-    """The overrides of a value: those of a mapping one by one."""
+def _flat(key: str, value: Any) -> Iterator[Word]:
+    """The settings of a value: those of a mapping one by one."""
     if isinstance(value, Mapping):
         for name, inner in value.items():
             yield from _flat(f"{key}.{name}", inner)
     else:
-        yield f"{key}={value_of(value)}"
+        yield Word.written(key, value)
 
 
 def _in_line(value: Any) -> str:
     import yaml
 
     text = yaml.safe_dump(value, default_flow_style=True, sort_keys=False, allow_unicode=True, width=10**6)
-    return text.removesuffix("\n").removesuffix("\n...")
+    return str(text).removesuffix("\n").removesuffix("\n...")
+
+
+def read_experiment(name: str) -> LineUp:
+    """Return an experiment of conf/. Raises InputError for a name that none has, with the nearest."""
+    known = [preset.name for preset in presets("experiment")]
+    if name not in known:
+        raise InputError(f"no experiment is called '{name}'; {did_you_mean(name, known)}")
+    path = CONF_FOLDER / "experiment" / f"{name}.yaml"
+    return replace(_checked(read_content(path), path), place=f"experiment={name}")
+
+
+def read_line_up(path: Path) -> LineUp:
+    """Return a line-up, with the plugin files it names loaded. Raises InputError for what is wrong with it."""
+    content = read_content(path)
+    try:
+        return _checked(content, path)
+    except SucreBenchError as fault:
+        raise fault.within(path) from fault
+
+
+def line_up_in(path: Path) -> LineUp:
+    """Return the line-up of a file as it stands there: names and options are not checked, no plugin file is loaded."""
+    content = read_content(path)
+    entries = {
+        key: tuple(_entry(key, one) for one in _list(key, content)) for key in ("datasets", "methods", "metrics")
+    }
+    return LineUp(
+        **entries,
+        sweep=_sweep(content.get("sweep") or {}),
+        settings={key: content[key] for key in _SETTINGS if content.get(key) is not None},
+        place=str(path),
+    )
+
+
+def _checked(content: Mapping[str, Any], path: Path) -> LineUp:
+    settings = {key: content[key] for key in _SETTINGS if content.get(key) is not None}
+    folder = path.parent
+    for file in (files := _plugin_files(settings.pop("plugins", []), folder)):
+        plugins.load_file(file)
+    return LineUp(
+        datasets=_entries("dataset", content, folder),
+        methods=_entries("method", content, folder),
+        metrics=tuple(_entry("metrics", given) for given in _list("metrics", content)),
+        sweep=_sweep(content.get("sweep") or {}),
+        settings={key: _settled(key, value, folder) for key, value in settings.items()}
+        | ({"plugins": files} if files else {}),
+        place=str(path),
+    )
+
+
+def read_content(path: Path) -> dict[str, Any]:
+    """What a line-up holds, by key. Raises InputError, naming the file, for what is no line-up or an unknown key."""
+    import yaml
+
+    if fault := fault_of(path):
+        raise InputError(fault, path, "give a line-up, `sucre-bench lineup RESULTS` writes one")
+    try:
+        content = read_yaml(path.read_text(encoding="utf-8-sig"))
+    except yaml.MarkedYAMLError as error:
+        line = error.problem_mark.line + 1 if error.problem_mark else 1
+        raise InputError(f"line {line}: is no plain YAML, {error.problem}", path, "mend the line") from error
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        raise InputError(f"cannot be read, {one_line(error)}", path, "save it as YAML in UTF-8") from error
+    if content is None:
+        raise InputError("is empty", path, "list methods: [NAME, ...]")
+    if not isinstance(content, dict):
+        raise InputError("holds no keys", path, "write methods: [NAME, ...]")
+    for key in content:
+        if key not in (*_LISTS, *_SETTINGS):
+            raise unknown_name(str(path), str(key), (*_LISTS, *_SETTINGS), "key")
+    return content
+
+
+def _list(key: str, content: Mapping[str, Any]) -> Sequence[Any]:
+    given = content.get(key)
+    if given is None and key not in content:
+        return ()
+    given = [given] if isinstance(given, (str, dict)) else given
+    if not isinstance(given, list) or not given:
+        raise InputError("is no list of names", key, f"write {key}: [NAME, ...]")
+    return given
+
+
+def _entry(key: str, given: Any) -> Entry:
+    """An entry as it stands in the file: a name, or a name with options."""
+    if isinstance(given, dict) and isinstance(name := given.get("name"), str):
+        return Entry(name, {str(option): value for option, value in given.items() if option != "name"})
+    if isinstance(given, str):
+        return Entry(given)
+    raise InputError(f"{given!r} has no name", key, "write NAME, or {name: NAME, OPTION: VALUE}")
+
+
+def _entries(kind: Kind, content: Mapping[str, Any], folder: Path) -> tuple[Entry, ...]:
+    key = f"{kind}s"
+    entries = [_checked_entry(kind, _entry(key, given), folder) for given in _list(key, content)]
+    labelled = Counter((entry.label, repr(entry.options.get("degrade"))) for entry in entries if entry.label)
+    for (label, _), times in labelled.items():
+        if times > 1:
+            raise InputError(f"{times} have the label '{label}'", key, "give each a label of its own")
+    return tuple(entries)
+
+
+def _checked_entry(kind: Kind, entry: Entry, folder: Path) -> Entry:
+    """The entry with its paths as seen from here. Raises InputError for an unknown name or option."""
+    root: Mapping[str, Any] = {}
+    if kind == "dataset" and is_path(entry.name):
+        place = Path(_moved(entry.name, folder))
+        entry, root = replace(entry, name=recognised(place)), {"root": str(place)}
+    if plugin_of(kind, entry.name) is None:
+        known = [*plugins.discover(kind), *(preset.name for preset in presets(kind))]
+        if entry.name not in known:
+            raise plugins.unknown(kind, entry.name, known)
+        plugins.find(kind, entry.name)  # raises with the reason why it cannot be used
+    names = [*option_names(kind, entry.name), *(["degrade"] if kind == "dataset" else [])]
+    for option in entry.options:
+        if option not in names:
+            raise unknown_name(f"{entry.name}.{option}", option, names)
+    moved = {option: _moved(path, folder) for option, path in given_paths(kind, entry.name, entry.options).items()}
+    if "degrade" in entry.options:
+        moved["degrade"] = _settled("degrade", entry.options["degrade"], folder)
+    return replace(entry, options={**root, **entry.options, **moved})
+
+
+def _sweep(given: Any) -> dict[str, list[Any]]:
+    if not isinstance(given, dict):
+        raise InputError("is no mapping", "sweep", "write sweep: {OPTION: [VALUE, ...]}")
+    for key, values in given.items():
+        head, dot, _ = str(key).partition(".")
+        is_word = re.fullmatch(r"[A-Za-z_][\w-]*(\.\w+)*", str(key))
+        if not is_word or (head in _NOT_SWEPT and not (head in KINDS and dot)):
+            raise InputError("cannot be swept", f"sweep.{key}", "list datasets and methods, sweep their options")
+        if not isinstance(values, list) or not values:
+            raise InputError("is no list of values", f"sweep.{key}", f"write {key}: [VALUE, ...]")
+    return {str(key): values for key, values in given.items()}
+
+
+def _plugin_files(given: Any, folder: Path) -> list[str]:
+    files = [given] if isinstance(given, str) else given
+    if not isinstance(files, list) or not all(isinstance(file, str) for file in files):
+        raise InputError(f"{given!r} is no list of files", "plugins", "write plugins: [FILE, ...]")
+    return [str(Path(_moved(file, folder)).resolve()) for file in files]
+
+
+def _settled(key: str, value: Any, folder: Path) -> Any:
+    """A setting with its paths as seen from here."""
+    is_nested = key in ("degrade", "study", "shard")
+    if is_nested != isinstance(value, dict):
+        expected = f"{{OPTION: VALUE}} below {key}:" if is_nested else "one value"
+        raise InputError(f"{value!r} does not fit", key, f"write {expected}")
+    if isinstance(value, list) and key != "views":
+        raise InputError(f"{value} are several values", key, f"write one, or sweep: {{{key}: {value}}}")
+    if key == "degrade" and isinstance(value.get("add_water"), str):
+        return {**value, "add_water": _moved(value["add_water"], folder)}
+    return _moved(value, folder) if key == "views" and str(value).endswith(".txt") else value
+
+
+def _moved(value: Any, folder: Path) -> Any:
+    """A path as seen from where the command runs; what is no text as it is."""
+    return os.path.normpath(folder / expanded(value)) if isinstance(value, str) and value else value

@@ -1,148 +1,90 @@
-"""Makes the line-up of a results folder, from its last command's configuration and the rows of older commands."""
+"""The line-up of a results folder, `lineup.yaml`: each run adds its datasets, configurations and metrics to it."""
 
 import itertools
-import json
 import os
 from collections import Counter
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
-from sucre_bench import plugins, results
+from sucre_bench import results
 from sucre_bench.arrays import DataFrame
+from sucre_bench.degrade import Degradation
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.config_file import config_path, read_config
+from sucre_bench.jobs.catalogue import given_paths
 from sucre_bench.jobs.job import Job
-from sucre_bench.jobs.labels import undegraded_label
-from sucre_bench.jobs.lineup import Entry, Kind, LineUp
+from sucre_bench.jobs.lineup import Entry, Kind, LineUp, line_up_in
 from sucre_bench.jobs.metric_words import MetricChoice
-from sucre_bench.jobs.presets import given_paths
-from sucre_bench.jobs.rerun import given
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Study
+from sucre_bench.jobs.words import given, undegraded_label
+from sucre_bench.machine.files import write_atomically
 
-# Settings of the last command that a line-up has where they are not as by default.
+# Settings of a command that a line-up has where they are not as by default.
 _SETTINGS: dict[str, Any] = {"views": None, "every": 1, "first": None, "seed": 0, "save": "display", "baseline": ""}
 
 
-@dataclass(frozen=True)
-class Found:
-    """A folder's line-up, and notes on where it differs from what the folder holds."""
-
-    line_up: LineUp
-    notes: tuple[str, ...] = ()
+def line_up_path(out: Path) -> Path:
+    """The file in a results folder."""
+    return out / "lineup.yaml"
 
 
-@dataclass(frozen=True)
-class _Made:
-    """A dataset and a configuration that the folder has results of, each with its label and record."""
+def record_line_up(jobs: Sequence[Job]) -> None:
+    """Add the jobs of a command to the line-up of their results folder. Raises OutputError if it cannot be written.
 
-    dataset: str
-    dataset_record: Mapping[str, Any]
-    degrade: Mapping[str, Any]
-    replicate: int
-    method: str
-    method_record: Mapping[str, Any]
-
-    @property
-    def pair(self) -> tuple[str, str]:
-        return self.dataset, self.method
-
-    @property
-    def key(self) -> tuple[str, str, int]:
-        return self.dataset, self.method, self.replicate
-
-
-def line_up_of(out: Path, folder: Path) -> Found:
-    """Return the line-up of a results folder. folder: where its file will be, to which relative paths are rewritten.
-
-    Raises InputError when the folder has no results.
+    Settings such as views and study are those of the last command. A file that is no line-up is replaced.
     """
-    rows = results.read(out)
-    jobs = list(read_config(config_path(out))) if config_path(out).is_file() else []
-    last = {one.key: one for one in _of_jobs(jobs)}
-    older = {one.key: one for one in _of_rows(rows) if one.key not in last}
-    made = [*older.values(), *last.values()]
-    if not made:
-        raise InputError("its rows do not say which options made them", out, "run again with this version")
-    seed = jobs[0].seed if jobs else 0
+    out = jobs[0].out
+    datasets = {job.dataset.label: _dataset_entry(job) for job in jobs}
+    methods = {job.method.label: _entry("method", job.method.record, job.method.label, job.seed) for job in jobs}
+    metrics = {entry.name: entry for job in jobs for choice in job.metrics for entry in _metric(choice)}
+    replicates = {job.replicate for job in jobs}
+    try:
+        older = line_up_in(line_up_path(out))
+    except InputError:
+        older = LineUp()
+    names = {entry.name.partition(":")[0] for entry in metrics.values()}
+    metrics |= {e.name: e for e in older.metrics if e.name.partition(":")[0] not in names}
+    replicates |= set(older.sweep.get("replicate", [0] if older.methods else []))
     line_up = LineUp(
-        datasets=_entries("dataset", made, seed, folder),
-        methods=_entries("method", made, seed, folder),
-        metrics=tuple(_metrics(jobs, rows)),
-        sweep=_replicates(made),
-        settings=_settings(jobs, folder),
+        _relabelled({_full_label(entry): entry for entry in older.datasets} | datasets),
+        _relabelled({entry.label or entry.name: entry for entry in older.methods} | methods),
+        tuple(metrics.values()),
+        {"replicate": sorted(replicates)} if replicates != {0} else {},
+        _settings(jobs[0]),
     )
-    return Found(line_up, tuple(_notes(made, rows)))
+    line_up = _with_paths(line_up, lambda path: _relative(path, out))
+    text = line_up.as_yaml(f"The line-up that made {out}. To run it: sucre-bench run {line_up_path(out).name}")
+    write_atomically(line_up_path(out), text.encode())
 
 
-def _of_jobs(jobs: Iterable[Job]) -> Iterator[_Made]:
-    for job in jobs:
-        yield _Made(
-            job.dataset.label,
-            job.dataset.record,
-            job.degrade.record,
-            job.replicate,
-            job.method.label,
-            job.method.record,
-        )
+def _dataset_entry(job: Job) -> Entry:
+    label = undegraded_label(job.dataset.label, job.degrade.record, job.dataset.plugin.name)
+    entry = _entry("dataset", job.dataset.record, label, job.seed)
+    return replace(entry, options={**entry.options, **({"degrade": job.degrade.record} if job.degrade.record else {})})
 
 
-def _of_rows(rows: DataFrame) -> Iterator[_Made]:
-    """What older commands made; rows of before datasets were recorded tell nothing."""
-    last = rows.sort_values("time", kind="stable").drop_duplicates(["dataset", "method", "options"], keep="last")
-    for row in last.itertuples():
-        record: dict[str, Any] = json.loads(str(row.options))
-        dataset, degrade = record.pop("dataset", None), record.pop("degrade", {})
-        replicate = record.pop("replicate", 0)
-        if dataset and "name" in record:
-            yield _Made(str(row.dataset), dataset, degrade, replicate, str(row.method), record)
+def _entry(kind: Kind, record: Mapping[str, Any], label: str, seed: int) -> Entry:
+    """A dataset or configuration with its label and what is not as by default. seed: of the run."""
+    options = {name: value for name, value in given(kind, record, seed).items() if name != "name"}
+    return Entry(str(record["name"]), {"label": label, **options})
 
 
-def _entries(kind: Kind, made: Sequence[_Made], seed: int, folder: Path) -> tuple[Entry, ...]:
-    chosen = {}
-    for one in made:
-        key, label, record, degrade = one.method, one.method, one.method_record, {}
-        if kind == "dataset":
-            key, record = one.dataset, one.dataset_record
-            label = undegraded_label(key, one.degrade, str(record["name"]))
-            degrade = {"degrade": _degrade(one, folder)} if one.degrade else {}
-        options = {name: value for name, value in given(kind, record, seed).items() if name != "name"}
-        chosen[key] = Entry(str(record["name"]), {"label": label, **_moved(kind, record, options, folder), **degrade})
-    names = Counter(entry.name for entry in chosen.values())
-    return tuple(_without_needless_label(entry, names[entry.name]) for entry in chosen.values())
+def _full_label(entry: Entry) -> str:
+    """The label of a dataset's rows."""
+    return Degradation.of(entry.options.get("degrade") or {}).labelled(entry.label or entry.name)
 
 
-def _degrade(one: _Made, folder: Path) -> dict[str, Any]:
-    water = one.degrade.get("add_water")
-    return {**one.degrade, **({"add_water": _relative(water, folder)} if isinstance(water, str) else {})}
-
-
-def _without_needless_label(entry: Entry, entries: int) -> Entry:
-    """The entry without a label that it has anyway. entries: how many there are of its name; several name options."""
-    is_needless = entry.label == entry.name and entries == 1
-    return replace(entry, options={k: v for k, v in entry.options.items() if k != "label" or not is_needless})
-
-
-def _moved(kind: Kind, record: Mapping[str, Any], options: Mapping[str, Any], folder: Path) -> dict[str, Any]:
-    """Options with their relative paths as seen from a folder."""
-    paths = given_paths(kind, str(record["name"]), options)
-    return {**options, **{name: _relative(path, folder) for name, path in paths.items()}}
-
-
-def _relative(path: str, folder: Path) -> str:
-    return path if Path(path).is_absolute() else os.path.relpath(path, folder)
-
-
-def _metrics(jobs: Sequence[Job], rows: DataFrame) -> Iterator[Entry]:
-    """The metrics of the last command, then those that only rows have, but for scores that no run computes."""
-    last = {choice.plugin.name: choice for job in jobs for choice in job.metrics}
-    for choice in last.values():
-        yield from _metric(choice)
-    scored = results.score_rows(rows)
-    for name, variants in scored.groupby("metric", sort=False)["variant"].unique().items():
-        if name not in last and name in plugins.discover("metric"):
-            yield from (Entry(f"{name}:{variant}") for variant in variants)
+def _relabelled(entries: Mapping[str, Entry]) -> tuple[Entry, ...]:
+    """The entries, each with a label unless it has the same without: several of one name would name their options."""
+    names = Counter(entry.name for entry in entries.values())
+    every = []
+    for entry in entries.values():
+        options = {"label": entry.label or entry.name, **entry.options}
+        if options["label"] == entry.name and names[entry.name] == 1:
+            del options["label"]
+        every.append(replace(entry, options=options))
+    return tuple(every)
 
 
 def _metric(choice: MetricChoice) -> Iterator[Entry]:
@@ -157,44 +99,81 @@ def _metric(choice: MetricChoice) -> Iterator[Entry]:
         yield from (Entry(f"{name}:{variant}") for variant in choice.variants)
 
 
-def _replicates(made: Iterable[_Made]) -> dict[str, Sequence[Any]]:
-    numbers = sorted({one.replicate for one in made})
-    return {"replicate": numbers} if numbers != [0] else {}
-
-
-def _settings(jobs: Sequence[Job], folder: Path) -> dict[str, Any]:
-    """What the last command says of views, draws and files, and its study."""
-    if not jobs:
-        return {}
-    job = jobs[0]
-    values = {name: getattr(job, name) for name in _SETTINGS}
-    kept = {name: value for name, value in values.items() if value != _SETTINGS[name]}
+def _settings(job: Job) -> dict[str, Any]:
+    """What a command says of views, draws and files, and its study."""
+    kept = {name: getattr(job, name) for name, default in _SETTINGS.items() if getattr(job, name) != default}
     if job.views is not None:
         kept["views"] = list(job.views)
-    files = [_relative(_from_here(file), folder) for file in job.plugin_files]
-    study = _study(job.study) if job.study else {}
-    return kept | ({"plugins": files} if files else {}) | ({"study": study} if study else {})
+    if job.plugin_files:
+        kept["plugins"] = list(job.plugin_files)
+    if job.study:
+        values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(job.study).items()}
+        kept["study"] = {name: value for name, value in values.items() if value != Study.defaults()[name]}
+    return kept
 
 
-def _from_here(file: str) -> str:
-    """A file in this folder or below it by its relative path."""
-    path, here = Path(file), Path.cwd()
-    return str(path.relative_to(here)) if path.is_relative_to(here) else file
+# -- paths, as seen from another folder ----------------------------------------------------------------------
 
 
-def _study(study: Study) -> dict[str, Any]:
-    values = {name: list(v) if isinstance(v, tuple) else v for name, v in vars(study).items()}
-    return {name: value for name, value in values.items() if value != Study.defaults()[name]}
+def _with_paths(line_up: LineUp, seen: Callable[[str], str]) -> LineUp:
+    """The line-up with each relative path changed."""
+
+    def moved(kind: Kind, entry: Entry) -> Entry:
+        options = {**entry.options}
+        options |= {name: seen(path) for name, path in given_paths(kind, entry.name, options).items()}
+        if isinstance(options.get("degrade", {}).get("add_water"), str):
+            options["degrade"] = {**options["degrade"], "add_water": seen(options["degrade"]["add_water"])}
+        return replace(entry, options=options)
+
+    files = [seen(file) for file in line_up.settings.get("plugins", [])]
+    return replace(
+        line_up,
+        datasets=tuple(moved("dataset", entry) for entry in line_up.datasets),
+        methods=tuple(moved("method", entry) for entry in line_up.methods),
+        settings={**line_up.settings, **({"plugins": files} if files else {})},
+    )
 
 
-def _notes(made: Sequence[_Made], rows: DataFrame) -> Iterator[str]:
+def _relative(path: str, folder: Path) -> str:
+    """A path as seen from a folder; absolute where it is absolute and leads out of the folder where we are."""
+    is_here = Path(path).is_relative_to(Path.cwd())
+    return os.path.relpath(path, folder) if is_here or not Path(path).is_absolute() else path
+
+
+# -- reading it ------------------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True)
+class Found:
+    """A folder's line-up, and notes on where it differs from what the folder holds."""
+
+    line_up: LineUp
+    notes: tuple[str, ...] = ()
+
+
+def line_up_of(out: Path, folder: Path) -> Found:
+    """Return the line-up of a results folder. folder: where its file will be, to which relative paths are rewritten.
+
+    Raises InputError when the folder has no results, or its runs did not record a line-up.
+    """
+    rows = results.read(out)
+    if not line_up_path(out).is_file():
+        raise InputError("records no line-up", out, "repeat the run's command, which computes nothing again")
+    line_up = line_up_in(line_up_path(out))
+    return Found(
+        _with_paths(line_up, lambda path: _relative(os.path.normpath(out / path), folder)),
+        tuple(_notes(line_up, results.restoration_rows(rows))),
+    )
+
+
+def _notes(line_up: LineUp, rows: DataFrame) -> Iterator[str]:
     """Where a run of the line-up would do other than the folder holds."""
-    datasets, methods = (dict.fromkeys(one.pair[i] for one in made) for i in (0, 1))
-    there = {one.pair for one in made}
-    for dataset, method in itertools.product(datasets, methods):
+    there = set(rows[["dataset", "method"]].itertuples(index=False, name=None))
+    methods: Iterable[str] = (entry.label or entry.name for entry in line_up.methods)
+    for dataset, method in itertools.product(map(_full_label, line_up.datasets), list(methods)):
         if (dataset, method) not in there:
             yield f"the folder has no results of {method} on {dataset}; the line-up runs it too"
-    views = results.restoration_rows(rows).groupby(["dataset", "method"])["view"].agg(frozenset)
+    views = rows.groupby(["dataset", "method"])["view"].agg(frozenset)
     for dataset, by_method in views.groupby("dataset"):
         if by_method.nunique() > 1:
             yield f"not every method has the same views of {dataset}; the line-up takes those of the last command"

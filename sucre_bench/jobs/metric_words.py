@@ -1,14 +1,13 @@
 """Metrics as `metrics=[...]` and line-ups name them: "name", "name:variant" or "name:all"."""
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.imaging.resizing import split_variant
-from sucre_bench.jobs.presets import presets
-from sucre_bench.jobs.quoting import value_of
+from sucre_bench.jobs.catalogue import presets
 from sucre_bench.plugins.options import Choice, plugin_choice
 from sucre_bench.plugins.plugin import Plugin
 
@@ -40,14 +39,11 @@ def chosen_variants(names: Sequence[str]) -> dict[str, list[str]]:
     return chosen
 
 
-def words_for_hydra(names: Sequence[str]) -> Iterator[str]:
-    """Yield the overrides that choose these metrics: their names, which are Hydra's, and then their variants."""
-    chosen = chosen_variants(names)
+def group_names(names: Iterable[str]) -> list[str]:
+    """Return metrics and presets without the metrics that a preset among them has: what Hydra's list takes."""
+    chosen = list(names)
     within = {base for preset in presets("metrics") if preset.name in chosen for base in preset.builds_on}
-    yield f"metrics={value_of([name for name in chosen if name not in within])}"
-    for name, variants in chosen.items():
-        if variants:
-            yield f"metrics.{name}.variants={value_of(variants)}"
+    return [name for name in chosen if name not in within]
 
 
 def metric_choices(names: Sequence[str]) -> tuple[MetricChoice, ...]:

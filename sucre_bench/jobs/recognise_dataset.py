@@ -6,8 +6,7 @@ from pathlib import Path
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, MissingFileError
-from sucre_bench.jobs.lineup import Entry
-from sucre_bench.jobs.quoting import quoted
+from sucre_bench.jobs.words import quoted
 from sucre_bench.machine import progress
 from sucre_bench.plugins.plugin import Plugin
 
@@ -31,8 +30,8 @@ def is_path(name: str) -> bool:
     return "/" in name or "\\" in name or name in (".", "..")
 
 
-def recognised(folder: Path) -> Entry:
-    """Return the dataset that a folder is, and say which in a line.
+def recognised(folder: Path) -> str:
+    """Return the name of the dataset that a folder is, and say which in a line.
 
     Raises InputError when it is no folder, when no dataset fits, with what was looked for, or when several fit.
     """
@@ -50,7 +49,7 @@ def recognised(folder: Path) -> Entry:
         raise InputError(_looked_for(), place, _hint(folder))
     (fit,) = fits
     progress.say(f"{folder} is {fit.command} {root}, for it holds {fit.sign.relative_to(folder)}")
-    return Entry(fit.plugin.name, {"root": str(folder)})
+    return fit.plugin.name
 
 
 def _typed(folder: Path) -> str:

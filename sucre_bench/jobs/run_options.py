@@ -1,134 +1,135 @@
-"""The options of `sucre-bench run` and their defaults: `RunConfig`, and those of plugins, as Hydra composes them."""
+"""The options of `sucre-bench run` and their defaults: `RunConfig`, and the types of its keys."""
 
 from __future__ import annotations
 
-import functools
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import MISSING, dataclass, field, is_dataclass, make_dataclass
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass, field, fields
 from pathlib import Path
-from types import UnionType
-from typing import TYPE_CHECKING, Any, Literal, TypeVar, Union, get_args, get_origin
+from typing import Any, Literal, TypeVar, get_args
 
 from sucre_bench import plugins
 from sucre_bench.degrade import Degradation
-from sucre_bench.errors import InputError, one_line
-from sucre_bench.jobs.shard import Shard
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.errors import InputError, unknown_name
+from sucre_bench.imaging.resizing import split_variant
 from sucre_bench.plugins.options import check_values, options_of
-from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.ranges import check_ranges
-
-if TYPE_CHECKING:
-    from hydra.core.config_store import ConfigStore
-
-CONF = "sucre_bench.conf"
-CONF_FOLDER = Path(__file__).parent.parent / "conf"
-# Hydra's groups of plugins.
-GROUPS: dict[str, Kind] = {"method": "method", "dataset": "dataset", "metrics": "metric"}
-
-
-class _Schemas(dict[str, Any]):
-    """Hydra's store, and the plugins whose options it has: group and name to plugin.
-
-    Hydra copies its store for each job that it composes, and only reads the copy.
-    """
-
-    plugins: dict[tuple[str, str], Plugin]
-
-    def __deepcopy__(self, memo: object) -> _Schemas:
-        return self
-
-
-def register() -> None:
-    """Tell Hydra's config store the options of every plugin, and of no other; what cannot be used is left out."""
-    from hydra.core.config_store import ConfigStore
-
-    store = ConfigStore.instance()
-    if not isinstance(store.repo, _Schemas):
-        _store_settings(store)
-        store.repo = _Schemas(store.repo)
-        store.repo.plugins = {}
-    stored = store.repo.plugins
-    usable = {(group, name): plugin for group, kind in GROUPS.items() for name, plugin in plugins.usable(kind).items()}
-    for group, name in [key for key, plugin in stored.items() if usable.get(key) is not plugin]:
-        del store.repo[group][f"{name}.yaml"], stored[group, name]
-    for (group, name), plugin in usable.items():
-        if (group, name) not in stored:
-            package = f"metrics.{name}" if plugin.kind == "metric" else group
-            try:
-                store.store(group=group, name=name, node=_schema(plugin), package=package)
-            except Exception as fault:  # a default that is not of its option's type, say
-                plugins.set_aside(plugin, one_line(fault))
-            else:
-                stored[group, name] = plugin
-
-
-def _store_settings(store: ConfigStore) -> None:
-    """Store what is the same for every command: the launchers' options and the keys of `run`."""
-    from hydra.core.plugins import Plugins
-
-    from sucre_bench.jobs.slurm_settings import Settings
-
-    Plugins.instance()  # Hydra's own plugins store their settings first; ours replace some
-    for name, settings in (("basic", OneByOneSettings), ("slurm", Settings), ("submitit_slurm", Settings)):
-        store.store(group="hydra/launcher", name=name, node=settings, provider="sucre_bench")
-    store.store(name="base_run", node=_run_schema())
-
-
-def _schema(plugin: Plugin) -> type[Any]:
-    """A structured config of the plugin's options, and what the bench adds to them."""
-    from omegaconf import II
-    from omegaconf import MISSING as ASK
-
-    options: list[tuple[str, Any, Any]] = []
-    for option in options_of(plugin.cls):
-        default = ASK if option.default is MISSING else option.default
-        options.append((option.name, _hydra_type(option.type), II("seed") if option.name == "seed" else default))
-    added: list[tuple[str, Any, Any]] = [("name", str, plugin.name)]
-    if plugin.kind == "metric":
-        added += [("variants", list[str], list(plugin.default))]
-    else:
-        added += [("label", str | None, None)]
-    if plugin.kind == "method":
-        added += [("display", str, plugin.display)]
-    return make_dataclass(
-        f"{plugin.cls.__name__}Config", [(name, type_, _field(value)) for name, type_, value in added + options]
-    )
-
-
-def _field(value: Any) -> Any:
-    if isinstance(value, (list, tuple)):
-        return field(default_factory=lambda: list(value))
-    return field(default_factory=lambda: value) if is_dataclass(value) or value == {} else field(default=value)
-
-
-def _hydra_type(annotation: Any) -> Any:
-    """The nearest type that OmegaConf can check.
-
-    It knows neither Literal, which `options.check_values` checks, nor tuple, nor a choice that includes lists.
-    """
-    origin, args = get_origin(annotation), get_args(annotation)
-    if origin is Mapping or any(get_origin(arg) is Sequence for arg in args):
-        return Any
-    if origin is Sequence:
-        return list[args[0]]  # type: ignore[valid-type]
-    if origin is Literal:
-        return str
-    if origin in (Union, UnionType):
-        return Union[tuple(_hydra_type(a) for a in args)]  # noqa: UP007
-    if origin is tuple or origin is list:
-        return list[_hydra_type(args[0])]  # type: ignore[misc]
-    return annotation
-
+from sucre_bench.results.layout import file_name
+from sucre_bench.results.rows import COSTS, By
 
 T = TypeVar("T")
 
+CONF = "sucre_bench.conf"
+CONF_FOLDER = Path(__file__).parent.parent / "conf"
+
 
 @dataclass
-class OneByOneSettings:
-    """Options of the launcher that runs the jobs of a sweep in this process: none."""
+class Shard:
+    """A part of the selected views: block `index` of `count` blocks of neighbouring views of almost equal size."""
 
-    _target_: str = "sucre_bench.engine.launch.OneByOne"
+    index: int = 0
+    """Number of this block of views, from 0."""
+    count: int = 1
+    """Number of blocks that the views are split into; 1: all views in one block."""
+
+    def __post_init__(self) -> None:
+        if not 0 <= self.index < self.count:
+            raise InputError(
+                f"block {self.index} of {self.count}",
+                "shard",
+                "shard.index goes from 0 to shard.count - 1; "
+                "run -m shard.count=8 'shard.index=range(8)' runs all blocks",
+            )
+
+    def of(self, items: Sequence[T]) -> Sequence[T]:
+        """Return this block's items."""
+        n = len(items)
+        return items[n * self.index // self.count : n * (self.index + 1) // self.count]
+
+
+# Each is a module of `reports.paper.figures`.
+Figure = Literal[
+    "against", "between_views", "charts", "hue", "pictures", "residuals", "scaling", "scores", "seams", "swatches",
+    "water",
+]  # fmt: skip
+FIGURES: tuple[Figure, ...] = get_args(Figure)
+
+
+@dataclass(frozen=True)
+class Study:
+    """What is made of the rows of a sweep.
+
+    name: of its files; metrics: "name" or "name:variant", in the order of the table's columns, all when empty; along:
+    the option whose values the study follows, "degrade.NAME", "dataset.NAME" or "method.NAME"; axis: what figures call
+    it, with its unit, its name when empty; baseline: the method that the others are measured against, the best when
+    empty; figures: modules of `reports.paper.figures`; spread: tables show standard deviations too; svg: figures are
+    written as .svg too; by: "view" or "region" adds a table for each.
+    """
+
+    name: str
+    metrics: tuple[str, ...] = ()
+    along: str = ""
+    axis: str = ""
+    baseline: str = ""
+    figures: tuple[str, ...] = ()
+    spread: bool = False
+    svg: bool = False
+    by: By = "method"
+
+    @classmethod
+    def defaults(cls) -> dict[str, Any]:
+        """The options of no study, as a configuration has them."""
+        values = {"name": "", **{f.name: f.default for f in fields(cls) if f.name != "name"}}
+        return {name: list(value) if isinstance(value, tuple) else value for name, value in values.items()}
+
+    @classmethod
+    def of(cls, values: Mapping[str, Any]) -> Study:
+        """Read a study from a configuration. InputError for a name that is unknown, with the nearest."""
+        given = {name: value for name, value in values.items() if value is not None}
+        check_values("study", options_of(cls), given, "correct the value")
+        lists: dict[str, Any] = {name: _words(name, given[name]) for name in ("metrics", "figures") if name in given}
+        options: dict[str, Any] = {"name": "", **given, **lists}
+        study = cls(**options)
+        if not study.name or file_name(study.name) != study.name:
+            raise InputError(f"'{study.name}' is no name for files", "study.name", "give study.name=WORD")
+        for metric in study.metrics:
+            _check_metric(metric)
+        for figure in study.figures:
+            _known("study.figures", figure, FIGURES, "figure")
+        if study.along:
+            _check_along(study.along)
+        return study
+
+
+def _words(key: str, given: Any) -> tuple[str, ...]:
+    words = [given] if isinstance(given, str) else given
+    if not isinstance(words, (list, tuple)) or not all(isinstance(word, str) for word in words):
+        raise InputError(f"{given!r} is not a list of words", f"study.{key}", f"write study.{key}=[a,b]")
+    return tuple(dict.fromkeys(words))
+
+
+def _check_metric(text: str) -> None:
+    name, _, variant = text.partition(":")
+    if name in COSTS:
+        return
+    try:
+        plugin = plugins.find("metric", name)
+    except InputError as fault:
+        raise fault.within("study.metrics") from fault
+    if variant:
+        _known("study.metrics", split_variant(variant)[0], plugin.variants, f"variant of {name}")
+
+
+def _check_along(along: str) -> None:
+    group, dot, option = along.partition(".")
+    if not (dot and option and group in ("degrade", "dataset", "method")):
+        raise InputError(f"'{along}' is no option", "study.along", "give degrade.NAME, dataset.NAME or method.NAME")
+    if group == "degrade":
+        _known("study.along", option, [f.name for f in fields(Degradation)], "option of degrade")
+
+
+def _known(place: str, name: str, known: Collection[str], what: str) -> None:
+    if name not in known:
+        raise unknown_name(place, name, known, what)
 
 
 @dataclass
@@ -213,23 +214,3 @@ class RunConfig:
         check_values("", options_of(cls), values, "see `sucre-bench run --help`")
         options: dict[str, Any] = {k: nested[k](value) if k in nested else value for k, value in values.items()}
         return cls(**options)
-
-
-def _run_schema() -> type[Any]:
-    """`RunConfig` as Hydra can hold it: unfrozen, with the options of no study, and plugins of any kind."""
-    fields_ = []
-    for option in options_of(RunConfig):
-        if option.name == "degrade":
-            one: tuple[Any, Any] = _unfrozen(Degradation), field(default_factory=_unfrozen(Degradation))
-        elif option.name == "study":
-            one = Any, field(default_factory=Study.defaults)
-        else:
-            one = _hydra_type(option.type), _field(option.default)
-        fields_.append((option.name, *one))
-    return make_dataclass("RunSchema", fields_)
-
-
-@functools.cache
-def _unfrozen(cls: type[Any]) -> type[Any]:
-    """A copy of a frozen dataclass that Hydra lets users override."""
-    return make_dataclass(cls.__name__, [(o.name, o.type, _field(o.default)) for o in options_of(cls)])

@@ -26,7 +26,7 @@ from support.colmap_folder import to_binary, write_dive
 from sucre_bench import results
 from sucre_bench.errors import SucreBenchError
 from sucre_bench.imaging.image_files import image_size, read_array, read_rgb
-from sucre_bench.jobs.read_lineup import read_line_up
+from sucre_bench.jobs.lineup import read_line_up
 from sucre_bench.loading.charts_file import read_charts
 from sucre_bench.loading.colmap_model import read_model
 from sucre_bench.loading.depth_maps import read_depth

@@ -8,7 +8,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
-from sucre_bench.jobs.quoting import quoted, value_of
+from sucre_bench.jobs.words import quoted, value_of
 
 LETTERS = "\\'$ {}a1."
 TEXTS = ["true", "Null", "nan", "inf", "5", ".5", ".5e-3", "1e-3", "C:\\dive\\", "${out}", "a,b", "~/dive", "ünï", ""]

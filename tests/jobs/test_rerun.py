@@ -4,7 +4,7 @@ import shlex
 
 import pytest
 
-from sucre_bench.jobs.rerun import shell
+from sucre_bench.jobs.words import shell
 
 
 @pytest.mark.parametrize(

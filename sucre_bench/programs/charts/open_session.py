@@ -7,7 +7,7 @@ from sucre_bench import plugins
 from sucre_bench.engine.select_views import Selection, select
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.chart_kinds import chart_kind
-from sucre_bench.jobs.quoting import quoted
+from sucre_bench.jobs.words import quoted
 from sucre_bench.loading.view_files import Files
 from sucre_bench.machine.files import expanded
 from sucre_bench.programs.charts.charts_json import ChartsFile

@@ -57,7 +57,7 @@ def is_configurable(subject: Subject) -> Iterator[Finding]:
 @functools.lru_cache(maxsize=1)  # of all plugins at once, .1 s
 def _refused(known: tuple[type[Any], ...]) -> dict[type[Any], str]:
     """Why Hydra cannot represent a plugin's options; such plugins are set aside."""
-    from sucre_bench.jobs.run_options import register
+    from sucre_bench.jobs.hydra_schema import register
 
     register()
     refused = {}

@@ -17,8 +17,7 @@ from sucre_bench.compare.documents import Format, as_text
 from sucre_bench.compare.view_counts import rough
 from sucre_bench.compare.words import left_out, legend, shown
 from sucre_bench.errors import InputError
-from sucre_bench.jobs.quoting import value_of
-from sucre_bench.jobs.rerun import Rerun, metric_words, shell
+from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
 from sucre_bench.reports.page.gallery import Gallery
 from sucre_bench.results import layout

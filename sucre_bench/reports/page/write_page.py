@@ -18,7 +18,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison
 from sucre_bench.compare.model import FEWEST_VIEWS
 from sucre_bench.compare.numbers import NUMBERS
-from sucre_bench.jobs.rerun import shell
+from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.html_pages import filled_in, policy_hash, source

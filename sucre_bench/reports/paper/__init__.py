@@ -4,7 +4,7 @@
 has the tables of a study that follows one option through its values.
 """
 
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Study
 from sucre_bench.reports.paper.write import Written, write
 
 __all__ = ["Study", "Written", "write"]

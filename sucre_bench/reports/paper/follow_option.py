@@ -19,7 +19,7 @@ from sucre_bench.compare.compare_rows import without_replicates
 from sucre_bench.degrade.options import VIEWS, Degradation
 from sucre_bench.degrade.water import read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Study
 from sucre_bench.results.table import is_fresh
 
 

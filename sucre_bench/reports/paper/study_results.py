@@ -8,7 +8,7 @@ from pathlib import Path
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import By, Comparison, against, compare, only
 from sucre_bench.compare.compare_rows import asked_for
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Study
 from sucre_bench.reports.paper.follow_option import Along, along
 
 

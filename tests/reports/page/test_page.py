@@ -22,7 +22,7 @@ from sucre_bench import plugins, results
 from sucre_bench.compare import compare
 from sucre_bench.engine import sweep
 from sucre_bench.jobs import compose_jobs
-from sucre_bench.jobs.rerun import Rerun
+from sucre_bench.jobs.words import Rerun
 from sucre_bench.reports import page as report
 from sucre_bench.results.restorations import write_mask
 from sucre_bench.results.rows import Row

@@ -15,7 +15,7 @@ from support.study_rows import csv, noisy, row
 
 from sucre_bench import InputError
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.study_block import FIGURES
+from sucre_bench.jobs.run_options import FIGURES
 from sucre_bench.reports.paper import Study, figures, write
 from sucre_bench.results.rows import frame
 

@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from sucre_bench.compare import COSTS, Column, Comparison
 from sucre_bench.compare.words import title
 from sucre_bench.errors import NotApplicableError
-from sucre_bench.jobs.study_block import Study
+from sucre_bench.jobs.run_options import Study
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.reports.paper.study_results import StudyResults
 

@@ -1,15 +1,50 @@
-"""Makes the command that computes a row again, from the columns of the row."""
+"""Words of a command: values in Hydra's grammar, and the command that makes a row again."""
 
+import re
 import shlex
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 from sucre_bench import plugins
-from sucre_bench.jobs.labels import undegraded_label
-from sucre_bench.jobs.quoting import value_of
+from sucre_bench.degrade import Degradation
 from sucre_bench.plugins.options import options_of, plain_value
 from sucre_bench.plugins.plugin import Kind
+
+# Words that Hydra does not read as text, in any case.
+_NO_TEXT = frozenset({"true", "false", "null", "nan", "inf"})
+
+
+def quoted(text: str) -> str:
+    """Return any text as the value of an override: bare if Hydra reads that as the same text, else in quotes.
+
+    Backslashes are doubled right before a quote, and before ``${``, which is escaped: it would be interpolated. All
+    others are read as they are.
+    """
+    is_number = re.fullmatch(r"\.[\d_]+(e[+-]?\d+)?", text, re.IGNORECASE)
+    if re.fullmatch(r"[A-Za-z_./][\w./-]*", text, re.ASCII) and text.lower() not in _NO_TEXT and not is_number:
+        return text
+    literal = re.sub(r"(\\*)\$\{", lambda found: found[1] * 2 + r"\${", text)
+    return "'" + re.sub(r"(\\*)('|$)", lambda found: found[1] * 2 + (r"\'" if found[2] else ""), literal) + "'"
+
+
+def value_of(value: Any) -> str:
+    """Return a value, of an option as rows keep it, as Hydra reads it back."""
+    if value is None:
+        return "null"
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, (list, tuple)):
+        return f"[{','.join(map(value_of, value))}]"
+    if isinstance(value, Mapping):
+        return "{" + ",".join(f"{k}:{value_of(v)}" for k, v in value.items()) + "}"
+    return quoted(value) if isinstance(value, str) else repr(value)
+
+
+def undegraded_label(label: str, degrade: Mapping[str, Any], name: str) -> str:
+    """Return a dataset's label without what a degradation adds to it; name: of the dataset, where nothing is left."""
+    suffix = Degradation.of(degrade).labelled("") if degrade else ""
+    return label.removesuffix(suffix) or name
 
 
 @dataclass(frozen=True)
@@ -85,10 +120,6 @@ def metric_words(metric: str, variants: Collection[str]) -> list[str]:
 
 
 def shell(words: Sequence[str]) -> str:
-    """Words as a shell takes them."""
-    return " ".join(map(_shell_word, words))
-
-
-def _shell_word(word: str) -> str:
-    """In double quotes if the word has single ones, and nothing that a shell would read within double ones."""
-    return f'"{word}"' if "'" in word and not set(word) & set('"$`\\!') else shlex.quote(word)
+    """Words as a shell takes them: in double quotes where a word has single ones and nothing that is read within."""
+    has_quote = ("'" in word and not set(word) & set('"$`\\!') for word in words)
+    return " ".join(f'"{w}"' if double else shlex.quote(w) for w, double in zip(words, has_quote, strict=True))
