@@ -23,7 +23,7 @@ def config_text(jobs: Sequence[Job], words: Sequence[str], is_sweep: bool) -> st
 
     if not is_sweep:
         return jobs[0].config
-    each: list[dict[str, Any]] = [read_yaml(job.config) for job in jobs]
+    each = [dict(job.values) for job in jobs]
     shared = {key: value for key, value in each[0].items() if all(one[key] == value for one in each)}
     differing = [{key: value for key, value in one.items() if key not in shared} for one in each]
     return str(yaml.safe_dump({**shared, "sweep": list(words), "jobs": differing}, sort_keys=False))
