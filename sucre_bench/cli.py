@@ -9,10 +9,9 @@ import click
 
 from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
-from sucre_bench.machine.control_characters import escaped_output
-from sucre_bench.machine.notices import say
 from sucre_bench.machine.sigterm import was_interrupted
 from sucre_bench.machine.supervisor import supervised
+from sucre_bench.machine.terminal import escaped_output, say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
 

@@ -18,7 +18,7 @@ from cachetools import LRUCache, cached
 from sucre_bench.arrays import Array, Mask, coloured
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 
 Encoding = Literal["gamma", "linear"]
 

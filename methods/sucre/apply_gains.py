@@ -17,7 +17,7 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.methods.sucre.model import WaterParameters, transmission, veil
 from sucre_bench.multiview.observations import Observations
 

@@ -13,7 +13,7 @@ import click
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.shared_options import plugin_files_option
 from sucre_bench.errors import InputError
-from sucre_bench.machine.notices import say
+from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -11,7 +11,7 @@ import click
 
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.shared_options import check_output, json_option, plugin_option, print_json, refuse_options
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.describe.depth_and_poses import Overlap

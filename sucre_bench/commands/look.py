@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench.commands.shared_options import check_output, labels_of, plugin_option, scene_options
-from sucre_bench.machine.plural import counted
 from sucre_bench.machine.records import json_text
+from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.video import Flicker

@@ -20,7 +20,7 @@ from sucre_bench.commands.shared_options import (
     print_json,
     refuse_options,
 )
-from sucre_bench.machine.notices import say
+from sucre_bench.machine.terminal import say
 
 
 @click.command(context_settings={"ignore_unknown_options": True})

@@ -14,7 +14,7 @@ import click
 from sucre_bench.commands import completion_words
 from sucre_bench.commands.shared_options import check_output, plugin_option, print_json
 from sucre_bench.machine import terminal
-from sucre_bench.machine.notices import say
+from sucre_bench.machine.terminal import say
 
 if TYPE_CHECKING:
     import pandas as pd

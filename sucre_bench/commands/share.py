@@ -16,8 +16,8 @@ import click
 from sucre_bench.commands.shared_options import check_output, echo_wrapped, json_option, plugin_option, print_json
 from sucre_bench.errors import InputError, SucreBenchError, unknown_name
 from sucre_bench.machine.files import check_folder, open_atomically, regular
-from sucre_bench.machine.notices import say
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.terminal import say
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:

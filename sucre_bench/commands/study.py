@@ -18,8 +18,8 @@ from sucre_bench.commands.shared_options import (
     labels_of,
     print_json,
 )
-from sucre_bench.machine.notices import say
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.terminal import say
+from sucre_bench.machine.text_formats import counted
 
 if TYPE_CHECKING:
     from sucre_bench.programs.people.evaluate import Evaluated

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 
 from sucre_bench.compare.choose_pixels import says_filled
 from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 
 _ROUGH = "intervals are rough"
 

@@ -1,18 +1,58 @@
-"""The consoles for stdout and stderr, and tables on them.
+"""What a terminal shows: consoles for stdout and stderr, tables, notices; control characters of names written out.
 
 NO_COLOR removes colours. TERM=dumb or a pipe removes every escape code. FORCE_COLOR brings colours, but no bars, to a
-pipe, such as the log of a CI.
+pipe, such as the log of a CI. A file's name may hold an escape sequence that clears the screen, or forges the lines of
+a command: ESC becomes "\\x1b" in all that is printed.
 """
 
+import re
 import sys
-from collections.abc import Collection, Iterable
-from typing import IO
+from collections.abc import Collection, Iterable, Iterator
+from contextlib import contextmanager
+from typing import IO, Any, TextIO
 
 from rich.console import Console, ConsoleOptions, RenderableType
 from rich.segment import Segment
 from rich.table import Table
+from rich.text import Text
 
-from sucre_bench.machine.control_characters import escaped
+from sucre_bench.machine.records import masked
+
+# C0 and C1 but tab and newline; what reverses the direction of text; halves of characters, which no output encodes.
+_UNSAFE = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u200e\u200f\u202a-\u202e\u2066-\u2069\ud800-\udfff]")
+
+
+def escaped(text: str) -> str:
+    r"""Return a text with control characters written out.
+
+    >>> print(escaped("a\x1b[2J.png"))
+    a\x1b[2J.png
+    """
+    return _UNSAFE.sub(lambda found: ascii(found[0])[1:-1], text)
+
+
+class _Escaped:
+    """A stream that writes out control characters. rich, whose colours are our own, writes past it."""
+
+    def __init__(self, stream: TextIO) -> None:
+        self.rich_proxied_file = stream
+
+    def write(self, text: str) -> int:
+        return self.rich_proxied_file.write(escaped(text))
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(self.rich_proxied_file, name)
+
+
+@contextmanager
+def escaped_output() -> Iterator[None]:
+    """Write out control characters of all that is printed in this block, but for what rich styles."""
+    before = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = (_Escaped(stream) for stream in before)
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = before
 
 
 class _Console(Console):
@@ -52,3 +92,8 @@ def table(left: Collection[str], right: Collection[str]) -> Table:
     for name in right:
         made.add_column(name, justify="right", no_wrap=True)
     return made
+
+
+def say(text: str, colour: str) -> None:
+    """Print a notice, a fault say, as a line on stderr, in colour if stderr is a terminal that wants colours."""
+    err.print(Text(masked(text), style=colour), soft_wrap=True)

@@ -1,6 +1,9 @@
-"""Reads YAML: values alone, in the time and memory that the length of the text suggests."""
+"""Text of the program's files and messages: YAML that is read, HTML pages that are filled in, counted nouns."""
 
+import base64
 import functools
+import hashlib
+from importlib.resources import files
 from typing import Any
 
 _DEEPEST = 50  # levels; the time to parse grows with the square of the depth
@@ -52,3 +55,35 @@ def _loader() -> type[Any]:
     Loader.add_constructor("tag:yaml.org,2002:map", mapping)
     Loader.add_constructor("tag:yaml.org,2002:timestamp", yaml.SafeLoader.construct_yaml_str)
     return Loader
+
+
+# -- pages that open from disk -----------------------------------------------------------------------------
+
+
+def filled_in(package: str, template: str, **values: Any) -> bytes:
+    """Return a package's template, filled in with values. It escapes every text that is not Markup.
+
+    Raises jinja2.UndefinedError if a value that the template uses is missing.
+    """
+    from jinja2 import Environment, PackageLoader, StrictUndefined
+
+    pages = Environment(loader=PackageLoader(package, ""), autoescape=True, undefined=StrictUndefined)
+    return pages.get_template(template).render(**values).encode()
+
+
+def source(package: str, name: str) -> str:
+    """Return the text of a style or script that lies in a package."""
+    return files(package).joinpath(name).read_text(encoding="utf-8")
+
+
+def policy_hash(text: str) -> str:
+    """Return what a Content-Security-Policy says of an inline style or script with this exact text."""
+    return f"sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}"
+
+
+# -- sentences ---------------------------------------------------------------------------------------------
+
+
+def counted(number: int, name: str) -> str:
+    """Return a number with its name: "1 table", "2 tables"."""
+    return f"{number} {name}{'' if number == 1 else 's'}"

@@ -21,7 +21,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 
 # Words that a column is headed by whose cells name images, or folders of them.
 _NAMES = frozenset(

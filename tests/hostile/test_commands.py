@@ -22,7 +22,7 @@ from support.watching import Lines
 
 from sucre_bench.machine import progress
 from sucre_bench.machine.cache import waited_lock
-from sucre_bench.machine.control_characters import escaped
+from sucre_bench.machine.terminal import escaped
 from sucre_bench.programs.charts import open_session
 from sucre_bench.programs.charts.server import PageServer
 

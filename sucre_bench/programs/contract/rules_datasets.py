@@ -16,7 +16,7 @@ from sucre_bench.errors import InputError, one_line
 from sucre_bench.imaging.chart_kinds import chart_kind
 from sucre_bench.imaging.chart_patches import check_corners
 from sucre_bench.loading.view_files import is_rigid
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.plugins.options import Choice, options_of
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.programs.contract.contract import Finding, Rule, Subject, breach, doubt, note

@@ -14,7 +14,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine import progress
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.html_pages import filled_in, policy_hash, source
+from sucre_bench.machine.text_formats import filled_in, policy_hash, source
 from sucre_bench.programs.people.design import Key, page_order, picture_path
 
 QUESTION = "Which picture shows the scene better?"

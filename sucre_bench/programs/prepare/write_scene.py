@@ -16,8 +16,8 @@ from sucre_bench.camera import depth_at
 from sucre_bench.imaging.drawing import depth_colours
 from sucre_bench.imaging.image_files import decode
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.html_pages import filled_in
 from sucre_bench.machine.progress import track
+from sucre_bench.machine.text_formats import filled_in
 from sucre_bench.programs.prepare.make_depth_maps import DepthMaps, write_depth
 from sucre_bench.programs.prepare.mapping import Mapped
 from sucre_bench.programs.prepare.prepare_json import Prepared, Quality, write_record

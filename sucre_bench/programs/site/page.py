@@ -7,7 +7,7 @@ from typing import Any
 from sucre_bench.compare import Column
 from sucre_bench.compare.words import left_out, legend, shown, title
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.html_pages import filled_in, policy_hash, source
+from sucre_bench.machine.text_formats import filled_in, policy_hash, source
 from sucre_bench.programs.site.board import Board, Line, Table
 
 

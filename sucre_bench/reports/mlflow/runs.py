@@ -15,8 +15,8 @@ from sucre_bench.compare.documents import as_text
 from sucre_bench.errors import InputError
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import regular
-from sucre_bench.machine.plural import counted
 from sucre_bench.machine.records import masked
+from sucre_bench.machine.text_formats import counted
 from sucre_bench.reports.mlflow.already_logged import remember
 from sucre_bench.reports.mlflow.connection import connect, said_of
 from sucre_bench.reports.mlflow.experiment import Experiment, rows_hash, stamp

@@ -21,9 +21,8 @@ from sucre_bench.compare.numbers import NUMBERS
 from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.html_pages import filled_in, policy_hash, source
 from sucre_bench.machine.records import masked
-from sucre_bench.machine.text_formats import read_yaml
+from sucre_bench.machine.text_formats import filled_in, policy_hash, read_yaml, source
 from sucre_bench.reports.metric_roles import roles
 from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
