@@ -208,7 +208,7 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_a_surface_and_a_picture_of_what_a_run_left(results: Path, tmp_path: Path):
     files = [str(tmp_path / "s.glb"), "--picture", str(tmp_path / "p.png")]
-    words = [str(results), *files, "--method", "gain,gain=0.5"]
+    words = [str(results), *files, "--method", "gain,gain=0.5", "--plugin", str(TOYS)]
     done = CliRunner().invoke(texture, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     assert "3 views" in done.output
@@ -233,6 +233,7 @@ def test_wrong_words_are_named_in_one_line(results: Path, words: list[str], name
     assert "\n" not in str(fault.value)
 
 
+@pytest.mark.usefixtures("toys")
 def test_data_that_changed_since_the_run_are_refused(results: Path, tmp_path: Path):
     import shutil
 

@@ -194,7 +194,8 @@ def results(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def test_the_command_writes_a_video_and_the_flicker_as_numbers(results: Path, tmp_path: Path):
     out = tmp_path / "v.mp4"
-    done = CliRunner().invoke(video, [str(results), str(out), "--methods", "same,dark"], catch_exceptions=False)
+    words = [str(results), str(out), "--methods", "same,dark", "--plugin", str(TOYS)]
+    done = CliRunner().invoke(video, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     assert "2 views (1 " in done.output
     assert cv2.VideoCapture(str(out)).get(cv2.CAP_PROP_FRAME_COUNT) == 2
@@ -212,9 +213,8 @@ def test_the_command_writes_a_video_and_the_flicker_as_numbers(results: Path, tm
 
 def test_labels_are_parted_by_commas_though_they_may_hold_some(results: Path, tmp_path: Path):
     labels = "same, gain,gain=0.5,gain,gain=0.8,same"
-    done = CliRunner().invoke(
-        video, [str(results), str(tmp_path / "v.mp4"), "--methods", labels], catch_exceptions=False
-    )
+    words = [str(results), str(tmp_path / "v.mp4"), "--methods", labels, "--plugin", str(TOYS)]
+    done = CliRunner().invoke(video, words, catch_exceptions=False)
     assert done.exit_code == 0, done.output
     told = json.loads((tmp_path / "v.mp4.json").read_text())
     assert list(told["flicker"]) == ["input", "same", "gain,gain=0.5", "gain,gain=0.8"]
