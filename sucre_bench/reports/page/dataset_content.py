@@ -1,80 +1,103 @@
-"""The page's data of a dataset, as plain values: its table, its views with their pictures, its charts."""
+"""What the page shows of a dataset: its table, its plots, and its views with their pictures for the script."""
 
 import json
+import math
 from collections import defaultdict
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import COSTS, Column, Comparison, Verdict, verdicts
-from sucre_bench.compare.answer import answer
+from sucre_bench.compare import COSTS, Column, Comparison, verdicts
+from sucre_bench.compare.answer import answer, blind
 from sucre_bench.compare.choose_pixels import FILLED
 from sucre_bench.compare.decisive_columns import Deciding, deciding
-from sucre_bench.compare.documents import Format, as_text
+from sucre_bench.compare.numbers import number
 from sucre_bench.compare.view_counts import rough
-from sucre_bench.compare.words import left_out, legend, shown
+from sucre_bench.compare.words import ARROW, left_out, legend, shown, title, verdict_text
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of
+from sucre_bench.reports.page import plots
+from sucre_bench.reports.page.charts import Charts, read_charts
 from sucre_bench.reports.page.gallery import Gallery
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice
 from sucre_bench.results import layout
 from sucre_bench.results.restorations import FILES, read_record
-from sucre_bench.results.rows import restoration_rows, tuples
+from sucre_bench.results.rows import RESTORATION, restoration_rows, tuples
 
 _WATER = ("B", "beta", "gamma")
 _LONGEST_VALUE = 600  # characters of a value in a method's record
 _MOST_NAMED = 100  # views in one command
 _VIEW = ["scene", "view"]
-_EXPORTS: tuple[tuple[str, Format], ...] = (("LaTeX", "latex"), ("Markdown", "md"), ("CSV", "csv"))
+_WHISKER = 84  # pixels, of an interval that is drawn in a cell
 
 
-def key_of(metric: str, variant: str) -> str:
-    """The name of a score on the page, and in links to it."""
-    return f"{metric}:{variant}"
+def key_of(column: Column) -> str:
+    """The name of a score on the page."""
+    return f"{column.metric}:{column.variant}"
 
 
-def column_of(column: Column) -> dict[str, Any]:
-    """A column of a table.
-
-    cost: it is shown, but nobody wins by it; directed, ranked, pixels: see `Column`.
-    """
+def heading(column: Column) -> dict[str, Any]:
+    """Return the head of a column. describes: nobody wins by it, and it is no cost: shown when asked for."""
+    count = f"{column.n_units} {column.of}{'s' * (column.n_units != 1)}"
     return {
-        "key": key_of(column.metric, column.variant),
-        "metric": column.metric,
-        "variant": column.variant,
-        "unit": column.unit,
+        "key": key_of(column),
+        "head": " ".join(filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])),
+        "below": [column.variant, count, *(["common pixels"] if column.pixels == "common" else [])],
         "better": column.better,
-        "ranked": column.ranked,
-        "directed": column.directed,
-        "of": column.of,
-        "n": column.n_units,
-        "views": column.n_views,
-        "cost": column.metric in (*COSTS, FILLED),
-        "pixels": column.pixels,
+        "describes": not column.ranked and column.metric not in (*COSTS, FILLED),
     }
 
 
-def cell_of(table: Comparison, name: str, column: Column) -> dict[str, Any] | None:
-    """A cell of a table with the marks that every table gives it."""
+def cells(table: Comparison, column: Column) -> list[dict[str, Any] | None]:
+    """Return a column's cells, a method each, with the marks that every table gives them; None: no score."""
+    known = [cell for name in table.methods if (cell := table.cells.get((name, column)))]
+    ends = [end for cell in known for end in (cell.low, cell.mean, cell.high) if math.isfinite(end)]
+    low, high = min(ends, default=0.0), max(ends, default=0.0)
+    return [_cell(table, name, column, low, high) for name in table.methods]
+
+
+def _cell(table: Comparison, name: str, column: Column, low: float, high: float) -> dict[str, Any] | None:
     cell, marks = table.cells.get((name, column)), shown(table, name, column)
     if cell is None:
         return None
-    numbers = {"mean": cell.mean, "std": cell.std, "low": cell.low, "high": cell.high}
-    return {**numbers, "holes": cell.holes, "tie": bool(marks.mark), "look": marks.look}
-
-
-def _verdict(verdict: Verdict) -> dict[str, Any]:
-    return {**vars(verdict), "column": key_of(verdict.column.metric, verdict.column.variant)}
+    has_interval = math.isfinite(cell.low) and math.isfinite(cell.high) and cell.high > cell.low
+    interval = f"{number(cell.low)} to {number(cell.high)}" if has_interval else ""
+    is_tie = bool(marks.mark) and not column.has_few_views  # which show no intervals either
+    spread = f" ± {number(cell.std)}" if math.isfinite(cell.std) else ""
+    said = [
+        f"{title(column)}: {number(cell.mean)}{spread}",
+        interval and f"95 % interval {interval}",
+        "the difference from the best may be chance" if is_tie else "",
+        f"lacks {cell.holes} that others have" if cell.holes else "",
+    ]
+    draws = interval and high > low and not column.has_few_views
+    places = (
+        [round(4 + (_WHISKER - 8) * (end - low) / (high - low), 1) for end in (cell.low, cell.mean, cell.high)]
+        if draws
+        else []
+    )
+    return {
+        "value": cell.mean,
+        "text": number(cell.mean),
+        "look": marks.look,
+        "is_tie": is_tie,
+        "holes": marks.holes,
+        "interval": interval if draws else "",
+        "whisker": places,
+        "title": "; ".join(filter(None, said)),
+    }
 
 
 @dataclass(frozen=True)
 class Section:
     """A dataset on the page.
 
-    out: the run's folder; rows: all of the dataset's; table: of its methods; plugins: files they were loaded from.
+    out: the run's folder; rows: all of the dataset's; table: of its methods; plugins: files they were loaded from;
+    places: of every method among all of the page, which give it its colour.
     """
 
     out: Path
@@ -82,28 +105,37 @@ class Section:
     table: Comparison
     gallery: Gallery
     plugins: tuple[str, ...]
+    places: Mapping[str, int]
 
     def content(self) -> dict[str, Any]:
-        """Return everything that the page shows of the dataset."""
-        values, charts, few = self._values(), self._charts(), rough(self._deciding.columns)
+        """Return what the template shows of the dataset, and under "data" what the script reads."""
+        charts = Charts(read_charts(self.rows, self._methods, self._names), self.table.columns, self._methods)
+        scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
-        views = [self._view(*place, values, charts) for place in self._chosen()]
+        few = rough(self._deciding.columns)
+        lines = [*answer(self.table, self._deciding), blind(self._deciding), few]
+        said = verdicts(self.table)
         return {
             "name": self.table.title,
-            "scene": "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), ""),
-            "legend": legend(self.table, intervals=enough),
-            "answer": answer(self.table, self._deciding),
-            "few": few,
-            "main": key_of(main.metric, main.variant) if (main := self._deciding.main) else "",
-            "photographs": list(self.table.photographs),
-            "notes": list(left_out(self.table)),
-            "verdicts": [_verdict(verdict) for verdict in verdicts(self.table)],
-            "columns": [column_of(c) for c in self._columns],
-            "methods": [self._method(name) for name in self.table.methods],
-            "cells": [[cell_of(self.table, name, c) for c in self._columns] for name in self.table.methods],
-            "metric_words": self._metric_words(),
-            "views": views,
-            "exports": [{"name": name, "text": as_text([self.table], how)} for name, how in _EXPORTS],
+            "title": f"Results on {self.table.title}{f': {scene}' if scene not in ('', self.table.title) else ''}",
+            "lines": [line.split("`") for line in lines if line],  # every second part is a command
+            "leads": [verdict_text(self.table, verdict) for verdict in said if verdict.is_lead],
+            "chances": [verdict_text(self.table, verdict) for verdict in said if not verdict.is_lead],
+            "columns": [heading(column) for column in self._columns],
+            "main": self._main,
+            "lower_first": bool(self._deciding.main and self._deciding.main.better == "lower"),
+            "rows": self._rows(),
+            "note": ". ".join(
+                filter(None, [few, legend(self.table, intervals=enough, ties=enough), *left_out(self.table)])
+            ),
+            "costs": self._costs(),
+            "swatches": charts.swatches(),
+            "distances": charts.distances(),
+            "hues": charts.hues(),
+            "charts": list(self._methods),
+            "waters": self._waters(),
+            "commands": [self._command(name) for name in self.table.methods],
+            "data": self._data(),
         }
 
     @cached_property
@@ -111,54 +143,138 @@ class Section:
         return deciding(self.table)
 
     @property
+    def _main(self) -> str:
+        return key_of(self._deciding.main) if self._deciding.main else ""
+
+    @property
     def _columns(self) -> tuple[Column, ...]:
         """The columns that decide, then the others."""
         first = self._deciding.columns
         return (*first, *(column for column in self.table.columns if column not in first))
 
+    @property
+    def _methods(self) -> dict[str, int]:
+        return {name: self.places[name] for name in self.table.methods}
+
     # -- the table -------------------------------------------------------------------------------------------
 
-    def _method(self, name: str) -> dict[str, Any]:
+    def _rows(self) -> list[dict[str, Any]]:
+        """The table's rows: by the main score, the photograph below the methods."""
+        columns = [cells(self.table, column) for column in self._columns]
+        rows = [
+            {
+                "label": name,
+                "place": self.places[name],
+                "photograph": name in self.table.photographs,
+                "cells": of_method,
+            }
+            for name, *of_method in zip(self.table.methods, *columns, strict=True)
+        ]
+        return sorted(rows, key=lambda row: (row["photograph"], self._rank(row["label"])))
+
+    def _rank(self, name: str) -> float:
+        """What orders methods: less is better, infinite where there is no main score."""
+        main = self._deciding.main
+        cell = main and self.table.cells.get((name, main))
+        if not main or not cell or math.isnan(cell.mean):
+            return math.inf
+        return cell.mean if main.better == "lower" else -cell.mean
+
+    def _costs(self) -> list[Choice]:
+        seconds = next((c for c in self.table.columns if (c.metric, c.variant) == (RESTORATION, "wall")), None)
+        ranked = [column for column in self._columns if column.ranked] if seconds else []
+        made = [(title(c), plots.cost(self.table, c, seconds, self.places)) for c in ranked if seconds]
+        return [Choice(name, [figure]) for name, figure in made if figure]
+
+    def _command(self, name: str) -> dict[str, Any]:
         of_method = self.rows[self.rows["method"] == name]
-        last = of_method.iloc[-1]
-        command = Rerun(self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins)
-        return {
-            "label": name,
-            "options": command.method_record,
-            "given": command.given(),
-            "command": shell(command.words()),
-            "views": self._view_words(of_method),
-            "code": last["code"].split(".")[0],
-        }
-
-    @staticmethod
-    def _view_words(of_method: DataFrame) -> str:
-        """The words that ask for a method's views again; none for more than a command line has room for."""
+        rerun = self._rerun(name)
         views = sorted(set(of_method["view"].unique()) - {""})
-        return shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""
+        asked = shell([f"views={value_of(views)}"]) if 0 < len(views) <= _MOST_NAMED else ""  # a line has room for few
+        said = shell(rerun.words())
+        command = " ".join(filter(None, [said, asked, self._metric_words])) if said else ""
+        return {"label": name, "place": self.places[name], "command": command, "options": rerun.method_record}
 
-    def _metric_words(self) -> dict[str, str]:
-        """The words that ask for a score again, and under "" those for all of them."""
-        variants: dict[str, list[str]] = defaultdict(list)
+    def _rerun(self, name: str) -> Rerun:
+        last = self.rows[self.rows["method"] == name].iloc[-1]
+        return Rerun(self.table.title, name, json.loads(last["options"]), int(last["seed"]), self.plugins)
+
+    @cached_property
+    def _metric_words(self) -> str:
+        """The words that ask for all scores again."""
         scored = self.rows.loc[~self.rows["metric"].isin(COSTS), ["metric", "variant"]].drop_duplicates()
-        for name, variant in scored.itertuples(index=False, name=None):
-            variants[name].append(variant)
-        words = {name: metric_words(name, names) for name, names in variants.items()}
-        everything = [f"metrics={value_of(list(words))}", *(word for names in words.values() for word in names)]
-        single = {
-            key_of(name, variant): shell([f"metrics={value_of([name])}", *metric_words(name, [variant])])
-            for name, names in variants.items()
-            for variant in names
-        }
-        return {**single, "": shell(everything) if words else ""}
+        variants = {name: list(of_metric["variant"]) for name, of_metric in scored.groupby("metric", sort=False)}
+        words = [word for name, names in variants.items() for word in metric_words(str(name), names)]
+        return shell([f"metrics={value_of(list(variants))}", *words]) if variants else ""
 
     # -- its views -------------------------------------------------------------------------------------------
 
-    def _chosen(self) -> list[tuple[str, str, bool]]:
-        """Every view, and whether the page keeps its pictures: as many as may be, spread evenly."""
+    def _data(self) -> dict[str, Any]:
+        """The views with pictures and scores, a result a method."""
+        first = min(self.table.restorers or self.table.methods, key=self._rank, default="")
+        knows = self._deciding.knows_colours and bool(self._main)
+        methods = [(name, self._rerun(name)) for name in self.table.methods]
+        return {
+            "name": self.table.title,
+            "main": self._main,
+            "first": first if knows else next(iter(self.table.restorers or self.table.methods), ""),
+            "knows": knows,
+            "photographs": list(self.table.photographs),
+            "columns": [
+                {
+                    "key": key_of(c),
+                    "metric": c.metric,
+                    "variant": c.variant,
+                    "unit": c.unit,
+                    "better": c.better,
+                    "ranked": c.ranked,
+                }
+                for c in self._columns
+            ],
+            "methods": [
+                {"label": name, "place": self.places[name], "given": rerun.given(), "command": shell(rerun.words())}
+                for name, rerun in methods
+            ],
+            "metrics": self._metric_words,
+            "views": self._views,
+        }
+
+    @cached_property
+    def _names(self) -> dict[tuple[str, str], str]:
+        """What the page calls each view, by scene and view, in order."""
         names = self.rows.loc[self.rows["view"] != "", _VIEW].drop_duplicates().sort_values(_VIEW)
-        share, views = self.gallery.share, names.itertuples(index=False, name=None)
-        return [(scene, view, int((n + 1) * share) > int(n * share)) for n, (scene, view) in enumerate(views)]
+        pairs = names.itertuples(index=False, name=None)
+        return {(scene, view): f"{scene} · {view}" if self._has_scenes else view for scene, view in pairs}
+
+    @cached_property
+    def _has_scenes(self) -> bool:
+        return len(set(self.rows["scene"]) - {""}) > 1
+
+    @cached_property
+    def _views(self) -> list[dict[str, Any]]:
+        """The views; of as many as may be, spread evenly, the page keeps the pictures."""
+        restored: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
+        for row in tuples(restoration_rows(self.rows)):
+            restored[row.scene, row.view][row.method] = row
+        values, share, made = self._values(), self.gallery.share, []
+        for n, ((scene, view), name) in enumerate(self._names.items()):
+            kept = int((n + 1) * share) > int(n * share)
+            place = layout.find(self.table.title, scene, view, self.out)
+            results = [
+                self._result(place, restored[scene, view].get(method), values[scene, view][method], kept, method)
+                for method in self.table.methods
+            ]
+            made.append(
+                {
+                    "name": name,
+                    "words": shell([f"views={value_of([view])}"]),
+                    "original": self.gallery.picture(place.original(self.out), kept) if place else None,
+                    "reference": self.gallery.picture(place.reference(self.out), kept) if place else None,
+                    "truth": next((r["truth"] for r in results if r.get("truth")), None),
+                    "results": results,
+                }
+            )
+        return made
 
     def _values(self) -> Mapping[tuple[str, str], Mapping[str, Mapping[str, tuple[float, float]]]]:
         """Of each view and method, each score and its coverage: of charts their mean."""
@@ -167,35 +283,7 @@ class Section:
         means = ok.groupby(by, sort=False)[["value", "coverage"]].mean()
         made: dict[tuple[str, str], dict[str, dict[str, tuple[float, float]]]] = defaultdict(lambda: defaultdict(dict))
         for (scene, view, method, metric, variant), *score in means.itertuples(name=None):
-            made[scene, view][method][key_of(metric, variant)] = (score[0], score[1])
-        return made
-
-    def _view(self, scene: str, view: str, kept: bool, values: Any, charts: Any) -> dict[str, Any]:
-        place = layout.find(self.table.title, scene, view, self.out)
-        whole = self._restorations.get((scene, view), {})
-        results = [
-            self._result(place, whole.get(name), values.get((scene, view), {}).get(name, {}), kept, name)
-            for name in self.table.methods
-        ]
-        return {
-            "name": f"{scene} · {view}" if self._has_scenes else view,
-            "words": shell([f"views={value_of([view])}"]),
-            "original": self.gallery.picture(place.original(self.out), kept) if place else None,
-            "reference": self.gallery.picture(place.reference(self.out), kept) if place else None,
-            "truth": next((r["truth"] for r in results if r.get("truth")), None),
-            "results": results,
-            "charts": charts.get((scene, view), {}),
-        }
-
-    @cached_property
-    def _has_scenes(self) -> bool:
-        return len(set(self.rows["scene"]) - {""}) > 1
-
-    @cached_property
-    def _restorations(self) -> dict[tuple[str, str], dict[str, Any]]:
-        made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
-        for row in tuples(restoration_rows(self.rows)):
-            made[row.scene, row.view][row.method] = row
+            made[scene, view][method][f"{metric}:{variant}"] = (score[0], score[1])
         return made
 
     def _result(
@@ -208,18 +296,16 @@ class Section:
         record = _record(row, self.out)
         mask = place.mask(self.out, name) if place and row.coverage < 1 else None
         whole = {*metrics_of("coverage"), *COSTS}  # scores that ignore coverage
+        of_water = {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")}
         return {
             "status": "ok",
             "picture": self.gallery.picture(place.restored(self.out, name), kept, mask) if place else None,
             "coverage": row.coverage,
-            "device": row.device,
-            "scores": {key_of(FILLED, "image"): row.coverage} | {key: value for key, (value, _) in scores.items()},
+            "scores": {f"{FILLED}:image": row.coverage} | {key: value for key, (value, _) in scores.items()},
             "covers": {
                 key: share for key, (_, share) in scores.items() if share < 1 and key.partition(":")[0] not in whole
             },
-            "water": {k: record.get(k) for k in (*_WATER, "encoding", "standard_error")}
-            if _has_water(record)
-            else None,
+            "water": of_water if _has_water(record) else None,
             "truth": record.get("true_water"),
             "record": {
                 k: v
@@ -228,23 +314,23 @@ class Section:
             },
         }
 
-    # -- its charts ------------------------------------------------------------------------------------------
+    # -- their water -----------------------------------------------------------------------------------------
 
-    def _charts(self) -> Mapping[tuple[str, str], Mapping[str, Any]]:
-        """Of each view and chart, each score and those of its patches, a value a method (None: a hole)."""
-        place = {name: n for n, name in enumerate(self.table.methods)}
-        ok = self.rows[(self.rows["status"] == "ok") & self.rows["method"].isin(place)]
-        of_charts = ok[(ok["region"] != "image") & ~ok["region"].str.startswith("image/")]
-        made: dict[tuple[str, str], dict[str, Any]] = defaultdict(dict)
-        columns = ["scene", "view", "region", "metric", "variant", "method", "value"]
-        for scene, view, region, metric, variant, method, value in of_charts[columns].itertuples(
-            index=False, name=None
-        ):
-            chart, _, patch = region.partition("/")
-            of_chart = made[scene, view].setdefault(chart, {"scores": {}, "patches": {}})
-            scores = of_chart["patches"].setdefault(patch, {}) if patch else of_chart["scores"]
-            scores.setdefault(key_of(metric, variant), [None] * len(place))[place[method]] = value
-        return made
+    def _waters(self) -> list[Choice]:
+        """A choice for each method that estimates the water; the first has the numbers of all below."""
+        views = self._views
+        estimating = [at for at in range(len(self.table.methods)) if any(v["results"][at].get("water") for v in views)]
+        rows = [row for view in views for row in self._water_rows(view)]
+        names = self.table.methods
+        return [Choice(names[at], plots.waters(views, at), rows if at == estimating[0] else None) for at in estimating]
+
+    def _water_rows(self, view: Mapping[str, Any]) -> Iterator[dict[str, Any]]:
+        found = [("true", view["truth"])]
+        found += [(name, one.get("water")) for name, one in zip(self.table.methods, view["results"], strict=True)]
+        for name, water in found:
+            if water:
+                values = [plots.of_water(water, key, c) for key, *_ in PARAMETERS for c in range(len(CHANNELS))]
+                yield {"view": view["name"], "method": name, "values": values, "encoding": water.get("encoding") or ""}
 
 
 def _record(row: Any, out: Path) -> Mapping[str, Any]:

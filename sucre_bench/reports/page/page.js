@@ -1,148 +1,134 @@
-// What the page knows, what is chosen, and who draws it anew when that changes.
+// What the page knows, what is chosen, and what is drawn anew when that changes.
 
-export const $ = (id) => document.getElementById(id);
-export const summary = JSON.parse($("summary").textContent);
-const blocks = [...document.querySelectorAll("script.dataset")];
-const parsed = new Map();
+const $ = (id) => document.getElementById(id);
+const $$ = (selector) => [...document.querySelectorAll(selector)];
+const summary = JSON.parse($("summary").textContent);
+const datasets = $$("script.dataset").map((block) => () => JSON.parse(block.textContent)); // read when first chosen
 
 // Pictures that no method made, beside those that methods did.
-export const VIEW = "*view";
-export const REFERENCE = "*reference";
+const VIEW = "*view";
+const REFERENCE = "*reference";
 
-// dataset, view: names; method, before: right and left of the slider; metric: the score that pictures and plots speak of.
-export const state = {
-  dataset: "",
-  view: "",
-  method: "",
-  before: "",
-  metric: "",
-  chart: "",
-  layer: "picture",
-  guesses: "shown", // or "hidden": the colours that fill=true guessed
-  mode: "slider", // or "panels": up to four pictures in step
-  panels: [], // their names
-  rows: "mean",
-  sort: "", // a column's key, "-" before it: from the greatest down
-  filter: "",
-  unshown: new Set(summary.columns.filter((c) => !c.directed && !c.cost).map((c) => c.key)), // what only describes
-  hidden: new Set(),
-  theme: "",
-};
-const watchers = [];
-export const data = {}; // of the dataset that is chosen
+// dataset: its place; view: a name; method, before: right and left of the slider; metric: the score that pictures speak of.
+const state = { dataset: -1, view: "", method: "", before: "", metric: "", layer: "picture", guesses: true };
+let data = null; // of the dataset that is chosen
 
-// Draw when one of these changes, and at once.
-export function watch(keys, draw) {
-  watchers.push([keys, draw]);
-}
-
-export function choose(change) {
-  const changed = new Set(Object.keys(change).filter((key) => state[key] !== change[key]));
-  if (!changed.size) return;
+function choose(change) {
+  const earlier = { ...state };
   Object.assign(state, change);
-  if (changed.has("dataset")) {
-    openDataset(state.dataset);
-    for (const key of Object.keys(state)) changed.add(key);
-  }
-  for (const [keys, draw] of watchers) if (keys.some((key) => changed.has(key))) draw();
+  if (state.dataset !== earlier.dataset) showDataset();
+  chooseKnown();
+  const has = (...keys) => keys.some((key) => state[key] !== earlier[key]);
+  if (has("dataset", "view", "layer", "guesses")) drawGrid();
+  drawStage();
+  drawDetail();
+  drawLosses();
+  drawRankedViews();
+  drawCaptions();
+  if (earlier.dataset >= 0) keepAddress();
 }
 
-// Read a dataset's block, once, and choose what it has of what was chosen before.
-function openDataset(name) {
-  const at = Math.max(0, summary.datasets.indexOf(name));
-  if (!parsed.has(at)) parsed.set(at, JSON.parse(blocks[at].textContent));
-  Object.assign(data, parsed.get(at));
-  state.dataset = data.name;
-  const labels = data.methods.map((m) => m.label);
-  const views = data.views.map((v) => v.name);
-  if (!data.columns.some((c) => c.key === state.metric))
-    state.metric = data.main || (data.columns[0] || { key: "" }).key;
-  const [best, second] = byScore(state.metric);
-  const known = [REFERENCE, ...photograph(), ...labels];
-  if (!known.includes(state.method)) state.method = best || labels[0] || "";
-  if (!known.includes(state.before)) state.before = second || photograph()[0];
-  if (!views.includes(state.view)) state.view = typicalView(state.method, state.metric) || views[0] || "";
-  state.panels = state.panels.filter((which) => known.includes(which));
-  if (!state.panels.length) state.panels = startPanels(best, second);
+// Show a dataset's parts of the page.
+function showDataset() {
+  const open = datasets[state.dataset];
+  data = open();
+  datasets[state.dataset] = () => data;
+  if ($("dataset")) $("dataset").value = String(state.dataset);
+  for (const part of $$("[data-dataset]")) part.hidden = part.dataset.dataset !== String(state.dataset);
+  for (const section of $$("section[id]:has([data-dataset])")) section.hidden = !section.querySelector("[data-dataset]:not([hidden])");
+  for (const id of ["scores", "charts", "water", "cost"]) if (!$(id).querySelector("[data-dataset]")) $(id).hidden = true;
+  $("pictures").hidden = !data.views.some((v) => v.results.some((r) => r.status === "ok"));
+  for (const link of $$("nav a")) link.hidden = !$(link.hash.slice(1)) || $(link.hash.slice(1)).hidden;
+  fillTable();
+}
+
+// Replace what was chosen before, or by an address, and the dataset does not have.
+function chooseKnown() {
+  const known = [REFERENCE, ...photograph(), ...data.methods.map((m) => m.label)];
+  if (!data.columns.some((c) => c.key === state.metric)) state.metric = data.main || data.columns[0]?.key || "";
+  if (!known.includes(state.method)) state.method = data.first;
+  if (!known.includes(state.before)) state.before = photograph()[0];
+  if (!data.views.some((v) => v.name === state.view)) state.view = typicalView();
 }
 
 // The photograph: the method that returns it, or the view's own picture where there is no such method.
-export const photograph = () => (data.photographs.length ? data.photographs : [VIEW]);
-
-function startPanels(best, second) {
-  const reference = data.views.some((v) => v.reference) ? [REFERENCE] : [];
-  const wanted = [photograph()[0], second, best, ...reference].filter(Boolean);
-  return [...new Set(wanted)].slice(0, 4);
-}
-
-// The methods by their mean, best first, without the photograph and those without a score; as asked by a score of the
-// picture alone, where nothing knows the true colours.
-export function byScore(key) {
-  const at = data.columns.findIndex((c) => c.key === key);
-  if (at < 0) return [];
-  if (data.columns[at].directed && !data.columns[at].ranked)
-    return data.methods.map((m) => m.label).filter((label) => !data.photographs.includes(label));
-  const sign = data.columns[at].better === "lower" ? 1 : -1;
-  const scored = data.methods
-    .map((m, row) => [m.label, data.cells[row][at]?.mean])
-    .filter(([label, mean]) => mean !== null && mean !== undefined && !data.photographs.includes(label));
-  return scored.sort((a, b) => sign * (a[1] - b[1])).map(([label]) => label);
-}
+const photograph = () => (data.photographs.length ? data.photographs : [VIEW]);
 
 // The views that a method has a score of, best first: [view, score].
-export function viewsByScore(method, key) {
-  const row = data.methods.findIndex((m) => m.label === method);
+function viewsByScore(method, key) {
+  const row = placeOf(method);
   const sign = columnOf(key)?.better === "lower" ? 1 : -1;
   return data.views
-    .map((view) => [view, row < 0 ? null : view.results[row].scores?.[key]])
+    .map((view) => [view, view.results[row]?.scores?.[key]])
     .filter(([, score]) => score !== null && score !== undefined)
     .sort((a, b) => sign * (a[1] - b[1]));
 }
 
-// The median view of a method; the first with pictures where it has no scores.
-function typicalView(method, key) {
-  const ranked = viewsByScore(method, key);
+// The median view of the method on the right; the first with pictures where no score knows the colours.
+function typicalView() {
+  const ranked = data.knows ? viewsByScore(state.method, state.metric) : [];
   if (ranked.length) return ranked[Math.floor(ranked.length / 2)][0].name;
-  return data.views.find((v) => v.results.some((r) => r.picture))?.name;
+  return (data.views.find((v) => v.results.some((r) => r.picture)) || data.views[0])?.name;
 }
 
-export const viewOf = (name) => data.views.find((v) => v.name === name);
-export const roleOf = (key) => summary.roles[key.split(":")[0]] || "";
-export const columnOf = (key) => data.columns.find((c) => c.key === key);
-export const directed = () => data.columns.filter((c) => c.directed);
-export const shownMethods = () => data.methods.map((m, at) => ({ ...m, at })).filter((m) => !state.hidden.has(m.label));
+const placeOf = (label) => data.methods.findIndex((m) => m.label === label);
+const viewNow = () => data.views.find((v) => v.name === state.view);
+const columnOf = (key) => data.columns.find((c) => c.key === key);
 
 // An element. Text stays text: nothing that a label holds is ever read as markup.
-export function h(tag, attributes = {}, ...children) {
+function h(tag, attributes = {}, ...children) {
   const made = document.createElement(tag);
   for (const [name, value] of Object.entries(attributes)) {
     if (typeof value === "function") made.addEventListener(name, value);
     else if (name === "style") made.style.cssText = value; // as attribute, the page's policy forbids it
     else if (typeof value === "boolean") made.toggleAttribute(name, value);
-    else if (value !== null && value !== undefined) made.setAttribute(name, value);
+    else made.setAttribute(name, value);
   }
-  made.append(...children.flat().filter((child) => child !== null && child !== undefined && child !== ""));
+  made.append(...children.flat().filter((child) => child !== null && child !== undefined));
   return made;
 }
 
-export function fill(select, options, chosen) {
-  select.replaceChildren(...options.map(([value, text]) => h("option", { value, selected: value === chosen }, text)));
+function fill(select, options, chosen) {
+  select.replaceChildren(...options.map(([value, text]) => h("option", { value }, text)));
   select.value = chosen;
 }
 
-// -- pictures ---------------------------------------------------------------------------------------------
+// -- words ------------------------------------------------------------------------------------------------
 
-const urls = new Map();
-
-// The address of a picture in the page, decoded when it is first asked for; null where the page has none.
-export function embedded(id) {
-  const block = id && $(id);
-  if (!block) return null;
-  if (!urls.has(id)) {
-    const bytes = Uint8Array.from(atob(block.textContent), (letter) => letter.charCodeAt(0));
-    urls.set(id, URL.createObjectURL(new Blob([bytes], { type: block.dataset.kind })));
-  }
-  return urls.get(id);
+// The text of a number, by the rule of the tables of the command line: the decimals from a size on, and the figures of
+// smaller numbers.
+function number(value) {
+  if (value === null || value === undefined) return "–";
+  const size = Math.abs(value);
+  if (size >= 1e307) return value > 0 ? "∞" : "−∞";
+  if (!size) return "0";
+  const { decimals, figures, scientific_below } = summary.numbers;
+  const rule = decimals.find(([least]) => size >= least);
+  const isSmall = Number(size.toPrecision(figures)) < scientific_below;
+  const text = rule ? value.toFixed(rule[1]) : isSmall ? value.toExponential(figures - 1) : value.toPrecision(figures);
+  return text.replace(/e-(\d)$/, "e-0$1").replaceAll("-", "−");
 }
 
-export const address = (picture) => picture && (embedded(picture.id) || picture.link);
+const percent = (share) => `${share > 0.999 && share < 1 ? "99.9" : Math.round(share * 100)} %`;
+const dot = (label) => h("i", { class: `dot m${data.methods[placeOf(label)]?.place}` });
+
+// A score's name, with its variant where a metric has several here.
+function titled(column) {
+  const several = data.columns.filter((c) => c.metric === column.metric).length > 1;
+  return several ? `${column.metric} (${column.variant})` : column.metric;
+}
+
+function pictureName(which) {
+  if (which === VIEW) return "the photograph";
+  if (which === REFERENCE) return "reference, without water";
+  return data.photographs.includes(which) ? `${which}, the photograph` : which;
+}
+
+// A value of a record in one line.
+function briefly(value) {
+  if (typeof value === "number") return Number.isInteger(value) ? String(value).replace("-", "−") : number(value);
+  if (Array.isArray(value)) return value.map(briefly).join(", ") || "none";
+  if (value && typeof value === "object")
+    return Object.entries(value).map(([name, inner]) => `${name}: ${briefly(inner)}`).join("; "); // prettier-ignore
+  return value === null ? "–" : String(value);
+}

@@ -1,7 +1,7 @@
 """The results page: one static file made from the table and the pictures, which opens from disk without a network.
 
-The page embeds values as JSON, one block for each dataset, and reads a block when the reader chooses its dataset.
-Scripts and styles are copies of the files beside this one. The page allows itself no connection at all (its
+The template has tables and plots ready; the views with their pictures are JSON, one block for each dataset. Scripts and
+styles are copies of the files beside this one. The page allows itself no connection at all (its
 Content-Security-Policy).
 """
 
@@ -9,32 +9,33 @@ import base64
 import gzip
 import json
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare import Comparison
-from sucre_bench.compare.model import FEWEST_VIEWS
-from sucre_bench.compare.numbers import NUMBERS
+from sucre_bench.compare import Column, Comparison
+from sucre_bench.compare.numbers import NUMBERS, number
+from sucre_bench.compare.words import title
 from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.records import masked
 from sucre_bench.machine.text_formats import filled_in, policy_hash, read_yaml, source
-from sucre_bench.reports.metric_roles import roles
-from sucre_bench.reports.page.dataset_content import Section, cell_of, column_of, key_of
+from sucre_bench.reports.page import plots
+from sucre_bench.reports.page.dataset_content import Section, cells, key_of
 from sucre_bench.reports.page.gallery import WIDTHS, Gallery, Widths
-from sucre_bench.reports.page.join_scripts import join_scripts
+from sucre_bench.reports.page.plots import CHANNELS, PARAMETERS, Choice
 from sucre_bench.reports.paper.figures import style
 from sucre_bench.results import layout, restoration_rows, with_remedy
 from sucre_bench.results.reasons import unscored, without_view
 from sucre_bench.results.rows import RESTORATION, restorations
 
-# Later styles override earlier ones.
-_STYLES = ("page", "controls", "top", "tables", "pictures", "parts", "media")
+_STYLES = ("page.css", "parts.css")
+_SCRIPTS = ("page.js", "tables.js", "zoom.js", "pictures.js", "detail.js", "plots.js", "start.js")  # in one scope
 _HUGE = 1e308  # what JSON has for infinity
+_DARK = 0.3  # brightness of the colours that are lifted on a dark page
 
 
 def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths: Widths = WIDTHS) -> Path:
@@ -48,21 +49,32 @@ def write(out: Path, rows: DataFrame, comparisons: Sequence[Comparison], widths:
 
     gallery = Gallery(out, _most_pictures(rows), widths)
     config = _read(out / "config.yaml")
-    sections = [Section(out, rows[rows["dataset"] == t.title], t, gallery, _plugins(config)) for t in comparisons]
-    contents = [_json(section.content()) for section in sections]
-    styles = "\n".join(source(__package__, f"{name}.css") for name in _STYLES)
-    scripts = join_scripts("main", lambda name: source(__package__, f"{name}.js"))
-    plotly = source("plotly", "package_data/plotly.min.js") if (rows["status"] == "ok").any() else ""
+    places = {name: n for n, name in enumerate(dict.fromkeys(m for table in comparisons for m in table.methods))}
+    plugins = _plugins(config)
+    datasets = [
+        Section(out, rows[rows["dataset"] == t.title], t, gallery, plugins, places).content() for t in comparisons
+    ]
+    styles = "\n".join([*(source(__package__, name) for name in _STYLES), _method_colours(places)])
+    body = "\n".join(source(__package__, name) for name in _SCRIPTS)
+    scripts = f'(() => {{\n"use strict";\n{body}\n}})();'
+    has_plots = any(dataset[part] for dataset in datasets for part in ("costs", "distances", "waters"))
+    plotly = source("plotly", "package_data/plotly.min.js") if has_plots else ""
     page = filled_in(
         __package__,
         "page.html.j2",
-        policy=policy([scripts, plotly], [styles]),
+        policy=_policy([scripts, plotly], styles),
         style=Markup(styles),
         scripts=Markup(scripts),
-        summary=Markup(_json(_summary(comparisons))),
-        datasets=[Markup(text) for text in contents],
+        json=lambda value: Markup(_json(value)),
+        number=number,
+        summary={"datasets": [t.title for t in comparisons], "numbers": asdict(NUMBERS)},
+        datasets=datasets,
+        places=places,
+        sweep=_sweep(comparisons, datasets, places) if len(comparisons) > 1 else [],
+        water_columns=[(f"{symbol} {channel}", unit) for _, symbol, _, unit in PARAMETERS for channel in CHANNELS],
         blocks=gallery.blocks(),
-        plotly=_compressed(plotly) if plotly else "",
+        # the page unpacks it when the first plot comes into view
+        plotly=base64.b64encode(gzip.compress(plotly.encode(), 6, mtime=0)).decode() if plotly else "",
         failed=_reasons(rows, "failed"),
         skipped=_reasons(restoration_rows(rows), "skipped"),
         unscored=list(unscored(rows)),
@@ -83,26 +95,39 @@ def _most_pictures(rows: DataFrame) -> int:
     return 2 * len(views) + len(restorations(rows))
 
 
-def _summary(comparisons: Sequence[Comparison]) -> dict[str, Any]:
-    """What is known before a dataset is chosen: the methods and their colours, and the means on every dataset."""
-    methods = list(dict.fromkeys(name for table in comparisons for name in table.methods))
-    columns = {key_of(c.metric, c.variant): column_of(c) for table in comparisons for c in table.columns}
-    means: dict[str, list[list[Any]]] = {key: [] for key in columns}
-    for table in comparisons:
-        by_key = {key_of(c.metric, c.variant): c for c in table.columns}
-        for key, lines in means.items():
-            lines.append([cell_of(table, name, by_key[key]) if key in by_key else None for name in methods])
-    looks = style.looks(methods)
-    return {
-        "datasets": [table.title for table in comparisons],
-        "methods": methods,
-        "colours": {name: look.colour for name, look in looks.items()},
-        "columns": list(columns.values()),
-        "means": means,
-        "numbers": asdict(NUMBERS),
-        "fewest_views": FEWEST_VIEWS,
-        "roles": roles(),
-    }
+def _sweep(tables: Sequence[Comparison], datasets: Sequence[Any], places: Mapping[str, int]) -> list[Choice]:
+    """Each score over all datasets, as a plot and in numbers; those that decide first.
+
+    datasets: as `Section.content` has them.
+    """
+    heads = [head for dataset in datasets for head in dataset["columns"] if not head["describes"]]
+    columns: dict[str, list[Column | None]] = {head["key"]: [] for head in heads}
+    for table in tables:
+        by_key = {key_of(column): column for column in table.columns}
+        for key, of_tables in columns.items():
+            of_tables.append(by_key.get(key))
+    made = []
+    for of_tables in columns.values():
+        first = next(column for column in of_tables if column)
+        rows = []
+        for table, of_table in zip(tables, of_tables, strict=True):
+            own = dict(zip(table.methods, cells(table, of_table), strict=True)) if of_table else {}
+            rows.append((table.title, [own.get(name) for name in places]))
+        figures = [plots.over_datasets(tables, of_tables, places)] if len(tables) > 2 else []
+        made.append(Choice(f"{title(first)} ({first.variant})", figures, {"rows": rows, "better": first.better}))
+    return made
+
+
+def _method_colours(places: Mapping[str, int]) -> str:
+    """The style sheet's colours of the methods, lifted where one would not be seen on dark."""
+    lines = []
+    for look, place in zip(style.looks(places).values(), places.values(), strict=True):
+        rgb = [int(look.colour[at : at + 2], 16) for at in (1, 3, 5)]
+        is_dark = sum(c * w for c, w in zip(rgb, (0.299, 0.587, 0.114), strict=True)) < 255 * _DARK
+        lifted = "#" + "".join(f"{round(c + 0.6 * (255 - c)):02x}" for c in rgb) if is_dark else look.colour
+        lines.append(f":root {{ --m{place}: light-dark({look.colour}, {lifted}); }}")
+        lines.append(f".m{place} {{ background: var(--m{place}); }}")
+    return "\n".join(lines)
 
 
 def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
@@ -111,9 +136,8 @@ def _reasons(rows: DataFrame, status: str) -> list[dict[str, Any]]:
     pairs = zip(of_status["reason"], of_status["view"], strict=True)
     of_status = of_status.assign(reason=[without_view(str(reason), view) for reason, view in pairs])
     faults = []
-    for (dataset, method, metric, reason), same in of_status.groupby(
-        ["dataset", "method", "metric", "reason"], sort=False
-    ):
+    by = ["dataset", "method", "metric", "reason"]
+    for (dataset, method, metric, reason), same in of_status.groupby(by, sort=False):
         views = sorted(set(same["view"].unique()) - {""})
         score = "" if metric == RESTORATION else metric
         faults.append(
@@ -137,11 +161,6 @@ def _read(path: Path) -> str:
     return masked(path.read_text(encoding="utf-8", errors="replace")) if path.is_file() else ""
 
 
-def _compressed(script: str) -> str:
-    """A script that the page unpacks when it needs it: when the first plot comes into view."""
-    return base64.b64encode(gzip.compress(script.encode(), 6, mtime=0)).decode()
-
-
 def _json(value: Any) -> str:
     """Return JSON for a script element: `<` is escaped, so that no value can end the script, and NaN is null."""
     text = json.dumps(_finite(value), ensure_ascii=False, separators=(",", ":"), default=str)
@@ -160,20 +179,11 @@ def _finite(value: Any) -> Any:
     return value
 
 
-def policy(scripts: Iterable[str], styles: Iterable[str]) -> str:
-    """Return the Content-Security-Policy of a page: no connections, its own scripts and styles by their hashes.
+def _policy(scripts: Iterable[str], styles: str) -> str:
+    """The page's Content-Security-Policy: no connections, its own scripts and style sheet by their hashes.
 
     scripts, styles: each the exact text of its element.
     """
-    return "; ".join(
-        [
-            "default-src 'none'",
-            "img-src 'self' file: data: blob:",
-            f"style-src {_hashes(styles)} {_hashes([''])}",  # Plotly adds an empty sheet, and fills it by rules
-            f"script-src {_hashes(scripts)}",
-        ]
-    )
-
-
-def _hashes(texts: Iterable[str]) -> str:
-    return " ".join(f"'{policy_hash(text)}'" for text in texts)
+    hashes = " ".join(f"'{policy_hash(text)}'" for text in scripts)
+    own = " ".join(f"'{policy_hash(text)}'" for text in (styles, ""))  # Plotly adds an empty sheet, filled by rules
+    return f"default-src 'none'; img-src 'self' file: data: blob:; style-src {own}; script-src {hashes}"

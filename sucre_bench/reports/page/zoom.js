@@ -1,17 +1,12 @@
 // Zoom and pan, one for the slider and all pictures of the grid: three numbers that the style sheet reads.
 
-import { $ } from "./page.js";
-
 const MOST_ZOOM = 32;
-export const zoom = { scale: 1, x: 0, y: 0 }; // x, y: where the picture's corner is, in widths and heights of the frame
+const zoom = { scale: 1, x: 0, y: 0 }; // x, y: where the picture's corner is, in widths and heights of the frame
 
-const whenNear = [];
+// Whether a thumbnail shows too little.
+const isNear = () => zoom.scale > 1.2;
 
-// Whether a thumbnail shows too little; onNear: what to do then.
-export const isNear = () => zoom.scale > 1.2;
-export const onNear = (act) => whenNear.push(act);
-
-export function setZoom(scale, x, y) {
+function setZoom(scale, x, y) {
   zoom.scale = Math.min(MOST_ZOOM, Math.max(1, scale));
   zoom.x = Math.min(0, Math.max(1 - zoom.scale, x));
   zoom.y = Math.min(0, Math.max(1 - zoom.scale, y));
@@ -20,18 +15,18 @@ export function setZoom(scale, x, y) {
   section.classList.toggle("near", zoom.scale > 1);
   section.classList.toggle("pixels", zoom.scale >= 6);
   $("scale").textContent = `${zoom.scale < 10 ? Number(zoom.scale.toFixed(1)) : Math.round(zoom.scale)}×`;
-  if (isNear()) for (const act of whenNear) act();
+  if (isNear()) sharpen();
 }
 
 // Zoom about a point of the frame, in its widths and heights.
-export function zoomAt(factor, px = 0.5, py = 0.5) {
+function zoomAt(factor, px = 0.5, py = 0.5) {
   const scale = Math.min(MOST_ZOOM, Math.max(1, zoom.scale * factor));
   const grown = scale / zoom.scale;
   setZoom(scale, px - (px - zoom.x) * grown, py - (py - zoom.y) * grown);
 }
 
 // Let a frame be zoomed and panned by pointer. slide(share): where the frame has a divider to be dragged.
-export function zoomable(frame, slide = null) {
+function zoomable(frame, slide = null) {
   const pointers = new Map();
   let mode = "";
   let travelled = 0;
