@@ -122,8 +122,8 @@ class Section:
             "leads": [verdict_text(self.table, verdict) for verdict in said if verdict.is_lead],
             "chances": [verdict_text(self.table, verdict) for verdict in said if not verdict.is_lead],
             "columns": [heading(column) for column in self._columns],
-            "main": self._main,
-            "lower_first": bool(self._deciding.main and self._deciding.main.better == "lower"),
+            "main": key_of(self._main) if self._main else "",
+            "lower_first": bool(self._main and self._main.better == "lower"),
             "rows": self._rows(),
             "note": ". ".join(
                 filter(None, [few, legend(self.table, intervals=enough, ties=enough), *left_out(self.table)])
@@ -143,8 +143,9 @@ class Section:
         return deciding(self.table)
 
     @property
-    def _main(self) -> str:
-        return key_of(self._deciding.main) if self._deciding.main else ""
+    def _main(self) -> Column | None:
+        """The score that orders the methods; None where none knows the true colours."""
+        return self._deciding.main if self._deciding.knows_colours else None
 
     @property
     def _columns(self) -> tuple[Column, ...]:
@@ -174,11 +175,10 @@ class Section:
 
     def _rank(self, name: str) -> float:
         """What orders methods: less is better, infinite where there is no main score."""
-        main = self._deciding.main
-        cell = main and self.table.cells.get((name, main))
-        if not main or not cell or math.isnan(cell.mean):
+        cell = self._main and self.table.cells.get((name, self._main))
+        if not self._main or not cell or math.isnan(cell.mean):
             return math.inf
-        return cell.mean if main.better == "lower" else -cell.mean
+        return cell.mean if self._main.better == "lower" else -cell.mean
 
     def _costs(self) -> list[Choice]:
         seconds = next((c for c in self.table.columns if (c.metric, c.variant) == (RESTORATION, "wall")), None)
@@ -211,14 +211,11 @@ class Section:
 
     def _data(self) -> dict[str, Any]:
         """The views with pictures and scores, a result a method."""
-        first = min(self.table.restorers or self.table.methods, key=self._rank, default="")
-        knows = self._deciding.knows_colours and bool(self._main)
         methods = [(name, self._rerun(name)) for name in self.table.methods]
         return {
             "name": self.table.title,
-            "main": self._main,
-            "first": first if knows else next(iter(self.table.restorers or self.table.methods), ""),
-            "knows": knows,
+            "main": key_of(self._main) if self._main else "",
+            "first": min(self.table.restorers or self.table.methods, key=self._rank, default=""),
             "photographs": list(self.table.photographs),
             "columns": [
                 {

@@ -66,7 +66,7 @@ function viewsByScore(method, key) {
 
 // The median view of the method on the right; the first with pictures where no score knows the colours.
 function typicalView() {
-  const ranked = data.knows ? viewsByScore(state.method, state.metric) : [];
+  const ranked = data.main ? viewsByScore(state.method, state.metric) : [];
   if (ranked.length) return ranked[Math.floor(ranked.length / 2)][0].name;
   return (data.views.find((v) => v.results.some((r) => r.picture)) || data.views[0])?.name;
 }

@@ -1,6 +1,7 @@
 from __future__ import annotations
 
 import base64
+import html
 import json
 import math
 import re
@@ -63,12 +64,28 @@ class Page(HTMLParser):
     def datasets(self) -> list[dict[str, Any]]:
         return [json.loads(text) for attributes, text in self.scripts if attributes.get("class") == "dataset"]
 
+    @property
+    def figures(self) -> list[dict[str, Any]]:
+        """The plots, as Plotly has them."""
+        return [json.loads(text) for attributes, text in self.scripts if attributes == {"type": "application/json"}]
+
+    def rows(self, table: str) -> list[list[str]]:
+        """The cells of the first table of a class: their values for sorting, or their texts."""
+        (body, *_) = re.findall(rf'<table class="{table}">.*?<tbody>(.*?)</tbody>', self.source, re.DOTALL)
+        cells = [re.findall(r"<t[dh]\b([^>]*)>(.*?)</t[dh]>", row, re.DOTALL) for row in body.split("</tr>")]
+        return [[cell(*parts) for parts in row] for row in cells if row]
+
     def blocks(self, kind: str) -> dict[str, dict[str, str | None]]:
         return {str(a["id"]): a for a, _ in self.scripts if a.get("data-kind") == kind}
 
     def picture(self, name: str) -> np.ndarray:
         (text,) = [text for attributes, text in self.scripts if attributes.get("id") == name]
         return np.asarray(cv2.imdecode(np.frombuffer(base64.b64decode(text), np.uint8), cv2.IMREAD_UNCHANGED))
+
+
+def cell(attributes: str, inner: str) -> str:
+    value = re.search(r'data-value="([^"]*)"', attributes)
+    return value[1] if value else html.unescape(re.sub(r"<[^>]*>", "", inner)).strip()
 
 
 def made(out: Path, **how: Any) -> Page:
@@ -96,16 +113,24 @@ def test_scores_that_many_methods_and_views_lack_stand_together_by_their_reason(
     page = Page(write_page(tmp_path, sweep.run([*base, "method=gain,faulty"], True).rows))
     lacking = [line for line in page.text.splitlines() if ": needs charts" in line]
     assert len(lacking) == 1
-    assert page.text.count("ValueError: boom") == 1
+    assert page.text.count("faulty on toy, v1.png: ValueError: boom") == 1
 
 
-def test_the_table_holds_the_means_over_what_all_methods_have(tmp_path: Path):
-    (dataset,) = made(tmp_path).datasets
-    at = [c["key"] for c in dataset["columns"]].index("psnr:masked")
-    means = {m["label"]: dataset["cells"][n][at]["mean"] for n, m in enumerate(dataset["methods"])}
+def test_the_table_holds_the_means_over_what_all_methods_have_the_best_first(tmp_path: Path):
+    page = made(tmp_path)
+    means = {row[0]: float(row[1]) for row in page.rows("sheet means")}
     assert means == {name: pytest.approx(np.mean(values[:2])) for name, values in PSNR.items()}  # the third is a hole
-    assert dataset["columns"][at]["views"] == 2
-    assert {m: dataset["cells"][n][at]["look"] for n, m in enumerate(PSNR)}["clever"] == "best"
+    assert list(means) == ["clever", "plain", "broken"]
+    assert '<td class="best " data-value="26.0"' in page.source
+
+
+def test_scores_that_know_no_true_colours_do_not_order_the_methods(tmp_path: Path):
+    rows = made_results(tmp_path)
+    rows = rows[rows["metric"].isin(["psnr", "seconds"])].replace({"psnr": "uciqe", "masked": "yang2015"})
+    page = Page(write_page(tmp_path, rows))
+    assert [row[0] for row in page.rows("sheet means")] == ["plain", "clever", "broken"]  # as they were asked for
+    assert page.datasets[0]["first"] == "plain"
+    assert made(tmp_path / "known").datasets[0]["first"] == "clever"
 
 
 def test_views_have_their_scores_coverage_water_and_truth(tmp_path: Path):
@@ -120,12 +145,16 @@ def test_views_have_their_scores_coverage_water_and_truth(tmp_path: Path):
     assert view["results"][0]["water"] is None
 
 
-def test_charts_have_every_score_of_their_patches_by_method(tmp_path: Path):
-    (dataset,) = made(tmp_path).datasets
-    near = dataset["views"][2]["charts"]["near"]
-    assert near["scores"]["chart_distance:median"] == [8, 8, None]
-    assert {p: s["de00:lab"] for p, s in near["patches"].items()} == {p: [v, v, None] for p, v in DE00.items()}
-    assert near["patches"]["2-red"]["patch_colour:red"][0] == pytest.approx(120 / 255, abs=1e-5)
+def test_plots_have_the_numbers_of_the_rows(tmp_path: Path):
+    figures = made(tmp_path).figures
+    titles = [[f["layout"][axis].get("title", {}).get("text") for axis in ("xaxis", "yaxis")] for f in figures]
+    cost = figures[titles.index(["seconds a view", "psnr ↑ dB"])]["data"]
+    assert [(t["name"], t["x"], t["y"]) for t in cost] == [
+        (name, [1.0], [np.mean(values[:2])]) for name, values in PSNR.items()
+    ]
+    errors = figures[titles.index(["distance of the chart, m", "de00 ↓ dE00"])]["data"]
+    assert [t["x"] for t in errors] == [[2, 4, 8], [2, 4, 8], [2, 4]]
+    assert errors[0]["y"] == pytest.approx([np.mean(list(DE00.values()))] * 3, abs=1e-4)
 
 
 def test_the_page_may_reach_nothing_outside_and_its_links_lead_to_files(tmp_path: Path):
@@ -186,9 +215,8 @@ def test_restored_pictures_are_shown_where_the_views_themselves_are_lost(tmp_pat
 def test_more_views_than_a_command_line_has_room_for_are_not_named(tmp_path: Path):
     row = Row("reef", "cove", method="m", value=1.0, options='{"name": "gray_world", "dataset": {"name": "demo"}}')
     rows = [replace(row, view=f"v{n}.png") for n in range(101)]
-    assert Page(write_page(tmp_path, results.frame(rows))).datasets[0]["methods"][0]["views"] == ""
-    (said,) = Page(write_page(tmp_path, results.frame(rows[:2]))).datasets[0]["methods"]
-    assert said["views"] == "'views=[v0.png,v1.png]'"
+    assert "views=[" not in Page(write_page(tmp_path, results.frame(rows))).text
+    assert "out=again 'views=[v0.png,v1.png]'" in Page(write_page(tmp_path, results.frame(rows[:2]))).text
 
 
 def test_nothing_that_went_well_still_makes_a_page(tmp_path: Path):
@@ -318,7 +346,7 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
     base = ["dataset=toy", "metrics=[redness]", "metrics.redness.variants=[double]", "tracking.uri=off", f"out='{out}'"]
     rows = sweep.run([*base, f"plugins=[{toys}]", "method=gain", "method.gain=0.7"], False).rows
     (dataset,) = Page(write_page(out, rows)).datasets
-    parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metric_words"]["redness:double"]]
+    parts = [dataset["methods"][0]["command"], dataset["views"][1]["words"], dataset["metrics"]]
     said = shlex.split(" ".join(parts))
     assert "--plugin" in said
     done = bench(*said[1:], "tracking.uri=off", "report=false")
@@ -333,7 +361,7 @@ def test_a_views_command_runs_and_gives_the_same_score(toys: str, tmp_path: Path
 
 def test_every_score_that_is_in_the_rows_can_be_asked_for(tmp_path: Path):
     (dataset,) = made(tmp_path).datasets
-    job = compose_jobs.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metric_words"][""])], False).jobs[0]
+    job = compose_jobs.jobs(["dataset=demo", "method=sucre", *shlex.split(dataset["metrics"])], False).jobs[0]
     asked = {(m.plugin.name, variant) for m in job.metrics for variant in m.variants}
     rows = made_results(tmp_path)
     assert asked == set(rows.loc[rows["metric"] != "seconds", ["metric", "variant"]].itertuples(index=False, name=None))
