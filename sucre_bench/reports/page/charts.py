@@ -144,7 +144,7 @@ class Charts:
         return [
             c
             for c in self.columns
-            if c.of == "chart" and c.ranked and any(_key(c) in one.scores for one in self.charts)
+            if c.of == "chart" and c.directed and any(_key(c) in one.scores for one in self.charts)
         ]
 
 

@@ -11,7 +11,7 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, verdicts
-from sucre_bench.compare.answer import answer, blind
+from sucre_bench.compare.answer import answer
 from sucre_bench.compare.choose_pixels import FILLED
 from sucre_bench.compare.decisive_columns import Deciding, deciding
 from sucre_bench.compare.numbers import number
@@ -48,7 +48,7 @@ def heading(column: Column) -> dict[str, Any]:
         "head": " ".join(filter(None, [column.metric, ARROW[column.better], column.unit and f"({column.unit})"])),
         "below": [column.variant, count, *(["common pixels"] if column.pixels == "common" else [])],
         "better": column.better,
-        "describes": not column.ranked and column.metric not in (*COSTS, FILLED),
+        "describes": not column.directed and column.metric not in (*COSTS, FILLED),
     }
 
 
@@ -66,7 +66,7 @@ def _cell(table: Comparison, name: str, column: Column, low: float, high: float)
         return None
     has_interval = math.isfinite(cell.low) and math.isfinite(cell.high) and cell.high > cell.low
     interval = f"{number(cell.low)} to {number(cell.high)}" if has_interval else ""
-    is_tie = bool(marks.mark) and not column.has_few_views  # which show no intervals either
+    is_tie = bool(marks.mark)
     spread = f" ± {number(cell.std)}" if math.isfinite(cell.std) else ""
     said = [
         f"{title(column)}: {number(cell.mean)}{spread}",
@@ -74,7 +74,7 @@ def _cell(table: Comparison, name: str, column: Column, low: float, high: float)
         "the difference from the best may be chance" if is_tie else "",
         f"lacks {cell.holes} that others have" if cell.holes else "",
     ]
-    draws = interval and high > low and not column.has_few_views
+    draws = interval and high > low and not column.has_few_views  # whose intervals are rough
     places = (
         [round(4 + (_WHISKER - 8) * (end - low) / (high - low), 1) for end in (cell.low, cell.mean, cell.high)]
         if draws
@@ -113,7 +113,7 @@ class Section:
         scene = "" if self._has_scenes else next(iter({*self.rows["scene"]} - {""}), "")
         enough = any(column.n_units and not column.has_few_views for column in self.table.columns)
         few = rough(self._deciding.columns)
-        lines = [*answer(self.table, self._deciding), blind(self._deciding), few]
+        lines = [*answer(self.table, self._deciding), few]
         said = verdicts(self.table)
         return {
             "name": self.table.title,
@@ -125,9 +125,7 @@ class Section:
             "main": key_of(self._main) if self._main else "",
             "lower_first": bool(self._main and self._main.better == "lower"),
             "rows": self._rows(),
-            "note": ". ".join(
-                filter(None, [few, legend(self.table, intervals=enough, ties=enough), *left_out(self.table)])
-            ),
+            "note": ". ".join(filter(None, [few, legend(self.table, intervals=enough), *left_out(self.table)])),
             "costs": self._costs(),
             "swatches": charts.swatches(),
             "distances": charts.distances(),
@@ -182,7 +180,7 @@ class Section:
 
     def _costs(self) -> list[Choice]:
         seconds = next((c for c in self.table.columns if (c.metric, c.variant) == (RESTORATION, "wall")), None)
-        ranked = [column for column in self._columns if column.ranked] if seconds else []
+        ranked = [column for column in self._columns if column.directed] if seconds else []
         made = [(title(c), plots.cost(self.table, c, seconds, self.places)) for c in ranked if seconds]
         return [Choice(name, [figure]) for name, figure in made if figure]
 
@@ -225,6 +223,7 @@ class Section:
                     "unit": c.unit,
                     "better": c.better,
                     "ranked": c.ranked,
+                    "directed": c.directed,
                 }
                 for c in self._columns
             ],

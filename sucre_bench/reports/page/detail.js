@@ -24,7 +24,7 @@ function drawDetail() {
 }
 
 function resultParts(result, shown) {
-  const scores = data.columns.filter((c) => c.ranked && c.key in result.scores);
+  const scores = data.columns.filter((c) => c.directed && c.key in result.scores);
   const lines = scores.map((c) => {
     const covered = result.covers[c.key];
     const of = covered === undefined ? null : h("small", {}, ` of ${percent(covered)}`);
