@@ -5,19 +5,17 @@ import os
 import socket
 import subprocess
 import sys
-import tempfile
 import time
-import urllib.error
-import urllib.request
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 from sucre_bench.compare import Column, Comparison
 from sucre_bench.compare.decisive_columns import deciding
-from sucre_bench.errors import InputError, OutputError
+from sucre_bench.errors import InputError
 from sucre_bench.machine.files import temporary_folder
-from sucre_bench.reports.mlflow.connection import connect, resolved, said_of
+from sucre_bench.reports.mlflow.store import connect, resolved, said_of
 
 # mlflow's page reads what it shows first from this tag of the experiment, if its address names the key.
 _KEY = "sucre_bench"
@@ -69,11 +67,10 @@ def check_port(port: int) -> None:
 def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
     """Serve mlflow's page on this machine alone until it is stopped, and return its exit status.
 
-    ready: called when the page can be opened. Raises OutputError if the server ends before that.
+    ready: called when the page can be opened.
     """
     from sucre_bench.machine.sigterm import terminated_as_interrupt
 
-    serving = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST]
     store = resolved(uri) if ":" in uri else str(Path(uri).resolve())  # seen from here, not from the server's folder
     settings = {
         "MLFLOW_BACKEND_STORE_URI": store,  # not as arguments, which all users of the machine can read
@@ -82,32 +79,24 @@ def open_ui(uri: str, port: int, ready: Callable[[], None]) -> int:
         "MLFLOW_SERVER_ENABLE_JOB_EXECUTION": "false",
         "PYTHONWARNINGS": "ignore",
     }
-    more = ["--port", str(port), "--uvicorn-opts", "--log-level warning"]
-    environment = {**os.environ, **settings}
+    words = [sys.executable, "-m", "mlflow", "ui", "--host", _HOST, "--port", str(port)]
+    words += ["--uvicorn-opts", "--log-level warning"]
     with (
-        tempfile.TemporaryFile() as said,
         temporary_folder() as empty,  # mlflow's server puts the current folder first where it looks for modules
-        subprocess.Popen([*serving, *more], cwd=empty, env=environment, stdout=said, stderr=said) as server,
+        subprocess.Popen(words, cwd=empty, env={**os.environ, **settings}, stdout=subprocess.DEVNULL) as server,
     ):
         try:
             with terminated_as_interrupt():
-                if _answers(port, server):
+                while server.poll() is None and not _answers(port):
+                    time.sleep(0.2)
+                if server.poll() is None:
                     ready()
-                    return server.wait()
-                said.seek(0)
-                last = said.read().decode(errors="replace").strip().rpartition("\n")[2]
-                raise OutputError(f"mlflow's page has ended before it could be opened: {last or 'without a word'}")
+                return server.wait()
         finally:  # a kill of ours alone would leave it running
             server.terminate()
 
 
-def _answers(port: int, server: subprocess.Popen[bytes]) -> bool:
-    """Wait until the server answers; whether it does, rather than end."""
-    here = urllib.request.build_opener(urllib.request.ProxyHandler({}))
-    while server.poll() is None:
-        try:
-            with here.open(f"http://{_HOST}:{port}/health", timeout=5):
-                return True
-        except OSError:
-            time.sleep(0.2)
+def _answers(port: int) -> bool:
+    with suppress(OSError), socket.create_connection((_HOST, port), timeout=5):
+        return True
     return False

@@ -1,38 +1,116 @@
-"""A sqlite store of mlflow: made quickly, and checked before mlflow opens it.
+"""The store of mlflow's runs: made quickly, checked before mlflow opens it, asked only if there is something new."""
 
-mlflow makes an empty store by more than fifty migrations, which takes seconds. So this machine makes one, and later
-stores begin as copies of it. mlflow retries a store that it cannot open for minutes; sqlite says at once why it cannot.
-"""
+from __future__ import annotations
 
-import shutil
+import hashlib
+import json
+import logging
+import os
 import sqlite3
 import tempfile
-from contextlib import closing, suppress
+from collections.abc import Iterator
+from contextlib import closing, contextmanager, suppress
 from pathlib import Path
+from textwrap import shorten
+from typing import TYPE_CHECKING
 
-from sucre_bench.errors import InputError
-from sucre_bench.machine.files import user_cache, write_atomically
+from sucre_bench.errors import InputError, OutputError, SucreBenchError, one_line
+from sucre_bench.machine.cache import get_or_make, waited_lock
+from sucre_bench.machine.files import regular, user_cache, write_atomically
 from sucre_bench.machine.provenance import version_of
+from sucre_bench.machine.records import masked
+from sucre_bench.results import TABLE
+from sucre_bench.results.rows import fingerprint
 
-_PATIENCE_S = 10
+if TYPE_CHECKING:
+    from mlflow import MlflowClient
+
+_PATIENCE_S = 600  # for other processes that open the same store
+_SQLITE_PATIENCE_S = 10
+_SQLITE = "sqlite:///"
+# An experiment's tags: its kind, by which mlflow's page opens on runs, not on chats; and its description.
+_ABOUT = {
+    "mlflow.experimentKind": "custom_model_development",
+    "mlflow.note.content": "Unfold a run, a command of sucre-bench, to see its own: one for each method and dataset. "
+    "`psnr.masked` is a mean over views, `views/psnr.masked` has a step a view, and so have the pictures `restored`. "
+    "Find runs by ``tags.method = 'NAME'``, ``params.`dataset.OPTION` = 'VALUE'`` or ``metrics.views_failed > 0``.",
+}
 
 
-def make(store: Path) -> None:
-    """Write an empty store, if there is none. If that fails, there is none: mlflow makes its own."""
-    if store.exists() and store.stat().st_size:
-        return
-    template = user_cache() / f"mlflow-{version_of('mlflow')}.db"
-    with suppress(OSError, sqlite3.Error):
-        if not template.is_file():
-            template.parent.mkdir(parents=True, exist_ok=True)
-            write_atomically(template, _made_by_mlflow())
-        write_atomically(store, template.read_bytes())
+def default_uri(out: Path) -> str:
+    """The store in an output folder."""
+    return f"{_SQLITE}{out}/mlflow.db"
 
 
-def check(store: Path) -> None:
-    """Raise InputError, with the reason, if sqlite cannot write to a store."""
+def resolved(uri: str) -> str:
+    """Return a URI with the path of a sqlite store in full."""
+    path = sqlite_path(uri)
+    return uri if path is None else f"{_SQLITE}{path}"
+
+
+def sqlite_path(uri: str) -> Path | None:
+    """Return the file of a sqlite store, from where we are; None for any other URI."""
+    return Path(uri.removeprefix(_SQLITE)).absolute() if uri.startswith(_SQLITE) else None
+
+
+def connect(uri: str, experiment: str) -> tuple[MlflowClient, str]:
+    """Return a client and the experiment's id; store and experiment are made where missing.
+
+    By one process at a time: several that open a new sqlite store at once break it. Raises InputError for a store that
+    mlflow cannot use: it would try for minutes, sqlite says at once why it cannot.
+    """
+    path, artifacts = sqlite_path(uri), None
+    uri = resolved(uri)
+    lock = Path(tempfile.gettempdir()) / f"sucre_bench-{fingerprint({'uri': uri})[1]}.lock"
+    if path is not None:
+        if awkward := set(uri) & set("?%#"):
+            fault = f"mlflow cannot keep a store under a path with {' '.join(awkward)}"
+            raise InputError(fault, uri, "give another URI")
+        path.parent.mkdir(parents=True, exist_ok=True)
+        lock, artifacts = path.with_name(f".{path.name}.lock"), (path.parent / "mlartifacts").as_uri()
+    with waited_lock(lock, _PATIENCE_S):
+        if path is not None:
+            if not path.exists() or not path.stat().st_size:
+                with suppress(OSError, sqlite3.Error):  # else mlflow makes its own
+                    write_atomically(path, _empty_store())
+            _check(path)
+        client = _client(uri)
+        there = client.get_experiment_by_name(experiment)
+        return client, there.experiment_id if there else client.create_experiment(experiment, artifacts, _ABOUT)
+
+
+@contextmanager
+def said_of(uri: str) -> Iterator[None]:
+    """Raise what mlflow raises in this block as OutputError: one line, without passwords."""
     try:
-        with closing(sqlite3.connect(store, timeout=_PATIENCE_S, isolation_level=None)) as opened:
+        yield
+    except SucreBenchError:
+        raise
+    except Exception as fault:
+        reason = shorten(masked(one_line(fault)), 200)
+        raise OutputError(f"cannot log in mlflow, {reason}", masked(uri), "check the URI") from fault
+
+
+def _client(uri: str) -> MlflowClient:
+    """A client without telemetry, with few retries, and without lines of its own."""
+    for name, value in (
+        ("DISABLE_TELEMETRY", "true"),
+        ("HTTP_REQUEST_MAX_RETRIES", "1"),
+        ("HTTP_REQUEST_TIMEOUT", "10"),
+    ):
+        os.environ.setdefault(f"MLFLOW_{name}", value)
+    logging.getLogger("alembic").setLevel(logging.WARNING)  # it tells of every migration of a new store
+    logging.getLogger("mlflow.store.db.utils").setLevel(logging.ERROR)
+    from mlflow import MlflowClient
+    from mlflow.store.db import utils
+
+    utils.MAX_RETRY_COUNT = 2  # of a database that does not answer; the default tries for two minutes
+    return MlflowClient(tracking_uri=uri)
+
+
+def _check(store: Path) -> None:
+    try:
+        with closing(sqlite3.connect(store, timeout=_SQLITE_PATIENCE_S, isolation_level=None)) as opened:
             opened.execute("BEGIN IMMEDIATE")
             opened.execute("ROLLBACK")
     except sqlite3.Error as fault:
@@ -40,17 +118,53 @@ def check(store: Path) -> None:
         raise InputError(f"mlflow cannot use this store, {fault}", store, remedy) from None
 
 
-def _made_by_mlflow() -> bytes:
-    """An empty store as mlflow makes it, without the experiment whose artifacts would lie where it was made."""
-    from mlflow import MlflowClient
+def _empty_store() -> bytes:
+    """An empty store. mlflow makes one by more than fifty migrations, which takes seconds: once on a machine."""
 
-    folder = Path(tempfile.mkdtemp(prefix="sucre_bench-"))
-    try:
-        path = folder / "mlflow.db"
-        MlflowClient(tracking_uri=f"sqlite:///{path}").search_experiments()
+    def make(path: Path) -> bytes:
+        # Without the experiment whose artifacts would lie where it was made: mlflow makes its own in any store without.
+        _client(f"{_SQLITE}{path}").search_experiments()
         with closing(sqlite3.connect(path)) as opened:
-            opened.execute("DELETE FROM experiments")  # mlflow makes its default one in any store without
+            opened.execute("DELETE FROM experiments")
             opened.commit()
         return path.read_bytes()
-    finally:
-        shutil.rmtree(folder, ignore_errors=True)
+
+    def read(path: Path) -> bytes | None:
+        return path.read_bytes() if path.is_file() else None
+
+    return get_or_make(user_cache() / f"mlflow-{version_of('mlflow')}.db", read, make)
+
+
+# -- what is logged already -------------------------------------------------------------------------------------------
+
+
+def is_logged(out: Path, uri: str, experiment: str) -> bool:
+    """Whether the score table of `out`, as it is now, was logged there. mlflow is not asked."""
+    store = sqlite_path(uri)
+    if store is not None and not store.is_file():
+        return False
+    return _noted(out).get(_place(uri, experiment)) == _digest(out) != ""
+
+
+def remember(out: Path, uri: str, experiment: str) -> None:
+    """Note that the score table of `out` is logged there."""
+    noted = {**_noted(out), _place(uri, experiment): _digest(out)}
+    with suppress(OSError, OutputError):  # else mlflow is asked again
+        write_atomically(out / "logs" / "mlflow.json", json.dumps(noted, indent=1).encode())
+
+
+def _place(uri: str, experiment: str) -> str:
+    """A name for a store and an experiment that shows no password."""
+    return fingerprint({"uri": uri, "experiment": experiment})[1]
+
+
+def _noted(out: Path) -> dict[str, str]:
+    with suppress(OSError, InputError, ValueError, RecursionError):
+        return dict(json.loads(regular(out / "logs" / "mlflow.json").read_text(encoding="utf-8")))
+    return {}
+
+
+def _digest(out: Path) -> str:
+    with suppress(OSError), (out / TABLE).open("rb") as table:
+        return hashlib.file_digest(table, "blake2b").hexdigest()[:32]
+    return ""

