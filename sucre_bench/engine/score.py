@@ -9,6 +9,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.failed_rows import row_of_fault, row_without_value
@@ -54,14 +56,14 @@ def score_rows(
     shown: the restored image; base: what the rows say of view, method, options, code and data; log: keeps tracebacks;
     limit_s: how long a score may take.
     """
-    image = measured.restoration
+    image, valid = measured.restoration, measured.restoration.valid
     base = replace(
         base,
         seconds=measured.seconds,
         peak_mb=measured.peak_mb,
         device=str(image.info.get("device", "cpu")),
-        n_pixels=int(image.valid.sum()),
-        coverage=float(image.valid.mean()),
+        n_pixels=int(np.count_nonzero(valid)),
+        coverage=float(valid.mean()),
     )
     took = (("seconds", "wall", "s", measured.seconds), ("peak_mb", "resident", "MB", measured.peak_mb))
     rows = [

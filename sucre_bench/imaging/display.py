@@ -104,6 +104,8 @@ def display(
     by_veil = chosen.kind == "veil" or (chosen.is_veil_first and _has_linear_veil(water, encoding))
     if chosen.is_of_scene and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
+    if chosen.kind == "none" and encoding == "gamma" and not by_veil and _is_shown_as_it_is(image):
+        return image
     over = image if over is None else over
     if (chosen.is_linear or by_veil) and encoding == "gamma":
         image, over, encoding = _by_rows(srgb_decode, image), _by_rows(srgb_decode, over), "linear"
@@ -111,6 +113,11 @@ def display(
     limits = _veil_limits(over, water) if by_veil else _limits(over, chosen)
     compiled(_rescale)(locked(image), *limits, shown)
     return _by_rows(srgb_encode, shown) if encoding == "linear" else shown
+
+
+def _is_shown_as_it_is(image: Array) -> bool:
+    """Whether there is nothing to clip: then no picture of 12 megapixels is copied. NaN passes no comparison."""
+    return bool(image.dtype == np.float32 and image.size and image.min() >= 0 and image.max() <= 1)
 
 
 def displayed(

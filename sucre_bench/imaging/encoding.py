@@ -90,13 +90,16 @@ def _round(shown: Array, planes: Bytes, valid: Mask) -> int:
 def palette(shown: npt.NDArray[Any]) -> Palette:
     """Return the colours of a picture (H, W, 3) in [0, 1], rounded to 8 bits; none where nothing has a colour."""
     picture = eight_bit(shown)
-    red, green, blue = picture.planes.reshape(3, -1) if picture.is_whole else picture.planes[:, picture.valid]
-    code = red.astype(np.uint32)
-    for plane in (green, blue):
-        code <<= 8
-        code |= plane
-    code.sort()
-    starts = np.flatnonzero(np.r_[code.size > 0, code[1:] != code[:-1]])
-    codes, counts = code[starts], np.diff(starts, append=code.size)
+    counts = np.zeros(1 << 24, np.uint32)
+    compiled(_count_colours)(picture.planes, picture.valid, counts)
+    codes = np.flatnonzero(counts)
     rgb = np.stack([codes >> 16, codes >> 8, codes], axis=-1).astype(np.uint8)
-    return Palette(locked(rgb), locked(counts.astype(np.int64)))
+    return Palette(locked(rgb), locked(counts[codes].astype(np.int64)))
+
+
+def _count_colours(planes: Bytes, valid: Mask, counts: npt.NDArray[np.uint32]) -> None:
+    for row in range(valid.shape[0]):
+        for column in range(valid.shape[1]):
+            if valid[row, column]:
+                red, green, blue = planes[0, row, column], planes[1, row, column], planes[2, row, column]
+                counts[np.uint32(red) << 16 | np.uint32(green) << 8 | np.uint32(blue)] += 1

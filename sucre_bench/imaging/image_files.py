@@ -112,7 +112,8 @@ def read_rgb(path: Path, size: tuple[int, int] | None = None) -> Array:
         fault = f"no value of {path.name} is above {largest}, of 65535, so it is read as dark"
         remedy = f"if the camera has {_FEW_BITS} bits or fewer, scale its values to 16 bits"
         _say_once_a_folder(path, "bits", f"{fault}; {remedy}")
-    image = stored[..., ::-1].astype(np.float32) / np.iinfo(stored.dtype).max
+    image = stored[..., ::-1].astype(np.float32, order="C")
+    image /= np.iinfo(stored.dtype).max
     height, width = image.shape[:2]
     if size is None or (width, height) == size:
         return image
@@ -153,7 +154,9 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
     try:
         if _begins_like_jpeg(data):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
             with _pillow().open(io.BytesIO(data)) as image:
-                return np.asarray(image.convert("RGB"))[..., ::-1] if wants_colours else np.asarray(image.convert("L"))
+                mode = "RGB" if wants_colours else "L"
+                values = np.asarray(image if image.mode == mode else image.convert(mode))
+                return values[..., ::-1] if wants_colours else values
         if data.startswith(b"\x89PNG") and b"IEND" not in data[-4096:]:
             raise ValueError("cut short")
         if wants_colours and flags != cv2.IMREAD_UNCHANGED and header.is_changed:
