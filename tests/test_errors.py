@@ -12,7 +12,7 @@ import pytest
 
 import sucre_bench
 from sucre_bench import results
-from sucre_bench.compare.refusals import Difference, NotComparableError, Refusal
+from sucre_bench.compare.load_folders import Difference, NotComparableError, Refusal
 from sucre_bench.errors import (
     DamagedFileError,
     FileError,

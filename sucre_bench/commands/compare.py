@@ -142,7 +142,7 @@ def _common(folders: Sequence[Path], rows: pd.DataFrame) -> pd.DataFrame:
 
 def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wanted: tuple[bool, ...]) -> None:
     """Print the tables. wanted: standard deviations, intervals, all metrics, chosen metrics."""
-    from sucre_bench.compare.decisive_columns import decisive
+    from sucre_bench.compare.answer import decisive
     from sucre_bench.compare.documents import as_text
     from sucre_bench.compare.terminal_table import as_blocks, as_table
     from sucre_bench.machine import terminal
@@ -166,7 +166,7 @@ def _print(compared: Sequence[Comparison], folders: Sequence[Path], how: Any, wa
 
 def _say_gated(verdict: Gated, baseline: str) -> None:
     """Print what a gate says, on stderr: stdout has the tables."""
-    from sucre_bench.compare.numbers import number, signed
+    from sucre_bench.compare.words import number, signed
 
     column, (gain, low, high) = verdict.column, verdict.gain
     unit = f" {column.unit}" if column.unit else ""

@@ -114,8 +114,7 @@ def score(
 
 def _summary(rows: pd.DataFrame) -> Table:
     """A line a metric and variant, for the terminal: mean, spread and extremes over the images."""
-    from sucre_bench.compare.numbers import number, standard_deviation
-    from sucre_bench.compare.words import ARROW
+    from sucre_bench.compare.words import ARROW, number, standard_deviation
 
     table = terminal.table(["metric", "variant"], ["mean", "std", "lowest", "highest", "images"])
     ok = rows[rows["status"] == "ok"]

@@ -162,7 +162,7 @@ def _order(found: Evaluated) -> list[int]:
 
 def _preferences(found: Evaluated) -> Any:
     """A line a method, the preferred one first."""
-    from sucre_bench.compare.numbers import signed
+    from sucre_bench.compare.words import signed
     from sucre_bench.machine import terminal
 
     people, wins = found.people, found.numbered.votes.wins
@@ -176,7 +176,7 @@ def _preferences(found: Evaluated) -> Any:
 
 def _sentences(found: Evaluated) -> list[str]:
     """What the numbers mean: the lead, over what intervals are, and how far observers agree."""
-    from sucre_bench.compare.numbers import number
+    from sucre_bench.compare.words import number
     from sucre_bench.programs.people.bradley_terry import FEWEST_OBSERVERS
 
     methods, people = found.numbered.methods, found.people
@@ -199,7 +199,7 @@ def _sentences(found: Evaluated) -> list[str]:
 
 def _metrics(found: Evaluated) -> Any:
     """A line a metric's variant, the one that agrees best first."""
-    from sucre_bench.compare.numbers import number
+    from sucre_bench.compare.words import number
     from sucre_bench.machine import terminal
 
     table = terminal.table(["metric"], ["tau", "95 % interval", "predicted", "votes"])

@@ -6,13 +6,12 @@ charts and its replicates. Intervals are 95 %, by a bootstrap over scenes (or vi
 tie if the interval of their paired difference includes 0. At most 5 % of columns have any false lead of the best.
 """
 
+from sucre_bench.compare.answer import verdicts
 from sucre_bench.compare.choose_pixels import Pixels, on_pixels
 from sucre_bench.compare.compare_rows import against, compare, only, without_replicates
 from sucre_bench.compare.gate import Gate, Gated, gated
-from sucre_bench.compare.load_folders import load
+from sucre_bench.compare.load_folders import load, refusals, refuse
 from sucre_bench.compare.model import Cell, Column, Comparison, Note, Verdict
-from sucre_bench.compare.refusals import refusals, refuse
-from sucre_bench.compare.verdicts import verdicts
 from sucre_bench.results.rows import COSTS, By
 from sucre_bench.results.table import is_fresh
 

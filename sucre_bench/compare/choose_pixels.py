@@ -7,22 +7,18 @@ own ones.
 
 import json
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.compare.model import Column, Note, NoteKind
 from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, LEAST_FILLED
 from sucre_bench.results.reasons import Reason
-from sucre_bench.results.rows import restoration_rows, restorations, values_of
+from sucre_bench.results.rows import restorations, values_of
 from sucre_bench.results.table import is_fresh
 
 Pixels = Literal["own", "common"]
-
-# The column that says which share of the image each method fills, beside scores of which this matters.
-FILLED = "filled"
 
 NOT_SCORED = "not scored on common pixels; run all methods into one folder"
 
@@ -50,7 +46,7 @@ def on_pixels(rows: DataFrame, common: DataFrame, pixels: Pixels = "common") -> 
     whole = restorations(rows[is_fresh(rows)])
     rows = _without_little(rows, whole)
     states = _states(whole[whole["coverage"] >= LEAST_FILLED], common)
-    scored = rows[_of_pixels(rows) & (rows["status"] == "ok")]
+    scored = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
     scored = scored[[place in states for place in _places(scored)]]
     return _replaced(rows, scored, common, states) if len(scored) else rows
 
@@ -63,7 +59,7 @@ def _without_little(rows: DataFrame, restorations: DataFrame) -> DataFrame:
     pairs = {(place, name) for place, name in zip(_places(little), little["method"], strict=True) if place in some}
     if not pairs:
         return rows
-    scores = rows[_of_pixels(rows) & (rows["status"] == "ok")]
+    scores = rows[scores_of_pixels(rows) & (rows["status"] == "ok")]
     lost = [pair in pairs for pair in zip(_places(scores), scores["method"], strict=True)]
     rows.loc[scores.index[lost], _RESULT] = [math.nan, 0, 0.0, "skipped", Reason.FILLS_LITTLE.value]
     return rows
@@ -154,78 +150,6 @@ def _replaced(rows: DataFrame, scored: DataFrame, common: DataFrame, states: Map
     return rows
 
 
-# -- what tables say of it ---------------------------------------------------------------------------------
-
-
-def filled_rows(rows: DataFrame) -> DataFrame:
-    """Return rows of the share of the image that methods fill, if pictures are ranked and one has holes.
-
-    rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
-    """
-    asked = rows.loc[rows["_fresh"] & rows["_asked"], ["metric", "variant", "region"]]
-    scored = asked[_of_pixels(asked)]
-    if any(says_filled(*pair) for pair in _metrics(asked)):
-        scored = scored.iloc[:0]
-    whole = restorations(rows[rows["_fresh"]])
-    if scored.empty or not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any():
-        return whole.iloc[:0]
-    about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
-    return whole.assign(**about, value=whole["coverage"])
-
-
-def says_filled(metric: str, variant: str) -> bool:
-    """Return whether a score is the share of the image that a method fills."""
-    plugin = plugins.usable("metric").get(metric)
-    is_coverage = plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
-    return metric == FILLED or is_coverage
-
-
-def _differing(restorations: DataFrame) -> set[tuple[str, str]]:
-    """The views, by scene and name, of which methods fill shares that differ by more than `LEAST_DIFFERENCE`."""
-    filled = restorations[restorations["coverage"] >= LEAST_FILLED].groupby(_VIEW[1:])["coverage"]
-    return set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
-
-
-def _of_pixels(rows: DataFrame) -> Series:
+def scores_of_pixels(rows: DataFrame) -> Series:
+    """Return which rows are scores of whole images by such metrics."""
     return of_pixels(rows["metric"]) & (rows["region"] == "image")
-
-
-def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> list[Note]:
-    """Return on which pixels scores are that methods would have of different ones.
-
-    rows: of one table, with `_fresh` and `_asked`; columns: of the table.
-    """
-    import pandas as pd
-
-    rows = rows if "pixels" in rows else rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
-    scores = rows[rows["_fresh"] & rows["_asked"] & _of_pixels(rows)]
-    whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok")])
-    differing = _differing(whole)
-    differs = [place in differing for place in _views(scores)] if differing else False
-    is_own = pd.Series(differs, scores.index) & (scores["pixels"] == "own")
-    none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
-    common = scores[(scores["pixels"] == "common") & ~none]
-
-    def note(kind: NoteKind, concerned: DataFrame, **more: Any) -> Note:
-        pairs = _metrics(concerned)
-        named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
-        return Note(kind, (), named, len(set(_views(concerned))), len(set(_views(scores))), **more)
-
-    made = []
-    if len(common):
-        made.append(note("common pixels", common, share=float(common.drop_duplicates(_VIEW)["pixels_share"].mean())))
-    if none.any():
-        made.append(note("no shared pixels", scores[none]))
-    reasons = scores["pixels_reason"].where(is_own | (scores["pixels_reason"] != ""))
-    unshared = (note("own pixels", each, reasons=str(reason)) for reason, each in scores.groupby(reasons, sort=False))
-    return made + [one for one in unshared if one.columns]  # a metric that lacks a reference, say, has no column
-
-
-def _views(rows: DataFrame) -> list[tuple[str, str]]:
-    return [*values_of(rows, "scene", "view")]
-
-
-def _metrics(rows: DataFrame) -> set[tuple[str, str]]:
-    """The metrics of rows, with their variants."""
-    columns = ["metric", "variant"]
-    return set(values_of(rows[columns].drop_duplicates(), *columns))

@@ -7,10 +7,9 @@ from dataclasses import replace
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame, Series
 from sucre_bench.compare import ranks
-from sucre_bench.compare.choose_pixels import filled_rows, pixel_notes, says_filled
-from sucre_bench.compare.means import column_of, measured_column, repetitions_of
-from sucre_bench.compare.missing_scores import notes, unlikely_pictures
-from sucre_bench.compare.model import Cell, Column, Comparison, Note
+from sucre_bench.compare.missing_scores import filled_rows, notes, pixel_notes, unlikely_pictures
+from sucre_bench.compare.model import Cell, Column, Comparison, Note, says_filled
+from sucre_bench.compare.ranks import column_of, measured_column, repetitions_of
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.results.rows import COSTS, RESTORATION, By, values_of
 from sucre_bench.results.table import is_fresh

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.choose_pixels import says_filled
-from sucre_bench.compare.column_layout import blocks
-from sucre_bench.compare.decisive_columns import deciding
+from sucre_bench.compare.answer import deciding
+from sucre_bench.compare.model import says_filled
+from sucre_bench.compare.terminal_table import blocks
 from sucre_bench.compare.words import BLIND, Shown, left_out, legend, shown, title
 from sucre_bench.machine.records import json_text
 from sucre_bench.results.rows import csv_text

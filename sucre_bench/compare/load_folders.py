@@ -1,14 +1,21 @@
-"""Reads the score tables of several results folders, or bundles, as one; refuses those that do not go together."""
+"""Reads the score tables of several folders, and refuses those that are not comparable."""
 
-from collections.abc import Iterable, Sequence
+import json
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from enum import Enum
+from itertools import combinations
 from pathlib import Path
+from typing import TypeVar
 
 from sucre_bench import results
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare.compare_rows import asked_for
 from sucre_bench.errors import InputError
 from sucre_bench.machine import progress
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
-from sucre_bench.results.rows import COSTS
+from sucre_bench.results.rows import COSTS, values_of
+from sucre_bench.results.table import is_fresh
 
 _SCORE = ["dataset", "method", "metric", "variant", "scene", "view", "region"]  # what names a score
 _SAME = 1e-6  # relative difference of one score on two machines
@@ -80,3 +87,186 @@ def _refuse_several(rows: DataFrame, group: list[str], column: str, fault: str) 
 def names_of(names: Sequence[str]) -> str:
     """Return names as words: "a, b and c"."""
     return " and ".join(filter(None, [", ".join(names[:-1]), names[-1]]))
+
+
+T = TypeVar("T")
+
+
+_Image = tuple[str, str]  # scene (with or without its replicate), view
+
+
+class Difference(Enum):
+    """Why methods of one dataset cannot be compared: what they have different ones of."""
+
+    IMAGES = "images"
+    REPLICATES = "replicates"
+    VARIANTS = "variants of a metric"
+    VERSIONS = "versions of a metric"
+    OPTIONS = "options of a metric"
+    DISPLAYS = "displays of one method"
+
+
+@dataclass(frozen=True)
+class Refusal:
+    """Why the methods of a dataset cannot be compared. text: the difference in words, and what to do."""
+
+    dataset: str
+    difference: Difference
+    text: str
+
+
+class NotComparableError(InputError):
+    """Methods cannot be compared. refusals: one for each line of the text."""
+
+    def __init__(self, refusals: tuple[Refusal, ...]) -> None:
+        super().__init__("\n".join(f"{one.dataset}: {one.text}" for one in refusals))
+        self.refusals = refusals
+
+
+_Fault = tuple[Difference, str]
+
+
+def refuse(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> None:
+    """Raise NotComparableError, a line a refusal, where methods cannot be compared. Arguments as for `refusals`."""
+    if found := tuple(refusals(rows, metrics, common)):
+        raise NotComparableError(found)
+
+
+def refusals(rows: DataFrame, metrics: Sequence[str] = (), common: bool = False) -> Iterator[Refusal]:
+    """Yield why methods cannot be compared.
+
+    metrics: those to be compared, as in `compare`; common: methods may have run on different images or replicates, as
+    long as they share some.
+    """
+    asked = asked_for(rows, metrics)
+    fresh = is_fresh(rows)
+    for dataset, of_dataset in rows[fresh].groupby("dataset", sort=False):
+        scored = of_dataset[asked[of_dataset.index] & ~of_dataset["metric"].isin(COSTS)]
+        ok = scored[scored["status"] == "ok"]
+        found = (*_images(of_dataset, common), *_variants(scored), *_versions(ok), *_normalisations(of_dataset))
+        yield from (Refusal(str(dataset), difference, text) for difference, text in found)
+
+
+def _images(rows: DataFrame, common: bool) -> Iterator[_Fault]:
+    """Methods that ran on different images or replicates. Failed images count as run; a job that failed ran on all."""
+    whole = set(rows.loc[rows["view"] == "", "method"])
+    per_view = rows[~rows["method"].isin(whole)].drop_duplicates(["method", "scene", "view"])
+    images = {
+        str(name): frozenset(values_of(of_method, "scene", "view"))
+        for name, of_method in per_view.groupby("method", sort=False)
+    }
+    alike = _inverted(images)
+    if len(alike) < 2:
+        return
+    shared = frozenset.intersection(*alike)
+    if common and shared:
+        return
+    n = len(_unreplicated(shared))
+    plain = _inverted({name: _unreplicated(of_method) for name, of_method in images.items()})
+    if len(plain) < 2:
+        share = f", or --common compares them on the {n} images they share" if n else ", for they share none"
+        text = f"methods ran on different replicates: {_replicates(alike)}; run the same ones{share}"
+        yield Difference.REPLICATES, text
+        return
+    counts = ", ".join(f"{names_of(names)} on {len(views)}" for views, names in plain.items())
+    anywhere = frozenset[_Image]().union(*plain)
+    lacking, views = next((names[0], views) for views, names in plain.items() if views != anywhere)
+    scene, example = min(anywhere - views)
+    if len({name for name, _ in anywhere}) > 1:
+        example = f"{scene}/{example}"
+    share = f", or --common compares them on the {n} they share" if n else ", for they share none"
+    text = f"methods ran on different images: {counts} ({lacking} not on {example}); run them on the same ones{share}"
+    yield Difference.IMAGES, text
+
+
+def _unreplicated(images: Iterable[_Image]) -> frozenset[_Image]:
+    """The images that replicates are of."""
+    images = list(images)
+    names = {scene: results.unreplicated(scene)[0] for scene in {scene for scene, _ in images}}
+    return frozenset((names[scene], view) for scene, view in images)
+
+
+def _replicates(alike: Mapping[frozenset[_Image], Sequence[str]]) -> str:
+    """Which replicates the methods have of the first image of which they have different ones."""
+    anywhere = frozenset[_Image]().union(*alike)
+    scene, view = min(_unreplicated(anywhere - frozenset.intersection(*alike)))
+    known = [(name, results.unreplicated(name)) for name in {name for name, _ in anywhere}]
+    of_scene = sorted((number, name) for name, (plain, number) in known if plain == scene)
+    have = {
+        name: tuple(number for number, replicate in of_scene if (replicate, view) in shown)
+        for shown, names in alike.items()
+        for name in names
+    }
+    by_numbers: dict[tuple[int, ...], list[str]] = {}
+    for name, numbers in have.items():
+        by_numbers.setdefault(numbers, []).append(name)
+    (first, names), *others = by_numbers.items()
+    has = "has" if len(names) == 1 else "have"
+    parts = [f"{names_of(names)} {has} replicate{'s' * (len(first) > 1)} {_listed(first)} of {scene}/{view}"]
+    return ", ".join([*parts, *(f"{names_of(names)} {_listed(numbers)}" for numbers, names in others)])
+
+
+def _listed(numbers: Iterable[int]) -> str:
+    return ", ".join(map(str, numbers))
+
+
+def _variants(rows: DataFrame) -> Iterator[_Fault]:
+    """Methods that were scored by one metric in different variants only."""
+    for metric, of_metric in rows.groupby("metric", sort=False):
+        variants = {
+            str(name): frozenset(scores["variant"].unique()) for name, scores in of_metric.groupby("method", sort=False)
+        }
+        for (first, names), (second, others) in combinations(_inverted(variants).items(), 2):
+            if not first & second:
+                yield (
+                    Difference.VARIANTS,
+                    f"{metric}: {names_of(names)} scored in variant {names_of(sorted(first))}, {names_of(others)} in "
+                    f"{names_of(sorted(second))}; score all in one, metrics.{metric}.variants=[{min(first)}]",
+                )
+                break
+
+
+def _versions(rows: DataFrame) -> Iterator[_Fault]:
+    """Scores of one column from different versions or options of the metric; the newest is taken as right."""
+    for (metric, variant), of_variant in rows.groupby(["metric", "variant"], sort=False):
+        made_by = of_variant["code"].map({code: "".join(code.split(".")[1:2]) for code in of_variant["code"].unique()})
+        last = of_variant["time"].groupby(made_by).max().sort_values().index[-1]
+        if (made_by == last).all():
+            continue
+        older = made_by[made_by != last].iloc[0]
+        names = [list(dict.fromkeys(of_variant["method"][made_by == code])) for code in (older, last)]
+        is_of_options = older.split("-")[0] == last.split("-")[0]
+        differing = "options" if is_of_options else "versions"
+        yield (
+            Difference.OPTIONS if is_of_options else Difference.VERSIONS,
+            f"{metric} ({variant}): {names_of(names[0])} scored by other {differing} of the metric than "
+            f"{names_of(names[1])}; give the run command of {names_of(names[0])} again, "
+            "what is out of date is done anew",
+        )
+
+
+def _normalisations(rows: DataFrame) -> Iterator[_Fault]:
+    """Two labels of one method with different display normalisations that the labels do not mention.
+
+    If they were fitted to different encodings, as `sucre_plus` and its preset `sucre_photo`, each needs its own.
+    """
+    known = rows.drop_duplicates("method")[["method", "options"]]
+    options = {str(label): json.loads(text) for label, text in known.itertuples(index=False)}
+    for first, second in combinations(options, 2):
+        one, other = options[first], options[second]
+        shown = one.get("display"), other.get("display")
+        are_alike = all(one.get(name) == other.get(name) for name in ("name", "encoding"))
+        if are_alike and shown[0] != shown[1] and "display=" not in first + second:
+            yield (
+                Difference.DISPLAYS,
+                f"{first} and {second} are both {one.get('name')}, shown in different ways, {shown[0]} and {shown[1]}; "
+                f"show them alike, or say it in a label: method.label='{second},display={shown[1]}'",
+            )
+
+
+def _inverted(sets: Mapping[str, frozenset[T]]) -> dict[frozenset[T], list[str]]:
+    """Return the methods with equal sets, by set."""
+    alike: dict[frozenset[T], list[str]] = {}
+    for name, members in sets.items():
+        alike.setdefault(members, []).append(name)
+    return alike

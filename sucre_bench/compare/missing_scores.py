@@ -1,19 +1,24 @@
-"""The notes of a comparison: which method lacks which scores, why, and what remains to compare on."""
+"""The notes of a comparison: which method lacks which scores and why, on which pixels scores are, and what remains."""
 
+import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
+from typing import Any
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame, Series
-from sucre_bench.compare.model import Column, Note, NoteKind
-from sucre_bench.results.reasons import without_view
-from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, tuples, values_of
+from sucre_bench.compare.choose_pixels import scores_of_pixels
+from sucre_bench.compare.model import FILLED, Column, Note, NoteKind, says_filled
+from sucre_bench.results.common_scores import LEAST_DIFFERENCE, LEAST_FILLED
+from sucre_bench.results.reasons import Reason, without_view
+from sucre_bench.results.rows import COSTS, RESTORATION, restoration_rows, restorations, tuples, values_of
 
 # More than this share of a picture without colour, or of its colours below zero, and a table says so.
 _MUCH = 0.1
 
+_IMAGE = ["dataset", "scene", "view"]
 _REPETITION = ["scene", "view", "_replicate"]
 
 _View = tuple[str, str]  # scene and view
@@ -203,3 +208,66 @@ def _replicates_lost(name: str, lost: Series) -> Note:
     """lost: whether each replicate of an image is lost."""
     n = len(lost.index[lost].droplevel("_replicate").unique())
     return Note("replicates lost", (name,), n=n, total=len(lost), lost=int(lost.sum()))
+
+
+def filled_rows(rows: DataFrame) -> DataFrame:
+    """Return rows of the share of the image that methods fill, if pictures are ranked and one has holes.
+
+    rows: of one table, with `_fresh` and `_asked`. No rows if the metric of coverage is among them.
+    """
+    asked = rows.loc[rows["_fresh"] & rows["_asked"], ["metric", "variant", "region"]]
+    scored = asked[scores_of_pixels(asked)]
+    if any(says_filled(*pair) for pair in _metrics(asked)):
+        scored = scored.iloc[:0]
+    whole = restorations(rows[rows["_fresh"]])
+    if scored.empty or not (whole["coverage"] < 1 - LEAST_DIFFERENCE).any():
+        return whole.iloc[:0]
+    about = {"metric": FILLED, "variant": "image", "unit": "share", "better": "none", "region": "image"}
+    return whole.assign(**about, value=whole["coverage"])
+
+
+def _differing(restorations: DataFrame) -> set[tuple[str, str]]:
+    """The views, by scene and name, of which methods fill shares that differ by more than `LEAST_DIFFERENCE`."""
+    filled = restorations[restorations["coverage"] >= LEAST_FILLED].groupby(_IMAGE[1:])["coverage"]
+    return set((filled.max() - filled.min()).loc[lambda share: share > LEAST_DIFFERENCE].index)
+
+
+def pixel_notes(rows: DataFrame, columns: Iterable[Column]) -> list[Note]:
+    """Return on which pixels scores are that methods would have of different ones.
+
+    rows: of one table, with `_fresh` and `_asked`; columns: of the table.
+    """
+    import pandas as pd
+
+    rows = rows if "pixels" in rows else rows.assign(pixels="own", pixels_share=math.nan, pixels_reason="")
+    scores = rows[rows["_fresh"] & rows["_asked"] & scores_of_pixels(rows)]
+    whole = restoration_rows(rows[rows["_fresh"] & (rows["status"] == "ok")])
+    differing = _differing(whole)
+    differs = [place in differing for place in _views(scores)] if differing else False
+    is_own = pd.Series(differs, scores.index) & (scores["pixels"] == "own")
+    none = scores["reason"] == Reason.NO_SHARED_PIXELS.value
+    common = scores[(scores["pixels"] == "common") & ~none]
+
+    def note(kind: NoteKind, concerned: DataFrame, **more: Any) -> Note:
+        pairs = _metrics(concerned)
+        named = tuple(column for column in columns if (column.metric, column.variant) in pairs)
+        return Note(kind, (), named, len(set(_views(concerned))), len(set(_views(scores))), **more)
+
+    made = []
+    if len(common):
+        made.append(note("common pixels", common, share=float(common.drop_duplicates(_IMAGE)["pixels_share"].mean())))
+    if none.any():
+        made.append(note("no shared pixels", scores[none]))
+    reasons = scores["pixels_reason"].where(is_own | (scores["pixels_reason"] != ""))
+    unshared = (note("own pixels", each, reasons=str(reason)) for reason, each in scores.groupby(reasons, sort=False))
+    return made + [one for one in unshared if one.columns]  # a metric that lacks a reference, say, has no column
+
+
+def _views(rows: DataFrame) -> list[tuple[str, str]]:
+    return [*values_of(rows, "scene", "view")]
+
+
+def _metrics(rows: DataFrame) -> set[tuple[str, str]]:
+    """The metrics of rows, with their variants."""
+    columns = ["metric", "variant"]
+    return set(values_of(rows[columns].drop_duplicates(), *columns))

@@ -21,6 +21,9 @@ NO_DIFFERENCE: Difference = (math.nan, math.nan, math.nan)
 # there, and show the intervals only when asked.
 FEWEST_VIEWS = 5
 
+# The column that says which share of the image each method fills, beside scores of which this matters.
+FILLED = "filled"
+
 # Scores that differ by less than this share of their size are equal: images and most metrics are float32, which has
 # seven figures.
 EQUAL = 1e-6
@@ -178,7 +181,7 @@ class Verdict:
     """Which of two methods is ahead in a score, and whether this is a lead.
 
     difference: of the means, paired, at least 0; interval: its 95 % interval, for which all methods are judged together
-    (`sucre_bench.compare.leads`), NaN without one; wins: in how many views the leader is the best, or beats the
+    (`sucre_bench.compare.bootstrap`), NaN without one; wins: in how many views the leader is the best, or beats the
     baseline; effect: the difference in standard deviations of the views' differences, NaN if they do not vary;
     may_be_chance: whether the interval has 0.
     """
@@ -223,3 +226,10 @@ class Comparison:
     def restorers(self) -> tuple[str, ...]:
         """The methods that compete: all but the photograph."""
         return tuple(name for name in self.methods if name not in self.photographs)
+
+
+def says_filled(metric: str, variant: str) -> bool:
+    """Return whether a score is the share of the image that a method fills."""
+    plugin = plugins.usable("metric").get(metric)
+    is_coverage = plugin is not None and plugin.role == "coverage" and variant == plugin.default[0]
+    return metric == FILLED or is_coverage

@@ -1,13 +1,136 @@
-"""The words of a comparison in every format: numbers, headings, parts of a cell, legend, notes, verdicts."""
+"""The words of a comparison in every format: numbers, headings, cells, legend, notes, verdicts."""
 
+import itertools
 import math
-from collections.abc import Callable, Iterable
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from sucre_bench.compare.model import Column, Comparison, Note, Verdict, may_be_chance
-from sucre_bench.compare.numbers import number, signed
-from sucre_bench.compare.view_counts import over_units, rough_below
+import numpy as np
+
+from sucre_bench.arrays import Array
+from sucre_bench.compare.model import FEWEST_VIEWS, Column, Comparison, Note, Verdict, may_be_chance, says_filled
+from sucre_bench.machine.text_formats import counted
+
+
+@dataclass(frozen=True)
+class NumberRule:
+    """How numbers are rounded.
+
+    decimals: (least size, decimals), largest first; figures: of smaller numbers; scientific_below: from what size on
+    these are written as 1.2e-05.
+    """
+
+    decimals: tuple[tuple[float, int], ...]
+    figures: int
+    scientific_below: float
+
+
+NUMBERS = NumberRule(((100, 0), (10, 1), (1, 2), (0.1, 3)), 2, 1e-4)
+
+
+def number(value: float) -> str:
+    """Return three figures, two below 0.1 (see `NUMBERS`); "-" for NaN."""
+    if not math.isfinite(value):
+        return "-" if math.isnan(value) else "inf" if value > 0 else "-inf"
+    size = abs(value)
+    for least, decimals in NUMBERS.decimals:
+        if size >= least:
+            return f"{value:.{decimals}f}"
+    return f"{value:#.{NUMBERS.figures}g}" if size else "0"
+
+
+def signed(value: float) -> str:
+    """A number that says that it is a difference: "+0.31"."""
+    return f"+{number(value)}" if value > 0 else number(value)
+
+
+def standard_deviation(values: Array) -> Array:
+    """Return the sample standard deviation over the first axis, with n - 1: the images are a sample of all images.
+
+    values: (N, ...). NaN for fewer than two values, and where one is infinite. The SUCRe paper does not say which
+    definition its tables have.
+    """
+    if len(values) < 2:
+        return np.full(values.shape[1:], np.nan)
+    with np.errstate(invalid="ignore"):  # infinity minus infinity
+        return np.asarray(values.std(axis=0, ddof=1))
+
+
+_ROUGH = "intervals are rough"
+
+
+def rough_below() -> str:
+    """Return below how many views intervals are rough, and why; it follows a sentence about intervals."""
+    return f"over fewer than {FEWEST_VIEWS} views they are rough: so few scores do not show how scores are distributed"
+
+
+def rough(columns: Sequence[Column]) -> str:
+    """Return what says which scores are over too few views for more than rough intervals; "" where none is."""
+    counts = _counts(columns)
+    few = [(names, alike) for names, alike in counts if alike[0].has_few_views]
+    if len(counts) == 1 and few:
+        return f"{_views(few[0][1][0])}: {_interval_of_few(few[0][1][0])}"
+    return "; ".join(f"{names}: over {_views(alike[0])}, {_interval_of_few(alike[0])}" for names, alike in few)
+
+
+def over_views(columns: Sequence[Column]) -> list[str]:
+    """Return over how many views the scores are: most views first, then the scores that have fewer, by name."""
+    (_, first), *others = _counts(columns) or [("", list(columns[:1]))]
+    if not first:
+        return []
+    if first[0].has_few_views and not others:
+        hint = ", --intervals shows them" if first[0].n_views > 1 else ""
+        return [f"{rough(columns)}{hint}"]
+    fewer = [
+        f"{names}: over {_views(alike[0])}" + (f", {_interval_of_few(alike[0])}" if alike[0].has_few_views else "")
+        for names, alike in others
+    ]
+    return [f"means over {_views(first[0])}", *fewer]
+
+
+def over_datasets(mains: Sequence[Column]) -> list[str]:
+    """Return over how many views the main score of several datasets is."""
+    views = [column.n_views for column in mains]
+    few = sum(column.has_few_views for column in mains)
+    if min(views) == max(views):
+        return over_views(mains[:1])
+    rough_in = f"in {few} datasets over fewer than {FEWEST_VIEWS}, where {_ROUGH}"
+    return [f"means over {min(views)} to {max(views)} views", *([rough_in] if few else [])]
+
+
+def over_units(comparison: Comparison) -> Iterator[str]:
+    """Yield over how many views: of most metrics, then of those that differ."""
+    counts = Counter(_count(column) for column in comparison.columns if column.n_units)
+    for place, (count, _) in enumerate(counts.most_common()):
+        names = [column.metric for column in comparison.columns if _count(column) == count]
+        of = "over " if place == 0 else f"{', '.join(dict.fromkeys(names))} over "
+        yield of + count
+
+
+def _counts(columns: Sequence[Column]) -> list[tuple[str, list[Column]]]:
+    """The scores with the same number of views, and their names; the largest number first."""
+    measured = [column for column in columns if column.n_units]
+    scores = [column for column in measured if column.ranked and not says_filled(column.metric, column.variant)]
+    scores = sorted(scores or measured, key=lambda column: -column.n_views)
+    groups = [list(alike) for _, alike in itertools.groupby(scores, lambda column: column.n_views)]
+    return [(", ".join(dict.fromkeys(column.metric for column in alike)), alike) for alike in groups]
+
+
+def _views(column: Column) -> str:
+    return counted(column.n_views, "view")
+
+
+def _interval_of_few(column: Column) -> str:
+    return "no intervals" if column.n_views < 2 else _ROUGH
+
+
+def _count(column: Column) -> str:
+    scenes = f" of {column.n_scenes} scenes" if column.n_scenes > 1 else ""
+    charts = f" ({counted(column.n_units, 'chart')})" if column.of == "chart" else ""
+    return _views(column) + scenes + charts
+
 
 _MOST_NAMES = 4
 

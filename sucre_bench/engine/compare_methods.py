@@ -14,9 +14,9 @@ import numpy as np
 from sucre_bench import compare, plugins, results
 from sucre_bench.arrays import DataFrame, Picture
 from sucre_bench.compare import Comparison
-from sucre_bench.compare.decisive_columns import deciding
+from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.documents import as_text
-from sucre_bench.compare.numbers import number
+from sucre_bench.compare.words import number
 from sucre_bench.engine.common_pixels.in_memory import InMemory, score_in_memory
 from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.python_api import restore, score

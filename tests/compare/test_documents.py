@@ -18,9 +18,8 @@ from rich.console import Console
 
 from sucre_bench import compare
 from sucre_bench.compare.documents import as_text
-from sucre_bench.compare.numbers import number, signed
 from sucre_bench.compare.terminal_table import as_table
-from sucre_bench.compare.words import legend, title, verdict_text
+from sucre_bench.compare.words import legend, number, signed, title, verdict_text
 from sucre_bench.results.rows import Row, frame
 
 ROW = Row(dataset="sea", scene="reef", metric="psnr", variant="masked", unit="dB", better="higher", data_id="d")

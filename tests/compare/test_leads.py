@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from sucre_bench.compare.bootstrap import Units, differences
-from sucre_bench.compare.leads import changes, leads
+from sucre_bench.compare.bootstrap import Units, changes, differences, leads
 
 pytestmark = pytest.mark.short
 

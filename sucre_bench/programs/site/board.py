@@ -13,7 +13,7 @@ from enum import Enum
 from sucre_bench import compare, plugins
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Comparison
-from sucre_bench.compare.decisive_columns import decisive
+from sucre_bench.compare.answer import decisive
 from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.rows import RESTORATION
 

@@ -12,7 +12,7 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.decisive_columns import deciding
+from sucre_bench.compare.answer import deciding
 from sucre_bench.errors import InputError
 from sucre_bench.machine.files import temporary_folder
 from sucre_bench.reports.mlflow.store import connect, resolved, said_of

@@ -9,8 +9,7 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame, evenly
 from sucre_bench.compare import Column
-from sucre_bench.compare.numbers import number
-from sucre_bench.compare.words import title
+from sucre_bench.compare.words import number, title
 from sucre_bench.reports.metric_roles import metrics_of, roles
 from sucre_bench.reports.page import plots
 from sucre_bench.reports.page.plots import Choice

@@ -11,12 +11,9 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import COSTS, Column, Comparison, verdicts
-from sucre_bench.compare.answer import answer
-from sucre_bench.compare.choose_pixels import FILLED
-from sucre_bench.compare.decisive_columns import Deciding, deciding
-from sucre_bench.compare.numbers import number
-from sucre_bench.compare.view_counts import rough
-from sucre_bench.compare.words import ARROW, left_out, legend, shown, title, verdict_text
+from sucre_bench.compare.answer import Deciding, answer, deciding
+from sucre_bench.compare.model import FILLED
+from sucre_bench.compare.words import ARROW, left_out, legend, number, rough, shown, title, verdict_text
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.words import Rerun, metric_words, shell, value_of
 from sucre_bench.reports.metric_roles import metrics_of

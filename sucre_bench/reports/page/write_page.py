@@ -16,8 +16,7 @@ from typing import Any
 
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Column, Comparison
-from sucre_bench.compare.numbers import NUMBERS, number
-from sucre_bench.compare.words import title
+from sucre_bench.compare.words import NUMBERS, number, title
 from sucre_bench.jobs.words import shell
 from sucre_bench.machine import provenance
 from sucre_bench.machine.files import write_atomically

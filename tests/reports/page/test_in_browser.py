@@ -15,7 +15,7 @@ from support.browser import Browser
 from support.made_results import DE00, PATCHES, PSNR, made_results
 
 from sucre_bench.compare import compare
-from sucre_bench.compare.numbers import number
+from sucre_bench.compare.words import number
 from sucre_bench.reports import page as report
 from sucre_bench.results.restorations import write_mask
 

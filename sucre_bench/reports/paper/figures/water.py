@@ -15,7 +15,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 
 from sucre_bench.arrays import DataFrame
-from sucre_bench.compare.numbers import number
+from sucre_bench.compare.words import number
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.reports.metric_roles import adding, metrics_of
 from sucre_bench.reports.paper.figures import style
