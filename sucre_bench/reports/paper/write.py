@@ -1,7 +1,8 @@
 """A study's files: ``tables/NAME.{md,tex,csv}`` and ``figures/NAME-FIGURE[-SUFFIX].{png,pdf}``."""
 
 import itertools
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -46,47 +47,42 @@ def write(
     """
     notes: list[str] = []
     rows = _in_order(rows, methods, datasets)
+    paths: list[Path] = []
     if not (rows["status"] == "ok").any():
-        return _nothing(study, out, "nothing was restored, so there is nothing to show")
-    named, study = study.metrics, _applicable(study, rows, notes)
-    results, paths = StudyResults(study, rows, out, tuple(comparisons)), list[Path]()
-    try:
-        if named and not study.metrics:
-            raise NotApplicableError("no requested metric has a score")
-        for suffix, content in _tables(results):
-            path = out / "tables" / f"{study.name}.{suffix}"
-            write_atomically(path, content.encode())
-            paths.append(path)
-    except OutputError:
-        raise
-    except (NotApplicableError, InputError) as reason:
-        _clear_tables(study, out)
-        notes.append(f"{study.name}: no tables, {one_line(reason)}")
-    except ANY_FAULT as fault:
-        keep_traceback(log_path(out), f"{study.name}, its tables")
-        notes.append(f"{study.name}: its tables failed, {one_line(fault)}; the traceback is in {log_path(out)}")
-    for name in study.figures:
-        paths += _figures(name, results, notes)
+        notes.append(f"{study.name}: nothing was restored, so there is nothing to show")
+    else:
+        named, study = study.metrics, _applicable(study, rows, notes)
+        results = StudyResults(study, rows, out, tuple(comparisons))
+        with _noting(f"{study.name}: tables", out, notes):
+            if named and not study.metrics:
+                raise NotApplicableError("no requested metric has a score")
+            for suffix, content in _tables(results):
+                path = out / "tables" / f"{study.name}.{suffix}"
+                write_atomically(path, content.encode())
+                paths.append(path)
+        for name in study.figures:
+            with _noting(f"{study.name}-{name}", out, notes), style.look():
+                paths += _figures(name, results, notes)
+    # Nothing of an earlier time may say otherwise.
+    patterns = [f"tables/{study.name}.*"]
+    patterns += [f"figures/{study.name}-{name}{end}" for name in study.figures for end in (".*", "-*")]
+    for old in {path for pattern in patterns for path in out.glob(pattern)} - {*paths}:
+        old.unlink()
     return Written(tuple(paths), tuple(notes))
 
 
-def _nothing(study: Study, out: Path, why: str) -> Written:
-    """Say why there is nothing, and leave no tables and figures of an earlier time that would say otherwise."""
-    _clear_tables(study, out)
-    for name in study.figures:
-        _clear(out, f"{study.name}-{name}", ())
-    return Written((), (f"{study.name}: {why}",))
-
-
-def _clear_tables(study: Study, out: Path) -> None:
-    for path in (out / "tables").glob(f"{study.name}.*"):
-        path.unlink()
-
-
-def _clear(out: Path, whole: str, written: Collection[Path]) -> None:
-    """Remove a figure's files but those that were written now."""
-    for old in {*(out / "figures").glob(f"{whole}.*"), *(out / "figures").glob(f"{whole}-*")} - {*written}:
-        old.unlink()
+@contextmanager
+def _noting(what: str, out: Path, notes: list[str]) -> Iterator[None]:
+    """Make a note of a fault, which costs nothing else; OutputError goes on. what: the tables or the figure."""
+    try:
+        yield
+    except OutputError:
+        raise
+    except (NotApplicableError, InputError) as reason:
+        notes.append(f"{what}: not made, {one_line(reason)}")
+    except ANY_FAULT as fault:
+        keep_traceback(log_path(out), what)
+        notes.append(f"{what}: failed, {one_line(fault)}; the traceback is in {log_path(out)}")
 
 
 def _in_order(rows: DataFrame, methods: Sequence[str], datasets: Sequence[str]) -> DataFrame:
@@ -135,25 +131,13 @@ def _tables(results: StudyResults) -> Iterator[tuple[str, str]]:
     yield "csv", csv
 
 
-def _figures(name: str, results: StudyResults, notes: list[str]) -> list[Path]:
-    """Draw one figure, with a file for each of its pages, and remove the files of an earlier time."""
-    study, out = results.study, results.out
-    whole, written = f"{study.name}-{name}", list[Path]()
-    try:
-        with style.look():
-            for suffix, figure in figures.find(name)(results):
-                if isinstance(figure, NotApplicableError):
-                    notes.append(f"{whole}: not drawn, {one_line(figure)}")
-                    continue
-                stem = "-".join(filter(None, [whole, file_name(suffix) if suffix else ""]))
-                written += style.save(figure, out / "figures" / stem, study.svg)
-    except OutputError:
-        raise
-    except NotApplicableError as reason:
-        notes.append(f"{whole}: not drawn, {one_line(reason)}")
-    except ANY_FAULT as fault:
-        keep_traceback(log_path(out), whole)
-        notes.append(f"{whole}: failed, {one_line(fault)}; the traceback is in {log_path(out)}")
-        return written
-    _clear(out, whole, written)
-    return written
+def _figures(name: str, results: StudyResults, notes: list[str]) -> Iterator[Path]:
+    """Draw one figure, and yield the files of its pages."""
+    study = results.study
+    whole = f"{study.name}-{name}"
+    for suffix, figure in figures.find(name)(results):
+        if isinstance(figure, NotApplicableError):
+            notes.append(f"{whole}: not made, {one_line(figure)}")
+            continue
+        stem = "-".join(filter(None, [whole, file_name(suffix) if suffix else ""]))
+        yield from style.save(figure, results.out / "figures" / stem, study.svg)

@@ -132,7 +132,7 @@ def test_an_option_that_nothing_has_is_not_applicable(tmp_path: Path):
         followed(rows, "method.step")
     written = write(Study("s", along="method.step"), rows, tmp_path)
     assert written.paths == ()
-    assert "no tables" in written.notes[0]
+    assert "tables: not made" in written.notes[0]
 
 
 def test_added_waters_are_told_by_their_attenuation():
