@@ -15,8 +15,7 @@ from sucre_bench.jobs.metric_words import MetricChoice, chosen_metrics
 from sucre_bench.jobs.run_options import Overwrite, RunConfig, Save, Shard, Study, Tracking
 from sucre_bench.machine.files import expanded, regular
 from sucre_bench.machine.text_formats import read_yaml
-from sucre_bench.plugins.options import Choice, plain_value, plugin_choice
-from sucre_bench.plugins.seeds import seed_of
+from sucre_bench.plugins.options import Choice, plain_value, plugin_choice, seed_of
 
 if TYPE_CHECKING:
     from omegaconf import DictConfig

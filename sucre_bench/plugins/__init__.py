@@ -7,7 +7,20 @@ are named in ``requires`` and imported where they are used.
 """
 
 from sucre_bench.plugins.decorators import dataset, method, metric, snake_case
-from sucre_bench.plugins.plugin import KINDS, NEEDS, Better, Broken, Dataset, Kind, Method, Metric, PairMetric, Plugin
+from sucre_bench.plugins.plugin import (
+    KINDS,
+    NEEDS,
+    Better,
+    Broken,
+    Dataset,
+    Kind,
+    Method,
+    Metric,
+    PairMetric,
+    Plugin,
+    missing_needs,
+    missing_packages,
+)
 from sucre_bench.plugins.registry import (
     Registry,
     current,
@@ -20,7 +33,6 @@ from sucre_bench.plugins.registry import (
     usable,
     using,
 )
-from sucre_bench.plugins.requirements import missing_needs, missing_packages
 
 __all__ = [
     "KINDS",

@@ -2,9 +2,14 @@
 
 from __future__ import annotations
 
+import ast
 import functools
+import inspect
+import itertools
 import math
 import os
+import textwrap
+import zlib
 from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import MISSING, dataclass, fields
 from pathlib import Path
@@ -14,10 +19,8 @@ from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 from sucre_bench.errors import InputError, did_you_mean, unknown_name
 from sucre_bench.imaging.display import check_display
 from sucre_bench.machine.files import expanded, fault_of
-from sucre_bench.plugins.field_docs import field_docs
 from sucre_bench.plugins.plugin import Kind, Plugin
 from sucre_bench.plugins.registry import discover, find
-from sucre_bench.plugins.seeds import seed_of
 
 
 @dataclass(frozen=True)
@@ -61,6 +64,25 @@ def _options_of(cls: Any) -> tuple[Option, ...]:
     given = sorted((f for f in fields(cls) if f.init), key=lambda f: bool(f.kw_only))
     defaults = (f.default if f.default_factory is MISSING else f.default_factory() for f in given)
     return tuple(Option(f.name, hints[f.name], default, cls) for f, default in zip(given, defaults, strict=True))
+
+
+@functools.cache
+def field_docs(cls: type[Any]) -> dict[str, str]:
+    """Return the string under each annotated name of a class body, as every documentation generator reads them."""
+    docs: dict[str, str] = {}
+    for base in reversed(cls.__mro__[:-1]):
+        try:
+            body = ast.parse(textwrap.dedent(inspect.getsource(base))).body[0].body  # type: ignore[attr-defined]
+        except (OSError, TypeError):
+            continue  # made in a console: it has no source
+        for above, below in itertools.pairwise(body):
+            if isinstance(above, ast.AnnAssign) and isinstance(above.target, ast.Name):
+                said = (
+                    below.value.value if isinstance(below, ast.Expr) and isinstance(below.value, ast.Constant) else ""
+                )
+                if isinstance(said, str) and said:
+                    docs[above.target.id] = " ".join(said.split())
+    return docs
 
 
 def check_options(plugin: Plugin, values: Mapping[str, Any]) -> None:
@@ -133,11 +155,25 @@ def plain_value(value: Any) -> Any:
     return list(value) if isinstance(value, tuple) else value
 
 
+def seed_of(seed: int, axis: Literal["dataset", "degrade", "method"], replicate: int) -> int:
+    """Return the seed that an axis draws with in a replicate, at most 32 bits.
+
+    Dataset, degradation and method each have their own, and every replicate has new ones. All methods of one replicate
+    see the same draws of the data, so they stay paired; what a method draws does not depend on which other methods run.
+    Replicate 0 has the seeds that were given.
+    """
+    import numpy as np
+
+    if not replicate:
+        return seed
+    return int(np.random.SeedSequence([seed, zlib.crc32(axis.encode()), replicate]).generate_state(1)[0])
+
+
 @dataclass(frozen=True)
 class Choice:
     """A plugin with the options it is to be made with.
 
-    display: a method's normalisation, else empty; replicate: which draws it makes, see `sucre_bench.plugins.seeds`.
+    display: a method's normalisation, else empty; replicate: which draws it makes, see `seed_of`.
     """
 
     plugin: Plugin

@@ -7,6 +7,8 @@ from dataclasses import dataclass, field
 from typing import Any, Literal, Protocol, get_args
 
 from sucre_bench.arrays import Array
+from sucre_bench.errors import Lack
+from sucre_bench.machine.provenance import distribution_of
 from sucre_bench.restored_pair import RestoredPair
 from sucre_bench.scene import Restoration, Scene, Score, View
 
@@ -155,3 +157,23 @@ class Broken:
 
     name: str
     reason: str
+
+
+def missing_packages(plugin: Plugin) -> str:
+    """Return the line that installs what a plugin requires and this machine lacks; empty when nothing is missing."""
+    import importlib.util
+
+    def is_installed(package: str) -> bool:
+        try:
+            return importlib.util.find_spec(package) is not None
+        except ModuleNotFoundError:  # of a package that it is in
+            return False
+
+    absent = [name for name in plugin.requires if not is_installed(name)]
+    return f"pip install {' '.join(map(distribution_of, absent))}" if absent else ""
+
+
+def missing_needs(plugin: Plugin, has: frozenset[str], of: Literal["scene", "view"] = "scene") -> str:
+    """Return what a plugin needs and a scene or view does not have, as the text of a `Lack`; empty if it has all."""
+    absent = plugin.needs - has
+    return str(Lack(tuple(sorted(absent)), tuple(sorted(has)), of)) if absent else ""

@@ -14,9 +14,8 @@ import sucre_bench
 from sucre_bench import InputError, PluginError, method, metric, plugins
 from sucre_bench.jobs.compose_jobs import jobs
 from sucre_bench.plugins.options import create, options_of
-from sucre_bench.plugins.plugin import Broken
+from sucre_bench.plugins.plugin import Broken, missing_packages
 from sucre_bench.plugins.registry import discover, find, load_file
-from sucre_bench.plugins.requirements import missing_packages
 
 
 @pytest.fixture(autouse=True)

@@ -11,8 +11,7 @@ from sucre_bench.arrays import DataFrame
 from sucre_bench.degrade import Degradation, degraded_whole
 from sucre_bench.engine.select_views import open_scenes
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError, one_line
-from sucre_bench.plugins.options import Choice, options_of, typed
-from sucre_bench.plugins.seeds import seed_of
+from sucre_bench.plugins.options import Choice, options_of, seed_of, typed
 from sucre_bench.scene import Scene
 
 _ROOT = "root"  # the option of datasets that names their folder
