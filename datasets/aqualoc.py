@@ -24,7 +24,7 @@ from sucre_bench.errors import InputError
 from sucre_bench.imaging.image_files import image_size
 from sucre_bench.loading.find_folders import existing, folders_below, walk
 from sucre_bench.loading.image_folder import image_names
-from sucre_bench.loading.kalibr import read_kalibr
+from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, view_of
 from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track

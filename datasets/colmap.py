@@ -16,8 +16,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from sucre_bench.errors import InputError
-from sucre_bench.loading.colmap_model import read_model
-from sucre_bench.loading.colmap_scene import registered_scene
+from sucre_bench.loading.colmap_model import read_model, registered_scene
 from sucre_bench.loading.find_folders import chosen, existing
 from sucre_bench.loading.view_files import ImageScaleOption
 from sucre_bench.plugins.decorators import dataset

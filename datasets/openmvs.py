@@ -3,20 +3,37 @@
 root/depth0000.dmap ...   depth maps, one an image; their headers hold cameras and poses, so that scene.mvs is not read
 root/images/<name>        the images, wherever they are below root
 
-Source of the format: see `sucre_bench.loading.openmvs_dmap`.
+A depth map is little-endian: "DR", or "D2" of the versions that store half floats; flags (uint8, bit 0: has depth), for
+D2 the power of two that depths were divided by (int8); image width, height, depth width, height (uint32); least and
+greatest depth, for D2 the scale of the confidence (float32); length (uint16) and name of the image; number (uint32) and
+ids of the views (uint32); K, R (3x3), C (3) float64 by rows; depths by rows; then normals, confidence and views, not
+read here. K is of the image's size, its pixel centres at whole numbers; R, C: x = R (X - C). Depth is planar, 0 where
+unknown. Source: https://github.com/cdcseacave/openMVS/wiki/Interface
 """
 
+import os
+import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any, BinaryIO
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.camera import Camera
+from sucre_bench.errors import DamagedFileError, InputError, file_error
 from sucre_bench.loading.find_folders import ImageFolder, existing, inner_path
-from sucre_bench.loading.openmvs_dmap import Header, read_dmap_depth, read_header
-from sucre_bench.loading.view_files import ImageScaleOption, Photograph, data_id_of, scaled_pose, straight_lens, view_of
+from sucre_bench.loading.view_files import (
+    ImageScaleOption,
+    Photograph,
+    data_id_of,
+    is_rigid,
+    scaled_pose,
+    straight_lens,
+    view_of,
+)
+from sucre_bench.machine.files import regular
 from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
@@ -74,7 +91,7 @@ class Openmvs(ImageScaleOption):
         data_id = data_id_of(views, self.metres_per_unit)
         yield Scene(root.resolve().name, views, frozenset({"poses", "depth"}), data_id=data_id)
 
-    def _photograph(self, root: Path, path: Path, header: Header, images: ImageFolder) -> Photograph:
+    def _photograph(self, root: Path, path: Path, header: "Header", images: ImageFolder) -> Photograph:
         fits = images.find(header.image)
         faults: dict[Plane, str] = {}
         if not fits:
@@ -88,3 +105,83 @@ class Openmvs(ImageScaleOption):
 
     def _metres(self, path: Path) -> Array:
         return read_dmap_depth(path) * np.float32(self.metres_per_unit)
+
+
+_REMEDY = "copy it again, or run DensifyPointCloud again"
+_MOST_VIEWS = 100_000
+
+
+@dataclass(frozen=True, eq=False)
+class Header:
+    """The header of a depth map.
+
+    image: name of the image file in OpenMVS; camera: at the image's size, pixel centres at +0.5;
+    cam_from_world: (4, 4) float64, in units of the reconstruction; shape: (height, width) of the depths; offset: of the
+    first depth, in bytes; dtype: of a depth; factor: of stored depths.
+    """
+
+    image: str
+    camera: Camera
+    cam_from_world: Array
+    shape: tuple[int, int]
+    offset: int
+    dtype: np.dtype[Any]
+    factor: float
+
+
+def read_header(path: Path) -> Header:
+    """Return the header of a depth map. Raises InputError if the file is no depth map, truncated, or has no camera."""
+    try:
+        with regular(path).open("rb") as file:
+            return _header(file)
+    except OSError as fault:
+        raise file_error(path, fault, "check its permissions") from fault
+    except (struct.error, ValueError) as fault:
+        raise DamagedFileError(f"breaks off or is not a .dmap ({fault})", path, _REMEDY) from fault
+
+
+def read_dmap_depth(path: Path) -> Array:
+    """Return the depths (H, W) float32, in units of the reconstruction. Raises InputError if they are truncated."""
+    header = read_header(path)
+    count = header.shape[0] * header.shape[1]
+    with path.open("rb") as file:
+        there = os.fstat(file.fileno()).st_size - header.offset
+        if there < count * header.dtype.itemsize:  # before memory of that size is allocated
+            raise DamagedFileError(f"cut short, its depths need {count * header.dtype.itemsize} bytes", path, _REMEDY)
+        file.seek(header.offset)
+        stored = np.fromfile(file, header.dtype, count).reshape(header.shape)
+    return np.asarray(stored.astype(np.float32) * np.float32(header.factor))
+
+
+def _header(file: BinaryIO) -> Header:
+    def take(layout: str) -> tuple[Any, ...]:
+        return struct.unpack("<" + layout, file.read(struct.calcsize("<" + layout)))
+
+    magic = file.read(2)
+    if magic not in (b"DR", b"D2"):
+        raise ValueError("it starts with another mark")
+    halves = magic == b"D2"
+    flags, exponent = take("Bb")
+    width, height, depth_width, depth_height = take("4I")
+    take("3f" if halves else "2f")
+    if not flags & 1 or not 0 < depth_width <= width <= 1 << 20 or not 0 < depth_height <= height <= 1 << 20:
+        raise ValueError(f"flags {flags}, image {width}x{height}, depths {depth_width}x{depth_height}")
+    name = take(f"{take('H')[0]}s")[0].decode()
+    views = take("I")[0]
+    if views > _MOST_VIEWS:
+        raise ValueError(f"{views} views")
+    take(f"{views}I")
+    numbers = np.array(take("21d"))
+    K, R, C = numbers[:9].reshape(3, 3), numbers[9:18].reshape(3, 3), numbers[18:]
+    cam_from_world = np.eye(4)
+    cam_from_world[:3, :3], cam_from_world[:3, 3] = R, -R @ C
+    if not (np.isfinite(K).all() and min(K[0, 0], K[1, 1]) > 0 and np.allclose(K[2], (0, 0, 1))):
+        raise ValueError("its K is no camera's")
+    if not is_rigid(cam_from_world):
+        raise ValueError("its R and C are no pose")
+    K = K.copy()
+    K[:2, 2] += 0.5
+    camera = Camera(K, width, height)
+    dtype = np.dtype("<f2" if halves else "<f4")
+    factor = 2.0**exponent if halves else 1.0
+    return Header(name, camera, cam_from_world, (depth_height, depth_width), file.tell(), dtype, factor)

@@ -21,9 +21,8 @@ from support.spots import (
     write_spot,
 )
 
-from sucre_bench.datasets.openmvs import Openmvs
+from sucre_bench.datasets.openmvs import Openmvs, read_dmap_depth
 from sucre_bench.errors import InputError
-from sucre_bench.loading.openmvs_dmap import read_dmap_depth
 from sucre_bench.scene import Scene
 
 

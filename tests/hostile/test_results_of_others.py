@@ -13,7 +13,7 @@ from support.command_line import run_here
 
 from sucre_bench.errors import InputError
 from sucre_bench.jobs.lineup import read_line_up
-from sucre_bench.loading.kalibr import read_kalibr
+from sucre_bench.loading.lens import read_kalibr
 from sucre_bench.machine.text_formats import read_yaml
 
 EVIL = """
