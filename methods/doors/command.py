@@ -94,7 +94,9 @@ class Command:
             raise InputError(f"command.run: {what}; give a program that is installed, or its path")
         used = placeholders(self.run, _PER_VIEW, "command.run")
         if self.per == "scene" and used - set(_PER_SCENE):
-            raise InputError(f"command.run: {{{min(used - set(_PER_SCENE))}}} is of one view; use it with per=view")
+            raise InputError(
+                f"command.run: {{{min(used - set(_PER_SCENE))}}} is of one view; use it with command.per=view"
+            )
         if "output" not in used:
             raise InputError("command.run: without {output}; put it where the program is told what to write")
         check_pattern(self.pattern, "command.pattern")

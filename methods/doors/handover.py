@@ -82,7 +82,7 @@ class Handover:
             _written(path, tifffile.imwrite, depth)
         elif depth.max(initial=0) > _FARTHEST_PNG_M:
             fault = f"depth up to {depth.max():.1f} m does not fit into 16-bit millimetres"
-            raise InputError(f"{name}: {fault}; give method.depth_format=npy or tif")
+            raise InputError(f"{name}: {fault}; give command.depth_format=npy or command.depth_format=tif")
         else:
             write_png(path, (depth * 1000 + 0.5).astype(np.uint16))
 

@@ -74,7 +74,7 @@ class Onnx:
         model_file(self.model)
         check_ranges(self, size="[1, inf)", multiple="[1, inf)", tile="[1, inf)", overlap="[0, inf)")
         if self.tile is not None and self.tile < 2 * self.overlap:
-            raise InputError(f"onnx.overlap: {self.overlap} must be between 0 and half of tile={self.tile}")
+            raise InputError(f"onnx.overlap: {self.overlap} must be between 0 and half of onnx.tile={self.tile}")
 
     def warm_up(self) -> None:
         """Open the model. Raises InputError when it cannot be used with these options."""
@@ -97,10 +97,10 @@ class Onnx:
     def _network(self) -> OnnxNetwork:
         network = opened(model_file(self.model), self.device, self.layout, self.output)
         if network.dtype == "uint8" and self.range != "bytes":
-            raise InputError(f"{self.model}: takes whole numbers, not range={self.range}; give method.range=bytes")
+            raise InputError(f"{self.model}: takes whole numbers, not onnx.range={self.range}; give onnx.range=bytes")
         if network.fixed and self.size and network.fixed != (self.size, self.size):
             fixed = f"{network.fixed[0]}x{network.fixed[1]}"
-            raise InputError(f"{self.model}: works at {fixed} only; leave out method.size={self.size}")
+            raise InputError(f"{self.model}: works at {fixed} only; leave out onnx.size={self.size}")
         return network
 
     def _run(self, network: OnnxNetwork, rgb: Array) -> Array:

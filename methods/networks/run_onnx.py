@@ -51,7 +51,7 @@ class OnnxNetwork:
             restored = np.asarray(self.session.run([self.output], feed)[0])
         except Exception as fault:  # onnxruntime's errors have no common base but this
             raise InputError(
-                f"{self.path}: fails on {height}x{width} pixels, {_brief(fault)}; give method.multiple or method.size"
+                f"{self.path}: fails on {height}x{width} pixels, {_brief(fault)}; give onnx.multiple or onnx.size"
             ) from fault
         returned = restored.shape
         if restored.ndim == 4 and returned[0] == 1:
@@ -59,13 +59,11 @@ class OnnxNetwork:
         if restored.ndim == 3 and self.channels_first:
             restored = restored.transpose(1, 2, 0)
         if restored.ndim != 3 or restored.shape[2] != 3:
-            raise InputError(
-                f"{self.path}: output '{self.output}' is {returned}, no picture; give another method.output"
-            )
+            raise InputError(f"{self.path}: output '{self.output}' is {returned}, no picture; give another onnx.output")
         if restored.shape[0] * width != restored.shape[1] * height:
             raise InputError(
                 f"{self.path}: makes {restored.shape[0]}x{restored.shape[1]} of {height}x{width} pixels, other "
-                "proportions; give method.multiple, or a model that keeps them"
+                "proportions; give onnx.multiple, or a model that keeps them"
             )
         return restored.astype(np.float32)
 
@@ -78,7 +76,7 @@ def model_file(path: Path) -> Path:
     found = sorted(path.glob("*.onnx"))
     if len(found) != 1:
         names = ", ".join(file.name for file in found) or "none"
-        raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in method.model")
+        raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in onnx.model")
     check_file(found[0], "model")
     return found[0]
 
@@ -148,14 +146,14 @@ def _session(path: Path, device: Device) -> Any:
     options.log_severity_level = 4  # faults are raised; anything else is advice on the export
     on_gpu = device != "cpu" and "CUDAExecutionProvider" in onnxruntime.get_available_providers()
     if device == "cuda" and not on_gpu:
-        raise InputError(f"method.device: {_NO_GPU}")
+        raise InputError(f"onnx.device: {_NO_GPU}")
     providers = [*(["CUDAExecutionProvider"] if on_gpu else []), "CPUExecutionProvider"]
     try:
         session = onnxruntime.InferenceSession(str(path), options, providers=providers)
     except Exception as fault:  # onnxruntime's errors have no common base but this
         raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; give a whole .onnx file") from fault
     if device == "cuda" and session.get_providers()[0] != "CUDAExecutionProvider":
-        raise InputError(f"method.device: {_NO_GPU}")  # the provider was there and did not start
+        raise InputError(f"onnx.device: {_NO_GPU}")  # the provider was there and did not start
     return session
 
 
@@ -168,7 +166,7 @@ def _read_shape(path: Path, shape: list[Any], layout: Layout) -> tuple[bool, tup
     places = {name: at for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)}
     chosen = layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
     if not chosen and len(places) == 2:
-        raise InputError(f"{path}: does not say where its channels are; give method.layout=nchw or nhwc")
+        raise InputError(f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc")
     if chosen not in places:
         raise InputError(f"{path}: takes {shown}, not 3 channels in {layout}; a model of RGB pictures is needed")
     height, width = (sizes[2], sizes[3]) if chosen == "nchw" else (sizes[1], sizes[2])
@@ -182,7 +180,7 @@ def _output(path: Path, session: Any, wanted: str) -> str:
     if wanted and wanted not in names:
         raise InputError(f"{path}: has no output '{wanted}'; {did_you_mean(wanted, names)}")
     if not wanted and len(names) > 1:
-        raise InputError(f"{path}: has outputs {', '.join(names)}; choose with method.output={names[0]}")
+        raise InputError(f"{path}: has outputs {', '.join(names)}; choose with onnx.output={names[0]}")
     return wanted or str(names[0])
 
 

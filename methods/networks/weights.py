@@ -99,7 +99,7 @@ def _foreign(path: Path) -> str:
     if head[:1] == b"<":
         return "is a web page, not weights; fetch the file that the page offers"
     if path.suffix == ".onnx":
-        return "is an ONNX model; use method=onnx method.model=FILE"
+        return "is an ONNX model; use method=onnx onnx.model=FILE"
     if zipfile.is_zipfile(path):
         with zipfile.ZipFile(path) as archive:
             if any(name.endswith("/constants.pkl") for name in archive.namelist()):

@@ -44,7 +44,7 @@ class AtOneExposure:
         assert observations.view is not None, "observe with views"
         gains = all_gains(observations, gains, water)
         if target not in gains:
-            raise SolveError("the target shares too few pixels with other views; use exposure=constant")
+            raise SolveError("the target shares too few pixels with other views; use method.exposure=constant")
         gains = relative_to(gains, target)
         shown = [observations.views[k] for k in np.unique(observations.view)]
         unknown = tuple(name for name in shown if name not in gains)

@@ -174,7 +174,7 @@ _SAME = 1e-4
 # A channel is dead if it varies by less than this over the whole sample: one level of 8 bits.
 _FLAT = 1 / 256
 
-_HOPELESS = "{}; give views that see the same places from other distances, or a known water (water=FILE)"
+_HOPELESS = "{}; give views that see the same places from other distances, or a known water (method.water=FILE)"
 
 
 def _water(end: Minimum, dead: Mask) -> WaterParameters:

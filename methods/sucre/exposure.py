@@ -46,7 +46,7 @@ class Exposure:
     @property
     def limit(self) -> str:
         """What is said of gains that are not separable."""
-        return "distances do not separate exposure from attenuation; use exposure=constant, or more views"
+        return "distances do not separate exposure from attenuation; use method.exposure=constant, or more views"
 
 
 def estimate(
@@ -58,7 +58,7 @@ def estimate(
     Raises SolveError when no pixel is seen twice.
     """
     if observations.view is None or not observations.n_repeated:
-        raise SolveError("exposure=per_view needs pixels that several views show; use exposure=constant")
+        raise SolveError("method.exposure=per_view needs pixels that several views show; use method.exposure=constant")
     few = sampled(observations, most, singles=False, seed=seed)
     assert few.view is not None
     sample = ObservationsByPixel.of(few)
@@ -73,8 +73,8 @@ def estimate(
     return Exposure(gains, found.water, found.error, is_separable, found.noise)
 
 
-def differing_exposure(observations: Observations, water: WaterParameters) -> tuple[str, ...]:
-    """Return what to say where the exposures of views differ, in the water that was fitted without gains.
+def differing_exposure(observations: Observations, water: WaterParameters) -> str:
+    """Return that the exposures of views differ, if so, in the water that was fitted without gains; else nothing.
 
     The gains here are those that fit each view best with that water and its colours. They are too near 1, since water
     and colours have taken part of them.
@@ -89,13 +89,10 @@ def differing_exposure(observations: Observations, water: WaterParameters) -> tu
     counts = np.bincount(view, minlength=n)
     often = counts > _OFTEN
     if not often.any():
-        return ()
+        return ""
     total = [np.bincount(view, values.sum(axis=0), n)[often] for values in (sample.I * model, model**2)]
     gains = total[0] / np.maximum(total[1], 1e-30)
     if gains.max() < (1 + _DIFFERENT) * gains.min():
-        return ()
+        return ""
     spread = f"{gains.min():.2f} to {gains.max():.2f}"
-    return (
-        f"exposure seems to differ between views (gains {spread}); exposure=per_view fits it, "
-        "lamp=true a lamp on the camera",
-    )
+    return f"exposure seems to differ between views (gains {spread})"

@@ -48,16 +48,16 @@ def water_of(source: str, scene: Scene, view: View, encoding: Encoding) -> Known
     if source == "truth":
         if scene.water is None:
             raise InputError(
-                f"water=truth: the scene '{scene.name}' does not know its water; give a file, or water=own"
+                f"method.water=truth: the scene '{scene.name}' knows no water; give a file, or method.water=own"
             )
-        return _known("water=truth", scene.water, Lighting(), view, encoding)
+        return _known("method.water=truth", scene.water, Lighting(), view, encoding)
     path = expanded(source)
     if path.is_dir():
         path = _of_view(path, scene, view)
     try:
         water = _of_file(path)
     except FileNotFoundError:
-        remedy = "water= takes own, shared, truth, a .json or .npz file, or a folder of them"
+        remedy = "the option takes own, shared, truth, a .json or .npz file, or a folder of them"
         raise MissingFileError("no such file", path, remedy) from None
     return _known(str(path), water, read_lighting(path), view, encoding)
 
@@ -87,11 +87,13 @@ def check_source(name: str) -> None:
     """Raise InputError when no installed method of this name works without options."""
     plugin = plugins.find("method", name)
     if missing := plugins.missing_packages(plugin):
-        raise InputError(f"water_from={name}: is not installed; {missing}")
+        raise InputError(f"method.water_from={name}: is not installed; {missing}")
     try:
         create(plugin, {})
     except InputError as fault:
-        raise InputError(f"water_from={name}: takes options ({fault}); run it first, and give water=FOLDER") from fault
+        raise InputError(
+            f"method.water_from={name}: takes options ({fault}); run it first, and give method.water=FOLDER"
+        ) from fault
 
 
 def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> KnownWater:
@@ -102,14 +104,14 @@ def water_by(name: str, scene: Scene, view: View, encoding: Encoding) -> KnownWa
     """
     plugin = plugins.find("method", name)
     if absent := plugins.missing_needs(plugin, scene.has):
-        raise InputError(f"water_from={name}: {absent}; name another method")
+        raise InputError(f"method.water_from={name}: {absent}; name another method")
     found = restored(create(plugin, {}), scene, view)
     water = found.water
     unknown = ["B, beta, gamma"] if water is None else _unknown(water)
     if water is None or unknown:
         fault = f"it estimates no {', '.join(unknown)}"
-        raise InputError(f"water_from={name}: {fault}; name one that does, such as gaussian_seathru")
-    place = f"water_from={name}"
+        raise InputError(f"method.water_from={name}: {fault}; name one that does, such as gaussian_seathru")
+    place = f"method.water_from={name}"
     return _known(place, water, lighting_of(found.info, place, view.name), view, encoding)
 
 
@@ -122,7 +124,7 @@ def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: E
     """Return the checked water in the view's exposure. InputError when it cannot explain the view's observations."""
     if lighting.has_lamp:
         raise InputError(
-            f"{place}: was fitted together with a lamp, and explains no other light; give lamp=true instead"
+            f"{place}: was fitted together with a lamp, and explains no other light; give method.lamp=true instead"
         )
     parameters, gains = _checked(place, water, view, encoding), lighting.gains
     if not gains:
@@ -130,7 +132,7 @@ def _known(place: str, water: Water, lighting: Lighting, view: View, encoding: E
     if view.name not in gains:
         fault = f"was fitted with gains of views, and has none of {view.name}"
         raise InputError(
-            f"{place}: {fault}; give a folder with the water of each view, or fit it with exposure=constant"
+            f"{place}: {fault}; give a folder with the water of each view, or fit it with method.exposure=constant"
         )
     B = parameters.B * gains[view.name]
     return KnownWater(replace(parameters, B=B), relative_to(gains, view.name))
@@ -146,7 +148,7 @@ def _checked(place: str, water: Water, view: View, encoding: Encoding) -> WaterP
         raise InputError(f"{place}: no water is like this; {limits}")
     explained = water.encoding or view.encoding
     if explained != encoding:
-        remedy = f"{'give' if explained == 'linear' else 'leave out'} encoding=linear"
+        remedy = f"{'give' if explained == 'linear' else 'leave out'} method.encoding=linear"
         if view.encoding == "linear":
             remedy = "give one of linear intensities"
         raise InputError(f"{place}: is of {explained} intensities, and {encoding} ones are to be explained; {remedy}")

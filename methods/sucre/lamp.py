@@ -104,7 +104,9 @@ def estimate(observations: Observations, water_start: WaterParameters, *, seed: 
     Raises SolveError when no pixel is seen twice, or when the observations have no rays.
     """
     if observations.ray is None or not observations.n_repeated:
-        raise SolveError("a lamp needs pixels that several views show; give views of the same places, or lamp=false")
+        raise SolveError(
+            "a lamp needs pixels that several views show; give views of the same places, or method.lamp=false"
+        )
     rng = np.random.default_rng(seed)
     screen, sample = (PointsByPixel.of(observations, n, rng) for n in (_SCREEN, _SAMPLE))
     bounds = _bounds(observations)

@@ -15,7 +15,7 @@ water comes from decides what else may be chosen:
 from __future__ import annotations
 
 import enum
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -153,6 +153,20 @@ def way_of(options: Any) -> Way:
     return {"exact": Way.EXACT, "adam": Way.ADAM, "adam_closed_form": Way.CLOSED_FORM}[options.solver]
 
 
+def typed(options: Any, name: str, value: bool | str) -> str:
+    """Return an option as a user types it, "method.lamp=true".
+
+    It is empty where it would change nothing, or does not go with the other options.
+    """
+    try:
+        is_new = replace(options, **{name: value}) != options
+    except InputError:
+        return ""
+    if not is_new or (name == "physical" and way_of(options) is Way.KNOWN):
+        return ""
+    return f"method.{name}={str(value).lower()}"
+
+
 def check(options: Any, method: str) -> None:
     """Raise InputError for values out of range, and for options that do not go together; method: its name."""
     for name in ("tolerance", "shared_views", "steps", "lr"):
@@ -163,7 +177,7 @@ def check(options: Any, method: str) -> None:
     if options.seed < 0:
         raise InputError(f"{method}.seed: {options.seed} must not be negative")
     if options.pairs is not None and options.pairs.exists() and not options.pairs.is_dir():
-        raise InputError(f"{options.pairs}: is no folder; give a folder in method.pairs")
+        raise InputError(f"{options.pairs}: is no folder; give a folder in {method}.pairs")
     if not options.water:
         raise InputError(f"{method}.water: is empty; use own, shared, truth, a file or a folder")
     given = [
@@ -177,17 +191,21 @@ def check(options: Any, method: str) -> None:
     extras += ["exposure"] if options.exposure == "per_view" else []
     if extras and options.solver != "exact":
         off = "constant" if extras[0] == "exposure" else "false"
-        fault = f"goes with solver=exact, not with solver={options.solver}"
-        raise InputError(f"{method}.{extras[0]}: {fault}; give method.{extras[0]}={off}")
+        fault = f"goes with {method}.solver=exact, not with {method}.solver={options.solver}"
+        raise InputError(f"{method}.{extras[0]}: {fault}; give {method}.{extras[0]}={off}")
     if given and options.solver != "exact":
-        raise InputError(f"{method}.{given[0]}: leaves nothing to solver={options.solver}; leave one out")
+        raise InputError(f"{method}.{given[0]}: leaves nothing to {method}.solver={options.solver}; leave one out")
     for name in extras:
         if name not in way_of(options).options:
-            raise InputError(f"{method}.{name}: is found with the image's own water; leave out {given[0]}")
+            raise InputError(f"{method}.{name}: is found with the image's own water; leave out {method}.{given[0]}")
     if options.lamp is True and options.fill:
-        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; use lamp=auto")
+        raise InputError(f"{method}.fill: a lamp lights pixels without depth in an unknown way; use {method}.lamp=auto")
     alone = [name for name in ("lamp", "exposure") if name in extras]
     if len(alone) == 2:
-        raise InputError(f"{method}.exposure: a lamp explains the same differences of light; leave out lamp=true")
+        raise InputError(
+            f"{method}.exposure: a lamp explains the same differences of light; leave out {method}.lamp=true"
+        )
     if alone and options.colours == "single_view":
-        raise InputError(f"{method}.{alone[0]}: is found with colours of all views; leave out colours=single_view")
+        raise InputError(
+            f"{method}.{alone[0]}: is found with colours of all views; leave out {method}.colours=single_view"
+        )

@@ -23,6 +23,7 @@ from sucre_bench.methods.sucre.falloff import Falloff, find_falloff, uncut
 from sucre_bench.methods.sucre.lamp import LampFit
 from sucre_bench.methods.sucre.lamp import estimate as estimate_lamp
 from sucre_bench.methods.sucre.model import WaterParameters
+from sucre_bench.methods.sucre.options import typed
 from sucre_bench.methods.sucre.robust import robust_noise
 from sucre_bench.methods.sucre.samples import matched_sample
 from sucre_bench.methods.sucre.solvers import Solution, colours_for_water, solve_exact
@@ -72,7 +73,7 @@ class OwnWater:
             observations, solution = self._at_gains_of_views(observations, matched, water)
             return observations, solution if falloff is None else self._doubted(solution, falloff)
         if falloff is not None:
-            limit = sentence_of(falloff, self._why_it_stays)
+            limit = sentence_of(falloff, self._why_it_stays, self.options)
             return self._determined(observations, self._doubted(solution, falloff), (), (limit,))
         if matched is None:
             return self._determined(observations, solution, ())
@@ -99,7 +100,9 @@ class OwnWater:
         why = self._why_it_stays
         about = solution.about | {"falloff": record_of(falloff, why)}
         uncertainty = replace(solution.uncertainty, is_weak=(True, True, True))
-        return replace(solution, uncertainty=uncertainty, about=about).with_limits((sentence_of(falloff, why),))
+        return replace(solution, uncertainty=uncertainty, about=about).with_limits(
+            (sentence_of(falloff, why, self.options),)
+        )
 
     def _at_gains_of_views(
         self, observations: Observations, matched: Observations | None, water: WaterParameters
@@ -113,13 +116,20 @@ class OwnWater:
         self, observations: Observations, matched: Observations, solution: Solution
     ) -> tuple[Observations, Solution]:
         """Return the solution with gains of views, where these explain the observations better."""
-        limits = differing_exposure(matched, solution.water)
+        limits = self._differing_exposure(matched, solution.water)
         tried = self.options.exposure == "auto"
         if tried and gains_may_explain(matched, self.view.name, solution.water, seed=self.options.seed):
             explained = self._with_gains_that_explain(observations, matched, solution)
             if explained is not None:
                 return explained
         return self._determined(observations, solution, limits)
+
+    def _differing_exposure(self, matched: Observations, water: WaterParameters) -> tuple[str, ...]:
+        """Return what to say if the exposures of views differ, and the options that explain it."""
+        said = differing_exposure(matched, water)
+        fits = [(typed(self.options, "exposure", "per_view"), "fits it")]
+        fits += [(typed(self.options, "lamp", True), "fits a lamp on the camera")]
+        return ("; ".join([said, *(f"{word} {what}" for word, what in fits if word)]),) if said else ()
 
     def _determined(
         self, observations: Observations, solution: Solution, limits: Iterable[str], of_photograph: Iterable[str] = ()
@@ -171,7 +181,10 @@ class OwnWater:
             even, solution = in_even_light._at_one_exposure(
                 even, even_matched, in_even_light._solved(even, even_matched, {})
             )
-        limits = (sentence_of(light.falloff, light.removal), *(limits_of_lamp(matched) if light.lamp else ()))
+        limits = (
+            sentence_of(light.falloff, light.removal, self.options),
+            *(limits_of_lamp(matched) if light.lamp else ()),
+        )
         solution = replace(solution, about={**solution.about, **light.about()}, light=on_target)
         return even, self._with_doubted_veil(even, matched, solution).with_limits(limits)
 
@@ -239,7 +252,8 @@ class OwnWater:
 
     def _photograph(self, observations: Observations, solution: Solution) -> Solution:
         intensities = self.options.intensities(self.view)
-        return photograph_as_colours(observations, intensities, solution, self.options.backend, self.options.device)
+        where = self.options.backend, self.options.device
+        return photograph_as_colours(observations, intensities, solution, typed(self.options, "lamp", True), *where)
 
     def _under_a_lamp(self, observations: Observations, matched: Observations | None) -> tuple[Observations, Solution]:
         """Return the solution in even light, where a lamp explains the observations better."""
@@ -251,7 +265,9 @@ class OwnWater:
         light = UnevenLight(None, found)
         observations = light.removed(observations)
         if not observations.n_repeated:
-            raise SolveError("the lamp that was found leaves no pixel that two views show brightly; use lamp=false")
+            raise SolveError(
+                "the lamp that was found leaves no pixel that two views show brightly; use method.lamp=false"
+            )
         even = None if matched is None else light.removed(matched)
         solution = replace(self._solved(observations, even, light.about()), light=light.on(self.view))
         solution = self._with_doubted_veil(observations, sample, solution)

@@ -44,5 +44,5 @@ def samples_of_targets(
         if observations.n_repeated:
             kept.append((sampled(observations, SAMPLE, singles=singles, seed=seed + k), match(view, observations)))
     if not kept:
-        raise SolveError(f"the scene's water cannot be fitted, {last}; use water=FILE with a known one")
+        raise SolveError(f"the scene's water cannot be fitted, {last}; use method.water=FILE with a known one")
     return kept

@@ -99,7 +99,7 @@ class Sucre(ComputeOptions, FillOption, ColourOptions, WaterOptions, PairingOpti
         if self._decodes(view):
             solution = _encoded(solution)
         stages["solve"] = time.perf_counter() - started
-        restored = restoration(view, observations, solution, stages, self._fitted(view))
+        restored = restoration(view, observations, solution, stages, self, self._fitted(view))
         if self.fill:
             restored = fill_pixels_without_depth(restored, view, prior, black)
         return restored if black is None else _with_unknown_veil(restored)

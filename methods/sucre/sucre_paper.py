@@ -45,7 +45,7 @@ class SucrePaper(FillOption):
 
     def __post_init__(self) -> None:
         if self.steps < 1 or not self.lr > 0:
-            raise InputError(f"sucre_paper: steps={self.steps}, lr={self.lr}; both must be positive")
+            raise InputError(f"sucre_paper: steps is {self.steps}, lr {self.lr}; both must be positive")
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return J, NaN where the view has no depth, the water, and the standard deviation of J.
@@ -67,5 +67,5 @@ class SucrePaper(FillOption):
         if self.residuals:
             solution = with_residuals(observations, solution)
         stages = {"read": observations.read_s, "pair": observations.pair_s, "solve": solve_s}
-        restored = restoration(view, observations, solution, stages)
+        restored = restoration(view, observations, solution, stages, self)
         return fill_pixels_without_depth(restored, view) if self.fill else restored

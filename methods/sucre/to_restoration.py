@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
@@ -12,9 +13,11 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import SolveError
 from sucre_bench.machine.progress import say
 from sucre_bench.methods.sucre.diagnostics import CHANNELS
+from sucre_bench.methods.sucre.options import typed
 from sucre_bench.methods.sucre.residuals import residuals
 from sucre_bench.methods.sucre.solvers import Solution
 from sucre_bench.multiview.observations import Observations
+from sucre_bench.plugins.call_method import with_name
 from sucre_bench.scene import Encoding, Restoration, View, Water
 
 # The share of an image's colours from which on a fault is reported.
@@ -41,12 +44,13 @@ def restoration(
     observations: Observations,
     solution: Solution,
     stage_seconds: Mapping[str, float],
+    options: Any,
     encoding: Encoding | None = None,
 ) -> Restoration:
     """Return the image (H, W, 3), NaN where the target has no depth.
 
     stage_seconds: of "pair", also when an earlier run did the pairing, and of "solve"; `seconds` is their sum.
-    encoding: of the fitted intensities, where it is not the view's.
+    options: of the method, which limits name; encoding: of the fitted intensities, where it is not the view's.
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel (negative colours are not physical); condition and standard_error of
@@ -56,7 +60,8 @@ def restoration(
     water, uncertainty = solution.water, solution.uncertainty
     negative = (solution.J < 0).mean(axis=1)
     unknown = (solution.deviation > 1).mean(axis=1)
-    limits = [*uncertainty.limits, *_doubts(negative, unknown)]
+    name = type(options).__plugin__.name
+    limits = [with_name(limit, name) for limit in (*uncertainty.limits, *faults_of_colours(negative, unknown, options))]
     for limit in limits:
         say(f"{view.name}: {limit}")
     return Restoration(
@@ -83,19 +88,21 @@ def restoration(
     )
 
 
-def _doubts(negative: Array, unknown: Array) -> list[str]:
-    """Describe faults of the colours.
+def faults_of_colours(negative: Array, unknown: Array, options: Any) -> list[str]:
+    """Describe faults of the colours, and the word that mends each with these options of a method.
 
     negative: (3,) share below zero; unknown: (3,) share with a standard deviation above 1.
     """
     doubts = []
     for colour, below, lost in zip(CHANNELS, negative, unknown, strict=True):
-        for share, what in (
-            (below, "negative; method.physical=true keeps them above zero"),
-            (lost, "lost in noise; method.prior=true draws them to the mean"),
+        for share, fault, option, effect in (
+            (below, "negative", "physical", "keeps them above zero"),
+            (lost, "lost in noise", "prior", "draws them to the mean"),
         ):
             if share > _MANY:
-                doubts.append(f"{colour}: {share:.0%} of the colours are {what}")
+                word = typed(options, option, True) if hasattr(options, option) else "method=sucre_plus"
+                remedy = f"; {word} {effect}" if word else ""
+                doubts.append(f"{colour}: {share:.0%} of the colours are {fault}{remedy}")
     return doubts
 
 

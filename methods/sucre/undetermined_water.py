@@ -29,12 +29,6 @@ _SAMPLE = 1_500
 # A channel is lost if its typical colour has a larger standard deviation than this, the whole scale.
 _LOST = 1.0
 
-_LIMIT = (
-    "these views do not determine the water; the colours are those of the photograph, and the display stretches them; "
-    "if a lamp on the camera lights the scene, use lamp=true; otherwise take views from more distances"
-)
-
-
 UNKNOWN_VEIL = (
     "the veil of most channels is not determined, so it stays in the colours as an offset of each channel; "
     "method.display=stretch-1-99 removes it from the picture"
@@ -109,15 +103,21 @@ def is_guess(solution: Solution) -> bool:
 
 
 def photograph_as_colours(
-    observations: Observations, intensities: Array, solution: Solution, backend: Backend, device: Device
+    observations: Observations, intensities: Array, solution: Solution, lamp: str, backend: Backend, device: Device
 ) -> Solution:
     """Return the target's intensities (H W, 3) as the colours, no water, and the limit that says so.
 
-    The standard deviation is that of one observation.
+    lamp: the word that fits a lamp, empty where it does not go with the other options. The standard deviation is that
+    of one observation.
     """
     none = WaterParameters.of_channels(np.zeros((3, 3)))
     without = colours_for_water(observations, none, None, backend, device)
-    uncertainty = replace(without.uncertainty, limits=(_LIMIT,), is_weak=(True, True, True))
+    remedy = f"if a lamp on the camera lights the scene, use {lamp}; otherwise " * bool(lamp)
+    limit = (
+        "these views do not determine the water; the colours are those of the photograph, and the display stretches "
+        f"them; {remedy}take views from more distances"
+    )
+    uncertainty = replace(without.uncertainty, limits=(limit,), is_weak=(True, True, True))
     J = start_of(observations, intensities).astype(np.float32)
     deviation = np.broadcast_to(uncertainty.noise[:, None], J.shape).astype(np.float32)
     about = solution.about | {"solver": "none"}

@@ -18,6 +18,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
 from sucre_bench.methods.sucre.falloff import Falloff, without_falloff
 from sucre_bench.methods.sucre.lamp import DARK, LampFit, lit
+from sucre_bench.methods.sucre.options import typed
 from sucre_bench.multiview.observations import Observations
 from sucre_bench.scene import View
 
@@ -43,18 +44,20 @@ class Removal(enum.Enum):
 
 
 _SENTENCES = {
-    Removal.NONE: "the fitted water is wrong; use lamp=auto, which removes the falloff",
-    Removal.UNSURE: "it explains too little to be removed; the fitted water may be wrong; lamp=true fits a lamp",
-    Removal.SINGLE_PIXELS: "the fitted water is wrong; use footprint=true, with which lamp=auto removes the falloff",
+    Removal.NONE: "the fitted water is wrong; use method.lamp=auto, which removes the falloff",
+    Removal.UNSURE: "it explains too little to be removed; the fitted water may be wrong",
+    Removal.SINGLE_PIXELS: "the fitted water is wrong; use method.footprint=true, which removes the falloff",
     Removal.LAMP: "a lamp on the camera was fitted, and its light removed",
     Removal.PLACE: "the falloff was removed; beta also holds how light falls with the distance from a lamp",
 }
 
 
-def sentence_of(falloff: Falloff, removal: Removal) -> str:
-    """Return what to say of a falloff."""
+def sentence_of(falloff: Falloff, removal: Removal, options: Any) -> str:
+    """Return what to say of a falloff; options: of `sucre`."""
     told = "" if falloff.is_separable or removal is Removal.LAMP else "distances do not separate it from attenuation; "
-    return f"light falls off across the images, to {falloff.least:.0%} of its peak; {told}{_SENTENCES[removal]}"
+    lamp = typed(options, "lamp", True) if removal is Removal.UNSURE else ""
+    remedy = f"; {lamp} fits a lamp" if lamp else ""
+    return f"light falls off across the images, to {falloff.least:.0%} of its peak; {told}{_SENTENCES[removal]}{remedy}"
 
 
 def explains_better(lamp: LampFit, falloff: Falloff) -> bool:

@@ -8,7 +8,6 @@ from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress
 
 _NUMBER = re.compile(r"\d+(\.\d+)?")
-_OPTION = re.compile(r"\bmethod\.(?=\w+=)")
 
 
 @contextmanager
@@ -17,9 +16,10 @@ def hints_of(job: Job, views: Iterable[str]) -> Iterator[None]:
     unchanged.
 
     A hint that differs from an earlier one by its numbers alone is only counted, and the count is said at the end.
-    "method.physical=true" becomes the word for this method in the command, "sucre.physical=true" in a sweep.
+    "method.physical=true" becomes the word for this method in the command, "sucre.physical=true" or that of its label.
     """
     where, known = f"{job.method.label} on {job.dataset.label}", set(views)
+    option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
     first: dict[str, str] = {}
     left_out: dict[str, set[str]] = {}
 
@@ -32,7 +32,7 @@ def hints_of(job: Job, views: Iterable[str]) -> Iterator[None]:
             left_out.setdefault(kind, set()).add(view)
             return None
         first[kind] = view
-        return f"{where}: {view}: {_OPTION.sub(f'{job.method_word}.', hint)}"
+        return f"{where}: {view}: {option.sub(f'{job.method_word}.', hint)}"
 
     try:
         with progress.said_through(said):

@@ -132,7 +132,7 @@ def _of_pair(
         chosen[key] = word, word.values
         if word.is_swept:
             swept.append(key)
-    methods, method = entries["method"], pair["method"]
+    method = pair["method"]
     own_word = method.label if method.label.replace("-", "_").isidentifier() else method.name
     for values in itertools.product(*(values for _, values in chosen.values())):
         yield Combination(
@@ -141,7 +141,7 @@ def _of_pair(
             {key: (value, chosen[key][0].is_added) for key, value in zip(chosen, values, strict=True)},
             tuple(swept),
             typed,
-            "method" if len(methods) == 1 else own_word,
+            own_word,
         )
 
 

@@ -27,7 +27,7 @@ class Job:
 
     degrade: what is done to the dataset first; shard: which part of the views it does; values: all of this as plain
     data; shared_pairs: the folder where the jobs of its command share pairs, empty if they share none; method_word:
-    what stands before an option of this method alone in the command, "sucre" in a sweep over methods.
+    what stands before an option of this method alone in the command, "sucre" say.
     """
 
     dataset: Choice

@@ -1,5 +1,6 @@
 """Calls a method: gives it its encoding, checks its result against the contract, and names it in errors."""
 
+import re
 from collections.abc import Iterator
 from contextlib import contextmanager
 from contextvars import ContextVar
@@ -9,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.errors import PluginError
+from sucre_bench.errors import PluginError, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.scene import Encoding, Pixels, Plane, Restoration, Scene, View, Water
 
@@ -34,6 +35,11 @@ def display_of(method: Any) -> str:
     return _CHOSEN_DISPLAY.get() or str(method.__plugin__.display)
 
 
+def with_name(text: str, name: str) -> str:
+    """Return what a method says with its name before its options: "sucre.lamp=true" for "method.lamp=true"."""
+    return re.sub(r"\bmethod\.(?=[a-z])", f"{name}.", text)
+
+
 def with_truth(restoration: Restoration, scene: Scene, view: View) -> Restoration:
     """Return a restoration whose info holds the scene's "true_water" as well, where it is known."""
     if not scene.water:
@@ -50,7 +56,11 @@ def restored(method: Any, scene: Scene, view: View) -> Restoration:
     """
     converts = method.__plugin__.encoding == "gamma" and view.encoding == "linear"
     given = replace(view, pixels=_Encoded(view.pixels, view.is_jpeg), encoding="gamma") if converts else view
-    restoration = method.restore(scene, given)
+    try:
+        restoration = method.restore(scene, given)
+    except SucreBenchError as fault:
+        fault.reword(lambda text: with_name(text, method.__plugin__.name))
+        raise
     if not isinstance(restoration, Restoration):
         raise PluginError(f"the method returned {type(restoration).__name__}; a method returns a Restoration")
     image = np.asarray(restoration.image)

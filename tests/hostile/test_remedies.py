@@ -102,7 +102,7 @@ CASES = {
         ),
     ),
     "restorations of another size": Case(
-        PRECOMPUTED, r"or give (method\.resize=true)", (f"{PRECOMPUTED} {{1}}",), small_restorations, 1
+        PRECOMPUTED, r"or give (precomputed\.resize=true)", (f"{PRECOMPUTED} {{1}}",), small_restorations, 1
     ),
     "a line-up that is none": Case(
         "run mine.yaml out=again",

@@ -17,7 +17,9 @@ def backend_for(backend: Backend, device: Device) -> tuple[Literal["numba", "tor
     (benchmarks/devices.py): moving the observations takes longer than the sums.
     """
     if device == "cuda" and backend in ("numba", "numpy"):
-        raise InputError(f"backend={backend} computes on the CPU only; use device=auto, or backend=torch or jax")
+        raise InputError(
+            f"method.backend={backend} computes on the CPU only; use method.device=auto, or method.backend=torch"
+        )
     if backend == "jax":
         return "jax", _jax_device(device)
     if backend == "torch" or device == "cuda":
@@ -29,14 +31,14 @@ def _torch_device(device: Device) -> str:
     import torch
 
     if device == "cuda" and not torch.cuda.is_available():
-        raise InputError("device=cuda: PyTorch sees no CUDA GPU; use device=auto or device=cpu")
+        raise InputError("method.device=cuda: PyTorch sees no CUDA GPU; use method.device=auto or method.device=cpu")
     return "cuda" if device != "cpu" and torch.cuda.is_available() else "cpu"
 
 
 def _jax_device(device: Device) -> str:
     has_gpu = _jax_sees_gpu()
     if device == "cuda" and not has_gpu:
-        raise InputError("device=cuda: JAX sees no GPU; use device=auto or device=cpu, or backend=torch")
+        raise InputError("method.device=cuda: JAX sees no GPU; use method.device=auto, or method.backend=torch")
     return "cuda" if device != "cpu" and has_gpu else "cpu"
 
 

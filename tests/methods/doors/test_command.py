@@ -37,7 +37,7 @@ from sucre_bench.methods.doors import Command
         ({"run": "cp {input:02d} {output}"}, {"command.run", "'{input:02d}'", "format", "{input}"}),
         ({"run": "cp { {output}"}, {"command.run", "{{", "}}"}),
         ({"run": "cp {input} there"}, {"command.run", "{output}"}),
-        ({"run": "cp {name} {output}", "per": "scene"}, {"command.run", "{name}", "per=view"}),
+        ({"run": "cp {name} {output}", "per": "scene"}, {"command.run", "{name}", "command.per=view"}),
         ({"run": "cp {output}", "pattern": "out"}, {"command.pattern", "'out'", "{stem}"}),
         ({"run": "cp {output}", "output_suffix": "png"}, {"command.output_suffix", "'png'", ".png"}),
         ({"run": "cp {output}", "bits": 12}, {"command.bits", "12"}),

@@ -258,7 +258,7 @@ def test_files_of_another_encoding_are_brought_to_the_views(tmp_path: Path, view
 def test_another_size_is_an_error_unless_resizing_is_asked_for_and_is_then_told(tmp_path: Path):
     wide = np.tile(np.linspace(0, 252, 12).astype(np.uint8)[None, :, None], (8, 1, 3))
     Image.fromarray(wide).save(tmp_path / "a.png")
-    with pytest.raises(InputError, match=r"12x8, .*6x4; .*method\.resize"):
+    with pytest.raises(InputError, match=r"12x8, .*6x4; .*precomputed\.resize"):
         restored(tmp_path)
     result = restored(tmp_path, resize=True)
     assert result.info["resized_from"] == [12, 8]
@@ -278,7 +278,7 @@ def test_resizing_makes_no_colour_up_where_there_is_none(tmp_path: Path):
 
 def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
     write(tmp_path / "a.png", LEVELS[:, :4])
-    with pytest.raises(InputError, match=r"4x4, .*6x4, (?!.*method\.resize)"):
+    with pytest.raises(InputError, match=r"4x4, .*6x4, (?!.*precomputed\.resize)"):
         restored(tmp_path, resize=True)
 
 
@@ -288,7 +288,7 @@ def test_another_shape_is_an_error_in_any_case(tmp_path: Path):
         (RGB * 255, {"2", "white", "1"}),
         (RGB[..., :2], {"4x6x2", "3"}),
         (LEVELS.astype(np.int32), {"int32", "8", "16", "floats"}),
-        (np.full_like(RGB, np.nan), {"pixel", "method.holes"}),
+        (np.full_like(RGB, np.nan), {"pixel", "precomputed.holes"}),
         (np.array([{"a": 1}], dtype=object), {"read"}),
     ],
 )

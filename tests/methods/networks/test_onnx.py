@@ -119,9 +119,12 @@ def test_a_network_is_given_its_range_and_its_answer_is_brought_back(tmp_path: P
     given = {"unit": NOISE, "symmetric": 2 * NOISE - 1, "bytes": 255 * NOISE, "imagenet": (NOISE - mean) / deviation}
     path = onnx_file(tmp_path / "same.onnx", [SAME])
     for name, expected in given.items():
-        seen = restored(NOISE, model=path, range=name, output_range="unit")
-        np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-5)
+        if name != "bytes":
+            seen = restored(NOISE, model=path, range=name, output_range="unit")
+            np.testing.assert_allclose(seen, expected, rtol=1e-5, atol=1e-5)
         np.testing.assert_allclose(restored(NOISE, model=path, range=name), NOISE, atol=1e-6)
+    with pytest.raises(InputError, match="divide by 255"):
+        restored(NOISE, model=path, range="bytes", output_range="unit")
     np.testing.assert_allclose(restored(NOISE, model=path, output_range="symmetric"), (NOISE + 1) / 2, atol=1e-6)
 
 
@@ -135,7 +138,7 @@ def test_whole_numbers_are_rounded_and_need_their_range(tmp_path: Path):
     path = onnx_file(tmp_path / "u8.onnx", [SAME], dtype="UINT8", output_dtype="UINT8")
     image = restored(NOISE * 1.2 - 0.1, model=path, range="bytes")
     np.testing.assert_allclose(image, np.rint(255 * (NOISE * 1.2 - 0.1)).clip(0, 255) / 255, atol=1e-6)
-    with pytest.raises(InputError, match=r"u8\.onnx: .*method\.range=bytes"):
+    with pytest.raises(InputError, match=r"u8\.onnx: .*onnx\.range=bytes"):
         restored(NOISE, model=path)
 
 
@@ -155,7 +158,7 @@ def test_a_model_of_one_size_gets_every_view_at_that_size(tmp_path: Path):
     got = result(NOISE, model=path)
     assert got.info["worked_at"] == "32x48"
     np.testing.assert_allclose(got.image, resized(resized(NOISE, 32, 48), 20, 24), atol=1e-6)
-    with pytest.raises(InputError, match=r"works at 32x48 only.*method.size=64"):
+    with pytest.raises(InputError, match=r"works at 32x48 only.*onnx.size=64"):
         restored(NOISE, model=path, size=64)
 
 
@@ -173,7 +176,7 @@ def test_sizes_that_a_network_does_not_take_are_mirrored_up_to_a_multiple(tmp_pa
     expected = np.pad(image, ((0, 1), (0, 0), (0, 0)), mode="symmetric")
     expected = expected.reshape(10, 2, 12, 2, 3).mean((1, 3)).repeat(2, axis=0).repeat(2, axis=1)[:19]
     np.testing.assert_allclose(restored(image, model=path, multiple=2), expected, atol=1e-6)
-    with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*method.multiple"):
+    with pytest.raises(InputError, match=r"makes 18x24 of 19x24.*onnx.multiple"):
         restored(image, model=path)
 
 
@@ -230,15 +233,15 @@ def bad_model(kind: str, path: Path) -> None:
     {
         "no model": {"onnxruntime"},
         "two inputs": {"'x'", "'z'", "one"},
-        "two outputs": {"y", "mask", "method.output=y"},
+        "two outputs": {"y", "mask", "onnx.output=y"},
         "no picture": {"?x3", "one"},
         "gray": {"1x1x?x?", "3", "channels"},
         "a batch": {"4x3x?x?", "one"},
-        "open": {"channels", "method.layout=nchw"},
+        "open": {"channels", "onnx.layout=nchw"},
         "half open": {"1x3x256x?", "open"},
         "words": {"tensor(int64)"},
         "gray answer": {"'y'", "(1, 1, 20, 24)"},
-        "fails": {"20x24", "method.size"},
+        "fails": {"20x24", "onnx.size"},
     }.items(),
 )
 def test_a_model_that_cannot_be_used_is_named_with_its_fault_on_one_line(kind: str, named: set[str], tmp_path: Path):
@@ -312,7 +315,7 @@ def test_a_model_is_opened_again_when_the_weights_beside_it_change(name: str, tm
 
 def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_path: Path):
     (tmp_path / "ones.bin").write_bytes(np.ones(3, np.float32).tobytes())
-    with pytest.raises(InputError, match=r"none; .*method\.model"):
+    with pytest.raises(InputError, match=r"none; .*onnx\.model"):
         restored(NOISE, model=tmp_path)
     path = with_weights_in("ones.bin", tmp_path / "m.onnx")
     np.testing.assert_array_equal(restored(NOISE, model=tmp_path), NOISE)
@@ -320,7 +323,7 @@ def test_a_model_may_be_given_as_its_folder_so_that_all_of_its_files_count(tmp_p
     os.utime(tmp_path / "ones.bin", ns=(0, 10**18))
     assert source_hash(files=[tmp_path]) != before
     path.with_name("n.onnx").write_bytes(path.read_bytes())
-    with pytest.raises(InputError, match=r"m\.onnx, n\.onnx; .*method\.model"):
+    with pytest.raises(InputError, match=r"m\.onnx, n\.onnx; .*onnx\.model"):
         restored(NOISE, model=tmp_path)
 
 
