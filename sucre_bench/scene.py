@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
-from sucre_bench.arrays import Array, Mask, coloured
+from sucre_bench.arrays import Array, Mask, check_intensities, coloured
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import counted
@@ -103,9 +103,11 @@ class Pixels(Protocol):
 class Arrays:
     """Pixels that are already in memory.
 
-    - rgb: (H, W, 3) in [0, 1];
+    - rgb: (H, W, 3) floats in [0, 1];
     - depth: (H, W) metres along the optical axis, 0 = unknown, or None;
-    - reference: (H, W, 3) in [0, 1], the view without water, or None.
+    - reference: (H, W, 3) floats in [0, 1], the view without water, or None.
+
+    Raises InputError for an image of 0 to 255.
 
     >>> View("a.png", Arrays(np.full((48, 64, 3), 0.5))).rgb.dtype
     dtype('float32')
@@ -114,6 +116,10 @@ class Arrays:
     rgb: Array
     depth: Array | None = None
     reference: Array | None = None
+
+    def __post_init__(self) -> None:
+        check_intensities(self.rgb, "Arrays.rgb")
+        check_intensities(self.reference, "Arrays.reference")
 
     def load(self, plane: Plane) -> Array | None:
         values: Array | None = getattr(self, plane)
@@ -307,6 +313,8 @@ class Restoration:
     - filled: (H, W, 3) like image, guessed colours for pixels without colour, NaN elsewhere, or None. Pictures show
       these colours; metrics never score them.
 
+    Raises InputError for an image of 0 to 255.
+
     >>> image = np.full((48, 64, 3), 0.5)
     >>> image[:24] = np.nan
     >>> Restoration(image)
@@ -318,6 +326,10 @@ class Restoration:
     confidence: Array | None = None
     info: dict[str, Any] = field(default_factory=dict)
     filled: Array | None = None
+
+    def __post_init__(self) -> None:
+        check_intensities(self.image, "Restoration.image")
+        check_intensities(self.filled, "Restoration.filled")
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]

@@ -166,13 +166,20 @@ def score(
     - dataset: the dataset's name in the rows.
 
     If a metric cannot score the view, its row has the status "skipped" and the reason. `sucre_bench.wide` turns the
-    rows into a table with one column for each metric.
+    rows into a table with one column for each metric. Raises InputError for an image of another size than the view's,
+    and for an unknown metric.
 
     >>> scene = next(load_scenes("demo", views=2, width=160, height=120))
     >>> rows = score(restore("gray_world", scene, 0), scene[0], metrics=["psnr", "uciqe"])
     >>> sorted(set(rows["metric"]) & {"psnr", "uciqe"})
     ['psnr', 'uciqe']
     """
+    if not isinstance(result, Restoration):
+        given = type(result).__name__
+        raise InputError(f"is no Restoration but {given}", "score(result)", "give Restoration(image), floats 0 to 1")
+    if result.image.shape != view.rgb.shape:
+        sizes = f"is {result.image.shape}, the view {view.rgb.shape}"
+        raise InputError(sizes, "score(result)", "restore the view at its own size")
     info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
     how = how or info.get("display", "none")
     options, options_id = results.fingerprint({**info.get("options", {}), "display": how})

@@ -106,3 +106,44 @@ def test_lists_name_every_plugin_once():
         assert table.index.is_unique
         assert (table["description"].str.len() > 0).all()
     assert {"sucre", "gray_world"} <= set(sb.list_methods().index)
+
+
+def levels(dtype: type) -> np.ndarray:
+    """A picture with the values 0 to 255 of this type, as OpenCV and Pillow give it."""
+    return np.random.default_rng(2).integers(0, 256, (48, 64, 3)).astype(dtype)
+
+
+@pytest.mark.parametrize(
+    ("image", "remedy"),
+    [
+        (levels(np.uint8), "divide by 255"),
+        (levels(np.float32), "divide by 255"),
+        (levels(np.float64) * 0.77, "divide by 255"),
+        (np.where(levels(np.float32) < 200, levels(np.float32), np.nan), "divide by 255"),
+        (levels(np.uint16) * 257, "divide by 65535"),
+    ],
+)
+def test_images_of_0_to_255_are_refused_and_not_scored_as_white(scene: sb.Scene, image: np.ndarray, remedy: str):
+    for make, place in (
+        (sb.Restoration, "Restoration.image"),
+        (sb.Arrays, "Arrays.rgb"),
+        (lambda given: sb.Restoration(scene[0].rgb, filled=given), "Restoration.filled"),
+        (lambda given: sb.Arrays(scene[0].rgb, reference=given), "Arrays.reference"),
+        (lambda given: sb.score(sb.Restoration(given), scene[0], "uciqe"), "Restoration.image"),
+    ):
+        with pytest.raises(sb.InputError, match=rf"{place}: .*{remedy}"):
+            make(image)
+    assert sb.Restoration(levels(np.uint8) / 255).valid.all()
+
+
+def test_colours_that_noise_drives_far_from_1_are_a_restoration():
+    blown = np.random.default_rng(3).normal(0.5, 200, (48, 64, 3)).astype(np.float32)
+    bright = np.full((48, 64, 3), 3, np.float32)
+    assert all(sb.Restoration(image).valid.all() for image in (blown, bright))
+
+
+def test_only_a_restoration_of_the_views_size_is_scored(scene: sb.Scene):
+    with pytest.raises(sb.InputError, match=r"Restoration\(image\)"):
+        sb.score(scene[0].rgb, scene[0], "uciqe")  # type: ignore[arg-type]
+    with pytest.raises(sb.InputError, match=r"\(24, 64, 3\).*\(48, 64, 3\)"):
+        sb.score(sb.Restoration(scene[0].rgb[:24]), scene[0], "uciqe")
