@@ -132,7 +132,10 @@ def _evaluate(folder: Path, files: Sequence[Path], as_json: bool) -> None:
         print_json(_as_object(found))
     else:
         _print(folder, found)
-        click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
+        if n:
+            click.echo(f"rows     {n} of metric preference: sucre-bench compare {folder} --metric preference")
+        else:
+            click.echo(f"rows     none: {found.people.want}")
 
 
 def _print(folder: Path, found: Evaluated) -> None:
@@ -169,7 +172,7 @@ def _preferences(found: Evaluated) -> Any:
     shares = wins.sum(axis=1) / (wins + wins.T).sum(axis=1)
     table = terminal.table(["method"], ["preference", "95 % interval", "votes won"])
     for n in _order(found):
-        interval = f"{signed(people.low[n])} to {signed(people.high[n])}"
+        interval = "-" if people.want else f"{signed(people.low[n])} to {signed(people.high[n])}"
         table.add_row(found.numbered.methods[n], signed(people.scores[n]), interval, f"{100 * shares[n]:.0f} %")
     return table
 
@@ -182,19 +185,31 @@ def _sentences(found: Evaluated) -> list[str]:
     methods, people = found.numbered.methods, found.people
     first, second, *_ = _order(found)
     gap, low, high = people.difference(first, second)
+    if people.want:
+        order = f"{methods[first]} got more votes than {methods[second]}"
+        unknown = "no interval, so nobody can say whether more than chance"
+        lead = f"{order if gap else f'{methods[first]} and {methods[second]} are equal'}; {unknown}: {people.want}"
+        return [lead, *_meanings(found)]
     verb, chance = ("is ahead of", "which may be chance") if low <= 0 else ("leads", "more than chance")
     lead = f"{methods[first]} {verb} {methods[second]} by {number(gap)} [{number(low)}, {number(high)}], {chance}"
     if not gap:
         lead = f"{methods[first]} and {methods[second]} are equal; the difference is at most {number(high)}"
     of_few = f"votes: of these observers, not of people in general, for which {FEWEST_OBSERVERS} are needed"
     over = f"intervals: bootstrap over {'observers' if people.over_observers else of_few}"
+    return [lead, over, *_meanings(found)]
+
+
+def _meanings(found: Evaluated) -> list[str]:
+    """How far observers agree, and the unit of a preference."""
+    from sucre_bench.compare.numbers import number
+
     alpha, n = found.observers.alpha, found.observers.n
     if math.isnan(alpha):
         agree = "agreement of observers: unknown, no pair was judged by several with different answers"
     else:
         meaning = "1: full, 0: as by tossing coins"
         agree = f"agreement of observers: Krippendorff's alpha {number(alpha)} on {n} pairs ({meaning})"
-    return [lead, over, agree, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
+    return [agree, "preference: log-odds; 0 = the mean of these methods, +1.1 = 3 of 4 votes against it"]
 
 
 def _metrics(found: Evaluated) -> Any:
@@ -222,6 +237,7 @@ def _as_object(found: Evaluated) -> dict[str, Any]:
         "observers": len(numbered.observers),
         "views": len(numbered.views),
         "over_observers": people.over_observers,
+        "missing": people.want,
         "preference": [{"method": m, "score": s, "low": a, "high": b} for m, s, a, b in scores],
         "agreement": asdict(found.observers),
         "metrics": [{"metric": m, "variant": v, **asdict(a)} for (m, v), a in found.metrics.items()],

@@ -83,7 +83,8 @@ def metric_agreement(scores: Array, is_lower_better: bool, votes: Votes, people:
         return MetricAgreement(np.nan, np.nan, np.nan, np.nan, 0)
     drawn = (known[rng.integers(len(known), size=len(known))].mean(axis=0) for _ in people.resampled)
     taus = [kendall_tau(mean, preferences) for mean, preferences in zip(drawn, people.resampled, strict=True)]
-    low, high = np.nanquantile(taus, [0.025, 0.975]) if np.isfinite(taus).any() else (np.nan, np.nan)
+    has_interval = np.isfinite(taus).any() and not people.want
+    low, high = np.nanquantile(taus, [0.025, 0.975]) if has_interval else (np.nan, np.nan)
     predicted, n = _predicted(better, votes)
     return MetricAgreement(kendall_tau(known.mean(axis=0), people.scores), float(low), float(high), predicted, n)
 

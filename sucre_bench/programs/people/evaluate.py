@@ -78,10 +78,14 @@ def _agreements(
 def store(folder: Path, found: Evaluated) -> int:
     """Write the preferences as rows of the score table, and return how many: one for each view and method.
 
+    Votes that are too few for intervals give none, since `compare` would show them with intervals over views.
+
     The row of a view has its jackknife pseudo-value (Efron and Tibshirani 1993, ch. 11): V s - (V - 1) s_v, s being the
     score over all V views, s_v that without votes on the view, shifted so that the mean over views is s. `compare`
     then shows the Bradley-Terry score with an interval over views. Of one view the score itself stands there.
     """
+    if found.people.want:
+        return 0
     values = pseudo_values(found.numbered.votes, len(found.numbered.views))
     rows = results.read(folder)
     whole = restorations(rows[rows["dataset"] == found.dataset])

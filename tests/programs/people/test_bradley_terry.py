@@ -54,7 +54,27 @@ def test_intervals_hold_the_true_scores_in_95_percent_of_studies(n_observers: in
 def test_a_method_that_nobody_prefers_has_a_finite_score():
     none = np.zeros(10, int)
     found = preferences(Votes(2, none, none + 1, np.ones(10), none, none))
-    assert np.isfinite([found.scores, found.low, found.high]).all()
+    assert np.isfinite(found.scores).all()
+
+
+@pytest.mark.parametrize(
+    ("won", "n_observers", "want"),
+    [
+        ([1.0], 1, "20 votes of 3 people are needed, these are 1 vote of 1"),
+        ([1.0, 0.0] * 9, 3, "these are 18 votes of 3"),
+        ([1.0, 0.0] * 20, 2, "these are 40 votes of 2"),
+        ([1.0] * 30, 3, "all votes agree"),
+        ([0.5] * 30, 8, "all votes agree"),
+        ([1.0] * 29 + [0.0], 8, ""),
+        ([1.0] * 19 + [0.0], 3, ""),
+    ],
+)
+def test_intervals_need_20_votes_of_3_people_who_do_not_all_agree(won: list[float], n_observers: int, want: str):
+    none = np.zeros(len(won), int)
+    found = preferences(Votes(2, none, none + 1, np.array(won), none, np.arange(len(won)) % n_observers), 20)
+    assert want in found.want
+    assert bool(found.want) == bool(want)
+    assert np.isfinite([*found.low, *found.high, *found.difference(0, 1)[1:]]).all() != bool(want)
 
 
 def test_values_of_views_have_the_score_as_their_mean():

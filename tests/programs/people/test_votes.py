@@ -51,6 +51,12 @@ def write(path: Path, study: dict[str, Any], votes: Any, **other: Any) -> str:
     return str(path)
 
 
+def files_of_three(tmp_path: Path, study: dict[str, Any], n: int = 12, against: int = 1) -> list[str]:
+    """Files of three observers with so many votes each for the bright pictures, some of them against."""
+    votes = [vote(study, k, f"v{k % 3}.png", "right" if k < against else "left") for k in range(n)]
+    return [write(tmp_path / f"{name}.json", study, votes, observer=name) for name in ("o1", "o2", "o3")]
+
+
 def evaluated(bench: Bench, *files: str) -> tuple[dict[str, Any], str]:
     done = bench("study", "results", "--votes", *files, "--json")
     assert done.returncode == 0, done.stderr
@@ -58,8 +64,8 @@ def evaluated(bench: Bench, *files: str) -> tuple[dict[str, Any], str]:
 
 
 def test_votes_become_a_metric_that_a_run_keeps(bench: Bench, study: dict[str, Any], tmp_path: Path):
-    votes = [vote(study, n, f"v{n % 3}.png", "right" if n == 5 else "left") for n in range(12)]
-    evaluated(bench, write(tmp_path / "a.json", study, votes))
+    told, _ = evaluated(bench, *files_of_three(tmp_path, study))
+    assert told["missing"] == ""
     run(tmp_path / "results", "method.gain=1.0", "method.label=bright", "report=false")
     rows = results.read(tmp_path / "results")
     own = rows[rows["metric"] == "preference"]
@@ -72,15 +78,33 @@ def test_votes_become_a_metric_that_a_run_keeps(bench: Bench, study: dict[str, A
 
 
 def test_rows_of_pictures_that_are_made_anew_go(bench: Bench, study: dict[str, Any], tmp_path: Path):
-    file = write(tmp_path / "a.json", study, [vote(study, n) for n in range(4)])
-    evaluated(bench, file)
+    files = files_of_three(tmp_path, study)
+    evaluated(bench, *files)
     again = ("method.gain=0.9", "method.label=bright", "overwrite=always", "report=false")
     run(tmp_path / "results", *again)
     rows = results.read(tmp_path / "results")
     assert set(rows.loc[rows["metric"] == "preference", "method"]) == {"dark"}
-    done = bench("study", "results", "--votes", file)
+    done = bench("study", "results", "--votes", *files)
     assert done.returncode == 2
-    assert "4 votes " in done.stderr
+    assert done.stderr.count("12 votes ") == 3
+
+
+@pytest.mark.parametrize(
+    ("n", "against", "missing"), [(1, 0, "20 votes of 3 people are needed"), (12, 0, "all votes agree")]
+)
+def test_few_votes_and_votes_that_all_agree_make_no_lead_and_no_interval(
+    bench: Bench, study: dict[str, Any], tmp_path: Path, n: int, against: int, missing: str
+):
+    files = files_of_three(tmp_path, study, n, against)
+    told, _ = evaluated(bench, *files)
+    assert missing in told["missing"]
+    assert {(one["low"], one["high"]) for one in told["preference"]} == {(None, None)}
+    assert all(metric["low"] is None for metric in told["metrics"])
+    said = bench("study", "results", "--votes", *files).stdout
+    assert missing in said
+    assert not {"leads", "ahead", "[", " to "} & set(said.split())
+    rows = results.read(tmp_path / "results")
+    assert "preference" not in set(rows["metric"])
 
 
 def test_a_vote_counts_once(bench: Bench, study: dict[str, Any], tmp_path: Path):
