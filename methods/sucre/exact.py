@@ -31,7 +31,7 @@ from sucre_bench.methods.sucre.normal_equations import ReducedSystem
 from sucre_bench.methods.sucre.robust import LEAST_NOISE, robust_noise
 from sucre_bench.methods.sucre.samples import SAMPLE, first_slot, sampled
 from sucre_bench.methods.sucre.starting_points import bounds_for, promising
-from sucre_bench.methods.sucre.weak_priors import has_veil, undetermined, with_priors
+from sucre_bench.methods.sucre.weak_priors import has_veil, is_clear, undetermined, with_priors
 from sucre_bench.multiview.observations import Observations
 
 # Pixels that the starts are tried on, how many starts, and how many different minima the sample chooses from.
@@ -153,7 +153,8 @@ class _Search:
             weak = undetermined(end.at, known, end.free, dead, self.distance)
             if weak.any():
                 prior = with_priors(evaluate, known.noise, self.distance, weak)
-                end = _with_weak_channels(end, lowest(prior, (end.at, *grid)), weak, evaluate, self.distance)
+                clear = is_clear(end.at, known, self.distance)
+                end = _with_weak_channels(end, lowest(prior, (end.at, *grid)), weak, clear, evaluate, self.distance)
             if margin is not None:  # without the shortfall of negative colours
                 end = replace(end, system=replace(end.system, cost=_summed(kernels, None)(end.at).cost))
         uncertainty = _uncertainty(end, images, dead)
@@ -198,10 +199,19 @@ def _decided_by_priors(weak: Mask, rows: Array) -> list[str]:
 
 
 def _with_weak_channels(
-    end: Minimum, prior: Minimum, weak: Mask, evaluate: Callable[[Array], ReducedSystem], distance: float
+    end: Minimum,
+    prior: Minimum,
+    weak: Mask,
+    clear: Mask,
+    evaluate: Callable[[Array], ReducedSystem],
+    distance: float,
 ) -> Minimum:
-    """Take the weak channels (3,) from the fit with priors, without backscatter where no veil can be seen."""
-    veiled = np.where(has_veil(prior.at, distance)[:, None], prior.at, prior.at * [0, 1, 0])
+    """Take the weak channels (3,) from the fit with priors, without backscatter where no veil can be seen.
+
+    clear: (3,), channels without attenuation, which have no veil either.
+    """
+    is_veiled = has_veil(prior.at, distance) & ~clear & (prior.at[:, 1] > 0)
+    veiled = np.where(is_veiled[:, None], prior.at, prior.at * [0, 1, 0])
     at = np.where(weak[:, None], veiled, end.at)
     free = np.where(weak[:, None], prior.free, end.free)
     converged = np.where(weak, prior.converged, end.converged)

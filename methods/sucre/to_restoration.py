@@ -54,7 +54,8 @@ def restoration(
 
     confidence: (H, W) standard deviation of J, root mean square over channels. info: cost, sum of squares of each
     channel; negative_share of J in each channel (negative colours are not physical); condition and standard_error of
-    the water, noise of each channel, limits in words; steps, n_observations, n_repeated pixels, n_views, unreadable,
+    the water, noise of each channel, limits in words; veil_known: whether no weak prior decides the
+    water of a channel; steps, n_observations, n_repeated pixels, n_views, unreadable,
     device.
     """
     water, uncertainty = solution.water, solution.uncertainty
@@ -81,6 +82,7 @@ def restoration(
                 name: _numbers(getattr(uncertainty.standard_error, name)) for name in ("B", "beta", "gamma")
             },
             "limits": limits,
+            "veil_known": not any(uncertainty.is_weak),
             **solution.about,
             "stage_seconds": dict(stage_seconds),
             "seconds": stage_seconds["pair"] + stage_seconds["solve"],

@@ -10,6 +10,7 @@ d of the observations, so that the scale of the scene does not matter:
 
 A prior with deviation s adds (noise / s)^2 to the normal equations, noise being that of an observation. Channels that
 the data determine stay exactly as they are. A veil that no 8-bit image could show counts as no backscatter: B = 0.
+So does the veil of a channel that nothing dims, as in air: no water scatters far more than it attenuates.
 """
 
 from __future__ import annotations
@@ -28,6 +29,9 @@ _ALIKE, _DEPTH = 0.5, 3.0
 
 # A parameter whose standard error is more than this share of its value is not determined.
 _LOOSE = 0.5
+
+# Less optical depth than this is none. Pure water has as much in red over .2 m.
+_CLEAR = 0.05
 
 # The least veil at the median distance that 8 bits show.
 _LEAST_VEIL = 0.5 / 255
@@ -61,6 +65,15 @@ def with_priors(
         return evaluate(rows) + prior
 
     return evaluated
+
+
+def is_clear(rows: Array, uncertainty: WaterUncertainty, distance: float) -> Mask:
+    """Return the channels (3,) whose attenuation is 0: at that bound, or within its error, if that is small enough.
+
+    distance: median, m. An error that could hide a visible optical depth shows no clear medium, but an unknown one.
+    """
+    beta, most = rows[:, 1], 2 * uncertainty.standard_error.beta
+    return np.asarray((beta == 0) | ((beta <= most) & ((beta + most) * distance < _CLEAR)))
 
 
 def has_veil(rows: Array, distance: float) -> Mask:

@@ -19,7 +19,7 @@ from sucre_bench.engine.preflight import Planned, check
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.engine.select_views import Task
 from sucre_bench.errors import InputError, one_line, raise_if_stop
-from sucre_bench.imaging.display import display
+from sucre_bench.imaging.display import displayed
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import encode_png
 from sucre_bench.jobs import compose_jobs as config
@@ -170,7 +170,7 @@ def _try(job: Job, method: Any, metrics: Sequence[Scorer], task: Task, megapixel
     files: list[bytes] = []
 
     def score() -> None:
-        shown = display(restoration.image, how, view.encoding, water=restoration.water)
+        shown, _ = displayed(restoration, how, view.encoding)
         score_rows(measured, shown, view, metrics, task.base)
         files.extend(encode_png(to_8bit(image)[..., ::-1], 1) for image in (shown, view.rgb))
 

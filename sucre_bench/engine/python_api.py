@@ -12,7 +12,7 @@ from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.measured_restore import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
-from sucre_bench.imaging.display import display, displayed, is_of_scene
+from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.imaging.encoding import to_8bit
 from sucre_bench.imaging.image_files import SUFFIXES, write_image
 from sucre_bench.jobs import catalogue
@@ -47,7 +47,7 @@ class Restored(Restoration):
     @property
     def shown(self) -> Array:
         """(H, W, 3) float32 in [0, 1], gamma-encoded, NaN = a hole: the restored image, which metrics score."""
-        return display(self.image, self.display, self.encoding, water=self.water)
+        return displayed(self, self.display, self.encoding)[0]
 
     @property
     def picture(self) -> Array:
@@ -183,7 +183,7 @@ def score(
     info, metrics = result.info, [metrics] if isinstance(metrics, str) else metrics
     how = how or info.get("display", "none")
     options, options_id = results.fingerprint({**info.get("options", {}), "display": how})
-    shown = display(result.image, how, view.encoding, water=result.water)
+    shown = displayed(result, how, view.encoding)[0]
     base = results.Row(
         dataset=dataset,
         scene=info.get("scene", ""),

@@ -13,8 +13,8 @@ A display normalisation has a name, and each score records it:
   channel would change hues;
 - "linear-white-veil" scales linear light by 1 / (B gamma) of the water. Backscatter near the camera has the colour of
   the light that falls on the scene. One gain for all channels then maps percentile 99 of all values to 1;
-- "veil-or-NAME", as in "veil-or-white-99", is "linear-white-veil" where the method fitted linear light and found a veil
-  in every channel, and NAME elsewhere.
+- "veil-or-NAME", as in "veil-or-white-99", is "linear-white-veil" where the method fitted linear light and determined a
+  veil in every channel, and NAME elsewhere.
 
 With "@scene" behind the name, as in "stretch-1-99@scene", percentiles and means are those of all views of a scene, so
 that mosaics and videos have one tone.
@@ -88,7 +88,13 @@ def normalisation(how: str) -> Normalisation:
 
 
 def display(
-    image: Array, how: str, encoding: Encoding = "gamma", *, water: Water | None = None, over: Array | None = None
+    image: Array,
+    how: str,
+    encoding: Encoding = "gamma",
+    *,
+    water: Water | None = None,
+    is_veil_known: bool = True,
+    over: Array | None = None,
 ) -> Array:
     """Return the restored image: (H, W, 3) float32 in [0, 1], gamma-encoded, NaN = no colour.
 
@@ -96,12 +102,13 @@ def display(
     - how: the name of a normalisation;
     - encoding: encoding of the image, "gamma" or "linear";
     - water: the estimated water, for "linear-white-veil";
+    - is_veil_known: whether the veil of every channel is determined, see `is_veil_known`;
     - over: (H, W, 3) or (N, 1, 3), the colours whose percentiles and means are used; default the image's own.
 
     Raises InputError for an unknown name, for "linear-white-veil" without a water, and for "@scene" without `over`.
     """
     chosen = normalisation(how)
-    by_veil = chosen.kind == "veil" or (chosen.is_veil_first and _has_linear_veil(water, encoding))
+    by_veil = chosen.kind == "veil" or (chosen.is_veil_first and is_veil_known and _has_linear_veil(water, encoding))
     if chosen.is_of_scene and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
     if chosen.kind == "none" and encoding == "gamma" and not by_veil and _is_shown_as_it_is(image):
@@ -124,11 +131,20 @@ def displayed(
     restoration: Restoration, how: str, encoding: Encoding, over: Array | None = None
 ) -> tuple[Array, Array | None]:
     """Return the restored image, see `display`, and its filled pixels shown alike; None where it has none."""
-    shown = display(restoration.image, how, encoding, water=restoration.water, over=over)
+    water, known = restoration.water, is_veil_known(restoration)
+    shown = display(restoration.image, how, encoding, water=water, is_veil_known=known, over=over)
     if restoration.filled is None:
         return shown, None
     over = restoration.image if over is None else over
-    return shown, display(restoration.filled, how, encoding, water=restoration.water, over=over)
+    return shown, display(restoration.filled, how, encoding, water=water, is_veil_known=known, over=over)
+
+
+def is_veil_known(restoration: Restoration) -> bool:
+    """Return whether its method determined the veil of every channel, as far as it says so: `info["veil_known"]`.
+
+    Where weak priors or a bound decide a channel, the veil's colour is a guess, and no white.
+    """
+    return bool(restoration.info.get("veil_known", True))
 
 
 def is_of_scene(how: str) -> bool:

@@ -9,9 +9,11 @@ import pytest
 from support.made_observations import made, parameters, table
 from support.made_scene import WATER
 
-from sucre_bench import Water
+from sucre_bench import Arrays, View, Water
+from sucre_bench.methods.sucre import Sucre
 from sucre_bench.methods.sucre.exact import fit
 from sucre_bench.methods.sucre.solvers import colours_for_water, solve_exact
+from sucre_bench.methods.sucre.to_restoration import restoration
 
 # A survey close above flat ground: distances hardly differ, so that B and gamma are known as a product at most.
 SURVEY = {"distances_m": (1.9, 2.1), "noise": 0.01, "eight_bit": True}
@@ -29,6 +31,15 @@ def test_no_parameter_ends_at_a_bound_on_a_flat_survey(seed: int) -> None:
     assert np.abs(np.median(solution.J - J, axis=1)).max() < 0.35
 
 
+def test_the_record_says_whether_a_weak_prior_decides_a_channel() -> None:
+    for options, known in ((SURVEY, False), ({"noise": 0.004}, True)):
+        observations, _ = made(8_000, 5, water=CLEAR, **options)  # type: ignore[arg-type]
+        view = View("0.png", Arrays(np.full((*observations.shape, 3), 0.5)))
+        solution = solve_exact(observations)
+        found = restoration(view, observations, solution, {"pair": 0.0, "solve": 0.0}, Sucre())
+        assert found.info["veil_known"] is known
+
+
 def test_the_scale_of_the_scene_does_not_matter_to_the_priors() -> None:
     observations, _ = made(3_000, 5, water=CLEAR, **SURVEY)  # type: ignore[arg-type]
     toy = replace(observations, distance=observations.distance * np.float32(1 / 32))
@@ -40,6 +51,18 @@ def test_what_the_data_decide_has_no_prior() -> None:
     found = fit(observations)
     assert found.uncertainty.limits == ()
     np.testing.assert_allclose(table(found.water), table(parameters(WATER)), rtol=0.02)
+
+
+@pytest.mark.parametrize("seed", [0, 1])
+def test_a_channel_without_attenuation_has_no_veil(seed: int) -> None:
+    """Photographs in air whose far views are exposed a little longer, which a veil alone would explain."""
+    air = Water(np.zeros(3), np.zeros(3), np.full(3, 0.1))
+    observations, J = made(8_000, water=air, noise=0.004, seed=seed)
+    longer = 1 + 0.005 * (observations.distance - 1)
+    found = fit(replace(observations, colour=observations.intensity(slice(None)) * longer))
+    assert (table(found.water) == 0).all()
+    colours = colours_for_water(observations, found.water, found.uncertainty, "numpy", "cpu").J
+    assert np.abs(np.median(colours - J, axis=1)).max() < 0.005
 
 
 def test_clear_air_has_no_backscatter() -> None:
