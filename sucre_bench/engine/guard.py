@@ -49,7 +49,7 @@ def unharmed() -> Iterator[None]:
 
     This is: the standard output and error, Python's own functions, the working folder.
     """
-    functions, folder = dict(vars(builtins)), Path.cwd()
+    functions, folder = dict(vars(builtins)), os.open(".", os.O_RDONLY)
     streams = {name: getattr(sys, name) for name in _STREAMS}
     copies = {number: os.dup(number) for number in (1, 2) if _is_open(number)}
     try:
@@ -67,8 +67,8 @@ def unharmed() -> Iterator[None]:
             if stream is not None and stream.closed:
                 stream = os.fdopen(os.dup(1 + _STREAMS.index(name)), "w", encoding="utf-8")
             setattr(sys, name, stream)
-        if Path.cwd() != folder:
-            os.chdir(folder)
+        os.fchdir(folder)  # where a plugin may have gone can be removed by now
+        os.close(folder)
     if harm:
         raise PluginError(f"it {' and '.join(harm)}; a plugin must leave these alone")
 
