@@ -8,6 +8,8 @@ other views.
 """
 
 import dataclasses
+import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,14 +17,11 @@ import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import distance_map, scaled_camera
-from sucre_bench.degrade import depth_and_pose, sensor
 from sucre_bench.degrade.options import VIEWS, Degradation, hashed
-from sucre_bench.degrade.random_numbers import generator
-from sucre_bench.degrade.views import around
-from sucre_bench.degrade.water import under_water
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_patches import scaled_chart
-from sucre_bench.scene import Chart, Pixels, Plane, Scene, View
+from sucre_bench.imaging.encoding import converted
+from sucre_bench.scene import Chart, Encoding, Pixels, Plane, Scene, View, Water
 
 
 def degraded(scene: Scene, degradation: Degradation | None = None, target: str = "", **options: Any) -> Scene:
@@ -84,7 +83,7 @@ def _view(scene: Scene, view: View, d: Degradation) -> View:
         charts = [Chart(chart.name, chart.kind, chart.corners * d.scale) for chart in charts]
     if pose is not None and (d.pose_noise_m or d.pose_noise_deg):
         rng = generator(d.seed, scene.name, view.name, "pose")
-        pose = depth_and_pose.noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
+        pose = noisy_pose(pose, d.pose_noise_m, d.pose_noise_deg, rng)
     pixels = view.pixels
     if d.alters_pixels:
         pixels = _Degraded(view, scene.name, d, "reference" in scene.has)
@@ -126,23 +125,23 @@ class _Degraded:
         if image is None:
             return None
         if d.blur_px:
-            image = sensor.blurred(image, d.blur_px, encoding)
+            image = blurred(image, d.blur_px, encoding)
         image = self._scaled(image)
         assert image is not None
         if d.noise:
-            image = sensor.noisy(image, d.noise, self._rng("noise"))
+            image = noisy_image(image, d.noise, self._rng("noise"))
         if d.bits is not None:
-            image = sensor.quantised(image, d.bits)
+            image = quantised(image, d.bits)
         if d.jpeg_quality is not None:
-            image = sensor.through_jpeg(image, d.jpeg_quality, encoding)
+            image = through_jpeg(image, d.jpeg_quality, encoding)
         return image
 
     def _depth(self) -> Array | None:
         d, depth = self.degradation, self._scaled(self.view.pixels.load("depth"))
         if depth is not None and d.depth_noise:
-            depth = depth_and_pose.noisy_depth(depth, d.depth_noise, d.depth_noise_px, self._rng("depth_noise"))
+            depth = noisy_depth(depth, d.depth_noise, d.depth_noise_px, self._rng("depth_noise"))
         if depth is not None and d.depth_holes:
-            depth = depth_and_pose.with_holes(depth, d.depth_holes, d.depth_hole_px, self._rng("depth_holes"))
+            depth = with_holes(depth, d.depth_holes, d.depth_hole_px, self._rng("depth_holes"))
         return depth
 
     def _dry(self) -> Array:
@@ -166,7 +165,160 @@ class _Degraded:
 
     def _scaled(self, plane: Array | None) -> Array | None:
         scale = self.degradation.scale
-        return plane if plane is None or scale == 1 else sensor.shrunk(plane, scale)
+        return plane if plane is None or scale == 1 else shrunk(plane, scale)
 
     def _rng(self, what: str) -> np.random.Generator:
         return generator(self.degradation.seed, self.scene, self.view.name, what)
+
+
+def generator(seed: int, *names: str) -> np.random.Generator:
+    """Return the generator of a seed and names: of the scene, the view and the quantity."""
+    digest = hashlib.blake2b(repr((seed, names)).encode(), digest_size=16).digest()
+    return np.random.default_rng(np.random.SeedSequence(int.from_bytes(digest, "big")))
+
+
+def random_field(rng: np.random.Generator, shape: tuple[int, int], grain_px: float) -> Array:
+    """Return a Gaussian random field (H, W) float32 whose root mean square is 1.
+
+    grain_px: standard deviation in pixels of the Gaussian that white noise is smoothed by, 0 for none. The smoothing
+    goes round the borders, so that the field is as strong there as elsewhere.
+    """
+    import scipy.fft
+    from scipy.ndimage import fourier_gaussian
+
+    field = rng.standard_normal(shape, dtype=np.float32)
+    if grain_px > 0:
+        spectrum = fourier_gaussian(scipy.fft.rfft2(field), grain_px, n=shape[1])
+        field = scipy.fft.irfft2(spectrum, s=shape).astype(np.float32)
+    return np.asarray(field / np.sqrt(np.mean(field**2, dtype=np.float64)), dtype=np.float32)
+
+
+def noisy_depth(depth: Array, relative_sd: float, grain_px: float, rng: np.random.Generator) -> Array:
+    """Return depth d (1 + sd n), (H, W) float32 metres, n a Gaussian random field; negative values become 0.
+
+    depth: (H, W) metres, 0 = unknown, which stays; grain_px: see `random_field`.
+    """
+    field = random_field(rng, (depth.shape[0], depth.shape[1]), grain_px)
+    return np.asarray((depth * (1 + relative_sd * field)).clip(0), dtype=np.float32)
+
+
+def with_holes(depth: Array, share: float, grain_px: float, rng: np.random.Generator) -> Array:
+    """Return depth (H, W) with holes: a share of its known pixels, where a random field is lowest."""
+    field, known = random_field(rng, (depth.shape[0], depth.shape[1]), grain_px), depth > 0
+    if not known.any():
+        return depth
+    lost = field < np.quantile(field[known], share)
+    return np.where(lost, np.float32(0), depth)
+
+
+def noisy_pose(cam_from_world: Array, sd_m: float, sd_deg: float, rng: np.random.Generator) -> Array:
+    """Return a (4, 4) pose whose centre is moved along each axis, and which is turned about each of the camera's axes.
+
+    sd_m, sd_deg: standard deviations of each of the three, in metres and degrees; the camera turns about its centre.
+    """
+    from scipy.spatial.transform import Rotation
+
+    shift, turn = rng.standard_normal((2, 3)) * [[sd_m], [sd_deg]]
+    rotation = cam_from_world[:3, :3]
+    centre = -rotation.T @ cam_from_world[:3, 3] + shift
+    noisy = np.eye(4)
+    noisy[:3, :3] = Rotation.from_rotvec(turn, degrees=True).as_matrix() @ rotation
+    noisy[:3, 3] = -noisy[:3, :3] @ centre
+    return noisy
+
+
+# Images are (H, W, 3) float32 in [0, 1], RGB.
+
+
+def blurred(image: Array, sd_px: float, encoding: Encoding) -> Array:
+    """Return an image blurred by a Gaussian in linear light, like a lens."""
+    import cv2
+
+    light: Array = np.asarray(cv2.GaussianBlur(converted(image, encoding, "linear"), (0, 0), sd_px), dtype=np.float32)
+    return np.asarray(converted(light, "linear", encoding), dtype=np.float32)
+
+
+def shrunk(plane: Array, scale: float) -> Array:
+    """Return a plane (H, W, 3) or (H, W) in another size: colours by area, depths by the nearest value."""
+    import cv2
+
+    how = cv2.INTER_AREA if plane.ndim == 3 else cv2.INTER_NEAREST_EXACT
+    size = [max(1, round(side * scale)) for side in plane.shape[1::-1]]
+    return np.asarray(cv2.resize(plane, size, interpolation=how))
+
+
+def noisy_image(image: Array, sd: float, rng: np.random.Generator) -> Array:
+    """Return an image with Gaussian noise, independent in every pixel and channel, of stored intensities; clipped."""
+    noise = rng.standard_normal(image.shape, dtype=np.float32)
+    return np.asarray((image + np.float32(sd) * noise).clip(0, 1))
+
+
+def quantised(image: Array, bits: int) -> Array:
+    """Return an image whose stored intensities are rounded to 2^bits levels, 0 and 1 among them."""
+    top = np.float32(2**bits - 1)
+    return np.asarray(np.rint(image.clip(0, 1) * top) / top)
+
+
+def through_jpeg(image: Array, quality: int, encoding: Encoding) -> Array:
+    """Return an image after storage in an 8-bit JPEG file (libjpeg's quality, 4:2:0).
+
+    JPEG files are gamma-encoded: a linear image is encoded and decoded again.
+    """
+    import cv2
+
+    picture = np.rint(converted(image, encoding, "gamma").clip(0, 1) * 255).astype(np.uint8)
+    written, file = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])
+    assert written
+    read = cv2.imdecode(file, cv2.IMREAD_COLOR)
+    assert read is not None
+    return np.asarray(converted(read[..., ::-1] / np.float32(255), "gamma", encoding), dtype=np.float32)
+
+
+def under_water(image: Array, z: Array, water: Water) -> Array:
+    """Return an image (H, W, 3) float32 as it looks through water, of stored intensities, clipped to [0, 1].
+
+    z: (H, W) metres, 0 = unknown. A pixel without distance gets that of the nearest pixel with one; there must be one.
+    It would otherwise look as in air, for which no image-only method is made.
+    """
+    if (z == 0).any():
+        from scipy.ndimage import distance_transform_edt
+
+        nearest = distance_transform_edt(z == 0, return_distances=False, return_indices=True)
+        z = z[tuple(nearest)]
+    seen = np.empty(image.shape, dtype=np.float32)
+    for c in range(3):  # a channel at a time, to save memory: 24 megapixels
+        B, beta, gamma = (float(p[c]) for p in (water.veiling_light, water.attenuation, water.backscatter))
+        seen[..., c] = (image[..., c] * np.exp(-beta * z) + B * (1 - np.exp(-gamma * z))).clip(0, 1)
+    return seen
+
+
+def around(scene: Scene, target: View, degradation: Degradation) -> Scene:
+    """Return a scene with only the views that `within` and `keep` leave around a target."""
+    if not degradation.chooses_views:
+        return scene
+    names = [view.name for view in scene.views]
+    rng = generator(degradation.seed, scene.name, target.name, "keep")
+    kept = kept_views(names, target.name, degradation.within, degradation.keep, rng)
+    if len(kept) == len(names):
+        return scene
+    views = [scene.views[place] for place in kept]
+    return dataclasses.replace(
+        scene, views=views, data_id=hashed(scene.data_id, "views", [view.name for view in views])
+    )
+
+
+def kept_views(
+    names: Sequence[str], target: str, within: int | None, keep: int | None, rng: np.random.Generator
+) -> list[int]:
+    """Return the places of the remaining views in capture order, with the target's.
+
+    names: of all views in capture order; within: frames that remain before and after the target; keep: number of views
+    that remain of those, drawn at random, the target included. With the same seed, a smaller `keep` gives a subset of a
+    larger one.
+    """
+    at = names.index(target)
+    first, last = (0, len(names) - 1) if within is None else (at - within, at + within)
+    others = [place for place in range(max(0, first), min(len(names), last + 1)) if place != at]
+    if keep is not None:
+        others = [others[n] for n in rng.permutation(len(others))[: keep - 1]]
+    return sorted([at, *others])

@@ -16,8 +16,7 @@ from typing import Any
 from sucre_bench.arrays import DataFrame
 from sucre_bench.compare import Cell, Column, Comparison, Note, against, compare, only
 from sucre_bench.compare.compare_rows import without_replicates
-from sucre_bench.degrade.options import VIEWS, Degradation
-from sucre_bench.degrade.water import read_water
+from sucre_bench.degrade.options import VIEWS, Degradation, read_water
 from sucre_bench.errors import InputError, NotApplicableError, did_you_mean
 from sucre_bench.jobs.run_options import Study
 from sucre_bench.results.table import is_fresh
