@@ -75,8 +75,12 @@ def test_every_advised_word_can_be_typed(method: str, word: str, tmp_path: Path)
     key, _, value = word.partition("=")
     (tmp_path / "water.json").write_text('{"B": [0.1, 0.2, 0.3], "beta": [0.4, 0.2, 0.1], "gamma": [0.3, 0.2, 0.1]}')
     places = {"FILE": tmp_path / "water.json", "FOLDER": tmp_path}
-    given = ["onnx.model=net.onnx"] if method == "onnx" else ["command.run='cp {image} {output}'"]
-    needed = given if method in ("onnx", "command") and not word.startswith("onnx.model") else []
+    must = {
+        "onnx": "onnx.model=net.onnx",
+        "command": "command.run='cp {image} {output}'",
+        "precomputed": f"precomputed.folder={tmp_path}",
+    }
+    needed = [must[method]] if method in must and must[method].partition("=")[0] != key else []
     (job,) = compose_jobs.jobs(
         ["dataset=demo", f"method={method}", "metrics=[psnr]", *needed, f"{key}={places.get(value, value)}"], False
     ).jobs
