@@ -20,7 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
-from sucre_bench.machine.plural import counted
+from sucre_bench.machine.text_formats import counted
 
 Numbers = npt.NDArray[np.intp]
 
