@@ -15,7 +15,7 @@ import numpy as np
 import numpy.typing as npt
 from cachetools import LRUCache, cached
 
-from sucre_bench.arrays import Array, Mask, check_intensities, coloured
+from sucre_bench.arrays import Array, Mask, coloured
 from sucre_bench.camera import Camera
 from sucre_bench.errors import InputError, did_you_mean
 from sucre_bench.machine.text_formats import counted
@@ -99,6 +99,34 @@ class Pixels(Protocol):
         ...
 
 
+# Restored images may exceed 1, in places by far; their typical values stay below this. Those of 0 to 255 do not.
+_MOST_TYPICAL = 16.0
+
+# Rows and columns of an image that tell its range.
+_LOOKED_AT = 48
+
+
+def _check_intensities(image: object, place: str) -> None:
+    """Raise InputError for an image of 0 to 255 or 0 to 65535, by its type or a sample of its values; place: its name.
+
+    Intensities are floats with 1 for white. What is no NumPy array is not looked at.
+    """
+    if not isinstance(image, np.ndarray) or image.ndim < 2 or image.dtype.kind not in "iuf":
+        return
+    white = np.iinfo(np.uint16).max
+    sample = image[:: max(1, image.shape[0] // _LOOKED_AT), :: max(1, image.shape[1] // _LOOKED_AT)]
+    sample = sample[np.isfinite(sample)]
+    top = sample.max(initial=0)
+    if image.dtype.kind in "iu":
+        fault = f"is {image.dtype}"
+    elif _MOST_TYPICAL < top <= white and (np.median(sample) > _MOST_TYPICAL or (sample == np.rint(sample)).all()):
+        fault = f"has values up to {top:g}"
+    else:
+        return
+    remedy = f"divide by {255 if top <= 255 else white}: intensities are floats with 1 for white"
+    raise InputError(fault, place, remedy)
+
+
 @dataclass(frozen=True, eq=False)
 class Arrays:
     """Pixels that are already in memory.
@@ -118,8 +146,8 @@ class Arrays:
     reference: Array | None = None
 
     def __post_init__(self) -> None:
-        check_intensities(self.rgb, "Arrays.rgb")
-        check_intensities(self.reference, "Arrays.reference")
+        _check_intensities(self.rgb, "Arrays.rgb")
+        _check_intensities(self.reference, "Arrays.reference")
 
     def load(self, plane: Plane) -> Array | None:
         values: Array | None = getattr(self, plane)
@@ -328,8 +356,8 @@ class Restoration:
     filled: Array | None = None
 
     def __post_init__(self) -> None:
-        check_intensities(self.image, "Restoration.image")
-        check_intensities(self.filled, "Restoration.filled")
+        _check_intensities(self.image, "Restoration.image")
+        _check_intensities(self.filled, "Restoration.filled")
 
     def __repr__(self) -> str:
         height, width = self.image.shape[:2]
