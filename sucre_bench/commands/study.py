@@ -201,7 +201,7 @@ def _sentences(found: Evaluated) -> list[str]:
 
 def _meanings(found: Evaluated) -> list[str]:
     """How far observers agree, and the unit of a preference."""
-    from sucre_bench.compare.numbers import number
+    from sucre_bench.compare.words import number
 
     alpha, n = found.observers.alpha, found.observers.n
     if math.isnan(alpha):
