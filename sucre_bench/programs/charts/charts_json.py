@@ -51,8 +51,7 @@ class ChartsFile:
     @property
     def kinds(self) -> frozenset[str]:
         """The kinds of all charts in the file."""
-        marked = [chart for charts in self._confirmed.values() for chart in charts]
-        return frozenset(chart.kind for chart in marked)
+        return frozenset(chart.kind for charts in self._confirmed.values() for chart in charts)
 
     def chart(self, view: str, name: str, kind: str, corners: Any) -> Chart:
         """Return a chart as loaders would read it. Raises InputError if it is none."""

@@ -4,13 +4,13 @@ The server listens on 127.0.0.1. Every address holds a random token, and request
 open page can send any. The page loads nothing from elsewhere, and its content policy forbids it.
 """
 
-import importlib.resources
 import json
 import re
 import secrets
 import sys
 from collections.abc import Callable
 from http.server import BaseHTTPRequestHandler, ThreadingHTTPServer
+from pathlib import Path
 from typing import Any
 from urllib.parse import parse_qs, urlsplit
 
@@ -57,42 +57,35 @@ class _Handler(BaseHTTPRequestHandler):
         path, query = self._asked()
         session = self.server.session
         if path is None:
-            self._refuse()
+            self._say(403, "not for you; open the address that was printed")
         elif path in _FILES:
             name, kind = _FILES[path]
-            content = importlib.resources.files("sucre_bench.programs.charts").joinpath(name).read_bytes()
-            self._reply(200, f"{kind}; charset=utf-8", content)
+            self._reply(200, f"{kind}; charset=utf-8", Path(__file__).with_name(name).read_bytes())
         elif path == "state":
             self._answer(session.state)
         elif path == "image":
             self._answer(lambda: session.image(int(query["view"]), query.get("bright") == "1"))
         else:
-            self._reply(404, "text/plain; charset=utf-8", b"no such page")
+            self._say(404, "no such page")
 
     def do_POST(self) -> None:
         path, _ = self._asked()
         session, origin = self.server.session, self.headers.get("Origin")
-        if path is None or origin not in (None, *(f"http://{host}" for host in self._hosts())):
-            self._refuse()
-            return
         length = self.headers.get("Content-Length", "")
-        if (
-            not re.fullmatch("[0-9]{1,7}", length)
-            or int(length) > _MOST_BYTES
-            or self.headers.get_content_type() != "application/json"
-        ):
-            self._reply(400, "text/plain; charset=utf-8", b"expected JSON")
-            return
-        body = self.rfile.read(int(length))
-        if path == "check":
-            self._answer(lambda: session.check(**_arguments(body, "number", "kind", "corners")))
-        elif path == "save":
-            self._answer(lambda: session.save(**_arguments(body, "number", "charts", "turned_down")))
+        is_short = re.fullmatch("[0-9]{1,7}", length) and int(length) <= _MOST_BYTES
+        if path is None or origin not in (None, *(f"http://{host}" for host in self._hosts())):
+            self._say(403, "not for you; open the address that was printed")
+        elif not is_short or self.headers.get_content_type() != "application/json":
+            self._say(400, "expected JSON")
+        elif path in ("check", "save"):
+            body = self.rfile.read(int(length))
+            work = session.check if path == "check" else session.save
+            self._answer(lambda: work(**json.loads(body)))
         elif path == "done":
             self._answer(dict)
             self.server.shutdown()
         else:
-            self._reply(404, "text/plain; charset=utf-8", b"no such page")
+            self._say(404, "no such page")
 
     def _asked(self) -> tuple[str | None, dict[str, str]]:
         """The path below the token, None for a wrong token or host; and the query."""
@@ -113,40 +106,29 @@ class _Handler(BaseHTTPRequestHandler):
         """Reply with the result of `work`, bytes as an image; if it raises, with the reason."""
         try:
             result = work()
-        except (KeyError, TypeError, ValueError):
-            self._reply(400, "text/plain; charset=utf-8", b"not a request of this page; reload it")
+        except (KeyError, TypeError, ValueError, RecursionError):
+            self._say(400, "not a request of this page; reload it")
         except SucreBenchError as fault:
-            self._reply(422, "text/plain; charset=utf-8", one_line(fault).encode())
+            self._say(422, one_line(fault))
         except ANY_FAULT as fault:
-            self._reply(500, "text/plain; charset=utf-8", one_line(fault).encode())
+            self._say(500, one_line(fault))
         else:
             if isinstance(result, bytes):
                 self._reply(200, "image/jpeg", result)
             else:
                 self._reply(200, "application/json", json.dumps(result).encode())
 
-    def _refuse(self) -> None:
-        self._reply(403, "text/plain; charset=utf-8", b"not for you; open the address that was printed")
+    def _say(self, status: int, text: str) -> None:
+        self._reply(status, "text/plain; charset=utf-8", text.encode())
 
     def _reply(self, status: int, kind: str, content: bytes) -> None:
         self.send_response(status)
         headers = {"Content-Type": kind, "Content-Length": str(len(content)), "Cache-Control": "no-store"}
-        headers |= {"Content-Security-Policy": _POLICY, "X-Content-Type-Options": "nosniff"}
-        for name, value in {**headers, "Referrer-Policy": "no-referrer"}.items():
+        headers |= {"X-Content-Type-Options": "nosniff", "Referrer-Policy": "no-referrer"}
+        for name, value in {**headers, "Content-Security-Policy": _POLICY}.items():
             self.send_header(name, value)
         self.end_headers()
         self.wfile.write(content)
 
     def log_message(self, format: str, *args: Any) -> None:
         """Print no log of requests."""
-
-
-def _arguments(body: bytes, *names: str) -> dict[str, Any]:
-    """The named values of a JSON object. Raises ValueError for anything else."""
-    try:
-        values = json.loads(body)
-    except RecursionError as fault:
-        raise ValueError("nested too deeply") from fault
-    if not isinstance(values, dict) or set(values) - set(names):
-        raise ValueError("not a request")
-    return values
