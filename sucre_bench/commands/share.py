@@ -22,7 +22,7 @@ from sucre_bench.programs.verify import TOLERANCE
 
 if TYPE_CHECKING:
     from sucre_bench.programs.site.board import Entry
-    from sucre_bench.programs.verify.outcome import Outcome
+    from sucre_bench.programs.verify.verify_bundle import Outcome
 
 _MOST = 20  # scores that are listed
 

@@ -3,6 +3,7 @@
 import math
 from collections import Counter
 from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -10,6 +11,7 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import DataFrame
+from sucre_bench.compare import Pixels
 from sucre_bench.engine.score import Scorer
 from sucre_bench.errors import ANY_FAULT, InputError, SucreBenchError
 from sucre_bench.machine import progress
@@ -26,7 +28,6 @@ from sucre_bench.programs.verify.common_pixels import (
 )
 from sucre_bench.programs.verify.metrics import Metrics
 from sucre_bench.programs.verify.open_data import Opened, open_data
-from sucre_bench.programs.verify.outcome import DifferingScore, Outcome
 from sucre_bench.programs.verify.pictures import Held, Restored, held, picture, restoration_of
 from sucre_bench.programs.verify.tolerance import Key, Pictured, agrees, computed
 from sucre_bench.results.bundle_format import COMMON, SCORES, Bundle
@@ -34,6 +35,59 @@ from sucre_bench.results.common_scores import common_frame
 from sucre_bench.results.reasons import Reason, brief
 from sucre_bench.results.rows import COSTS, KEYS, Row, restorations
 from sucre_bench.scene import Arrays, Restoration, Scene, View
+
+
+@dataclass(frozen=True)
+class DifferingScore:
+    """A score that another value comes out for."""
+
+    dataset: str
+    method: str
+    scene: str
+    view: str
+    metric: str
+    variant: str
+    region: str
+    pixels: Pixels
+    stored: float
+    computed: float
+
+
+@dataclass
+class Outcome:
+    """What became of a bundle's check.
+
+    id, by: see `Bundle`; n_files: number of checked hashes; faults: faults of files, data, pictures or units, one line
+    each; differing: scores that differ; n_agree: number of scores that were computed again and agree; n_common: how
+    many of these are on common pixels; unchecked: scores that were not computed again, by reason; needs_data: whether
+    some of them need the data; other_versions: metrics whose code here is not the code that made the scores.
+    """
+
+    id: str
+    by: str
+    n_files: int
+    faults: list[str] = field(default_factory=list)
+    differing: list[DifferingScore] = field(default_factory=list)
+    n_agree: int = 0
+    n_common: int = 0
+    unchecked: dict[str, int] = field(default_factory=Counter)
+    needs_data: bool = False
+    other_versions: list[str] = field(default_factory=list)
+
+    @property
+    def n_scores(self) -> int:
+        """How many scores the bundle has; seconds and memory are none."""
+        return self.n_agree + len(self.differing) + sum(self.unchecked.values())
+
+    @property
+    def is_whole(self) -> bool:
+        """Whether every score was computed again and agrees."""
+        return 0 < self.n_agree == self.n_scores
+
+    @property
+    def holds(self) -> bool:
+        """Whether nothing differs."""
+        return not self.faults and not self.differing
 
 
 def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: float = TOLERANCE) -> Outcome:
@@ -44,31 +98,20 @@ def verify(bundle: Bundle, data: Mapping[str, Path] | None = None, tolerance: fl
     rows = bundle.rows
     names = sorted(set(bundle.inside) | set(bundle.entries) - {"bundle.json"})
     file_faults = {name: fault for name in progress.track(names, "hashes") if (fault := bundle.fault_of(name))}
+    common = _common(bundle, file_faults)
     opened = open_data(rows, data or {})
-    check = _Check(bundle, opened, tolerance, _sizes(rows))
+    outcome = Outcome(bundle.id, bundle.by, len(names), [f"{name}: {fault}" for name, fault in file_faults.items()])
+    outcome.faults += [*opened.faults, *_wrong_meaning(SCORES, rows), *_wrong_meaning(COMMON, common)]
+    check = _Check(bundle, opened, tolerance, rows, outcome)
     for of_restoration in progress.track(list(_by_restoration(rows)), "scoring again"):
         check.restoration(of_restoration)
-    n_own, common = check.n_agree, _common(bundle, file_faults)
+    n_own = outcome.n_agree
     for of_view in progress.track(list(common_views(common, rows)), "scoring common pixels again"):
         check.view(of_view)
-    return Outcome(
-        bundle.id,
-        bundle.by,
-        len(names),
-        (
-            *(f"{name}: {fault}" for name, fault in file_faults.items()),
-            *opened.faults,
-            *_wrong_meaning(SCORES, rows),
-            *_wrong_meaning(COMMON, common),
-            *check.faults,
-        ),
-        tuple(check.differing),
-        check.n_agree,
-        check.n_agree - n_own,
-        dict(check.unchecked.most_common()),
-        check.needs_data,
-        tuple(sorted(check.other_versions)),
-    )
+    outcome.n_common = outcome.n_agree - n_own
+    outcome.unchecked = dict(sorted(outcome.unchecked.items(), key=lambda item: -item[1]))
+    outcome.other_versions.sort()
+    return outcome
 
 
 def _common(bundle: Bundle, file_faults: dict[str, str]) -> DataFrame:
@@ -89,13 +132,6 @@ def _by_restoration(rows: DataFrame) -> Iterator[DataFrame]:
         yield of_restoration
 
 
-def _sizes(rows: DataFrame) -> dict[tuple[str, str], float]:
-    """The median size of each column's finite scores: what a difference near zero is compared with."""
-    scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
-    sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median()
-    return {(str(m), str(v)): float(size) for (m, v), size in sizes.items()}
-
-
 def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
     """Metrics of which a table of the bundle says another unit or direction than they have."""
     known = plugins.usable("metric")
@@ -108,36 +144,32 @@ def _wrong_meaning(file: str, rows: DataFrame) -> Iterator[str]:
 
 
 class _Check:
-    """Scores restorations one after the other, and collects what comes out."""
+    """Scores restorations one after the other, and writes into an outcome what comes out."""
 
-    def __init__(
-        self, bundle: Bundle, opened: Opened, tolerance: float, sizes: Mapping[tuple[str, str], float]
-    ) -> None:
-        self.faults: list[str] = []
-        self.differing: list[DifferingScore] = []
-        self.unchecked: Counter[str] = Counter()
-        self.needs_data = False
-        self.other_versions: set[str] = set()
-        self.n_agree = 0
-        self._bundle, self._opened, self._tolerance, self._sizes = bundle, opened, tolerance, sizes
+    def __init__(self, bundle: Bundle, opened: Opened, tolerance: float, rows: DataFrame, outcome: Outcome) -> None:
+        self._bundle, self._opened, self._tolerance, self._outcome = bundle, opened, tolerance, outcome
         self._metrics = Metrics(bundle)
+        scores = rows[(rows["status"] == "ok") & np.isfinite(rows["value"])]
+        sizes = scores["value"].abs().groupby([scores["metric"], scores["variant"]]).median()
+        # The median size of a column's scores: what a difference near zero is compared with.
+        self._sizes = {(str(m), str(v)): float(size) for (m, v), size in sizes.items()}
 
     def restoration(self, rows: DataFrame) -> None:
         """Score a restoration again. rows: see `_by_restoration`."""
         whole, scores = restorations(rows), rows[~rows["metric"].isin(COSTS)]
         if whole.empty:
-            self.faults.append(f"{_where(rows.iloc[0])}: has scores, but no row of the restoration")
+            self._outcome.faults.append(f"{_where(rows.iloc[0])}: has scores, but no row of the restoration")
             return
         row = next(whole.itertuples())
         try:
             names = held(self._bundle, row)
             if names is None:
-                self.unchecked[NO_PICTURES] += len(scores)
+                self._outcome.unchecked[NO_PICTURES] += len(scores)
             else:
                 self._score(row, scores, names, restoration_of(self._bundle, names, int(row.n_pixels)))
         except ANY_FAULT as fault:  # whatever a stranger's file makes fail is a fault of that file
             self._add_fault(_where(rows.iloc[0]), fault)
-            self.unchecked["the picture cannot be used"] += len(scores)
+            self._outcome.unchecked["the picture cannot be used"] += len(scores)
 
     def view(self, view: CommonView) -> None:
         """Find the common pixels of a view again, and score all methods on them again."""
@@ -146,7 +178,7 @@ class _Check:
             why = why_unused(view)
             pixels = None if why else common_mask(self._bundle, view)
             if pixels is None:
-                self.unchecked[why or NO_PICTURES] += len(scores)
+                self._outcome.unchecked[why or NO_PICTURES] += len(scores)
                 return
             for method, of_method in scores.groupby("method", sort=False):
                 row = view.whole[str(method)]
@@ -156,11 +188,11 @@ class _Check:
                 self._score(row, of_method, names, on_mask(kept, *pixels))
         except ANY_FAULT as fault:  # as above
             self._add_fault(view.where, fault)
-            self.unchecked["the common pixels cannot be found again"] += len(scores)
+            self._outcome.unchecked["the common pixels cannot be found again"] += len(scores)
 
     def _add_fault(self, where: str, fault: BaseException) -> None:
         text = fault.beside(self._bundle.path) if isinstance(fault, SucreBenchError) else str(fault)
-        self.faults.append(f"{where}: {text}")
+        self._outcome.faults.append(f"{where}: {text}")
 
     def _score(self, row: Any, scores: DataFrame, names: Held, kept: Restored) -> None:
         """Compute scores again, and judge each. row: of the restoration; kept: the same, or its common pixels."""
@@ -203,31 +235,30 @@ class _Check:
 
         doubt: why a difference would prove nothing; is_inexact: the reason is that the data are not there.
         """
-        again = found.get((score.metric, score.variant, score.region))
+        outcome, again = self._outcome, found.get((score.metric, score.variant, score.region))
         if isinstance(scorer, str):
-            self.unchecked[scorer] += 1
-        elif again is None or (again.status != "ok" and not self._agrees(score, again, scorer, pictured)):
-            self._not_again(score, again, found)
+            outcome.unchecked[scorer] += 1
+            return
+        does_agree = again is not None and self._agrees(score, again, scorer, pictured)
+        if again is None or not (again.status == "ok" or does_agree):  # nothing comes out now
+            alone = again or found.get((score.metric, score.variant, "image"))
+            if alone is not None and alone.status == "skipped" and Reason.of(alone.reason) is Reason.LACK:
+                outcome.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
+                outcome.needs_data = True
+            else:
+                outcome.differing.append(_differing(score, math.nan))
         elif self._metrics.rests_on_unrounded(scorer, again, pictured.restoration, pictured.view):
-            self.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
-        elif self._agrees(score, again, scorer, pictured):
-            self._count_version(score, scorer)
-            self.n_agree += 1
-        elif doubt:
-            self.unchecked[doubt] += 1
-            self.needs_data |= is_inexact
+            outcome.unchecked[f"{score.metric} needs the restoration before it was rounded"] += 1
+        elif doubt and not does_agree:
+            outcome.unchecked[doubt] += 1
+            outcome.needs_data |= is_inexact
         else:
-            self._count_version(score, scorer)
-            self.differing.append(_differing(score, again.value))
-
-    def _not_again(self, score: Any, again: Row | None, found: Mapping[Key, Row]) -> None:
-        """A score that is in the table, and for which nothing comes out now."""
-        alone = again or found.get((score.metric, score.variant, "image"))
-        if alone is not None and alone.status == "skipped" and Reason.of(alone.reason) is Reason.LACK:
-            self.unchecked[f"{score.metric} {brief(alone.reason)} of the data"] += 1
-            self.needs_data = True
-        else:
-            self.differing.append(_differing(score, math.nan))
+            if score.code.partition(".")[2] != scorer.code and score.metric not in outcome.other_versions:
+                outcome.other_versions.append(score.metric)
+            if does_agree:
+                outcome.n_agree += 1
+            else:
+                outcome.differing.append(_differing(score, again.value))
 
     def _agrees(self, score: Any, again: Row, scorer: Scorer, pictured: Pictured) -> bool:
         """Whether a score is as it comes out again, as far as pictures of 8 bits can tell."""
@@ -238,10 +269,6 @@ class _Check:
         if not math.isfinite(reach):
             return True
         return agrees(score.value, again.value, scorer.plugin, size, self._tolerance, reach)
-
-    def _count_version(self, score: Any, scorer: Scorer) -> None:
-        if score.code.partition(".")[2] != scorer.code:
-            self.other_versions.add(score.metric)
 
 
 def _differing(score: Any, value: float) -> DifferingScore:
