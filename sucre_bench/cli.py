@@ -9,8 +9,6 @@ import click
 
 from sucre_bench.errors import SucreBenchError, did_you_mean
 from sucre_bench.machine.children import isolated_children
-from sucre_bench.machine.sigterm import was_interrupted
-from sucre_bench.machine.supervisor import supervised
 from sucre_bench.machine.terminal import escaped_output, say
 
 _BROKEN_PIPE = 141  # what a shell says of a process that SIGPIPE ended
@@ -21,7 +19,7 @@ def main() -> None:
     # pyarrow's own allocator keeps much of what it has freed: 50 MB more for a table of 90,000 rows.
     os.environ.setdefault("ARROW_DEFAULT_MEMORY_POOL", "system")
     os.environ.setdefault("OPENCV_LOG_LEVEL", "OFF")  # else a damaged image costs ten lines more
-    sys.exit(supervised(_ended, lambda text: say(f"error: {text}", "red")))
+    sys.exit(_ended())
 
 
 def _ended() -> int:
@@ -58,7 +56,7 @@ def _status() -> int:
         say(str(stopped.__cause__ or stopped) or "stopped", "yellow")  # click makes an Abort of an interrupt
         return 130
     except Exception as fault:
-        if was_interrupted():  # and a library made another error of it
+        if _is_of_interrupt(fault):  # of which a library made another error
             say("stopped", "yellow")
             return 130
         if not isinstance(fault, OSError) or fault.filename is None:
@@ -66,6 +64,12 @@ def _status() -> int:
         reason = fault.strerror or type(fault).__name__  # of a path that no file system has, say
         return _fault(f"{os.fsdecode(fault.filename)}: {reason}; give another path, or make this one usable", 2)
     return 0
+
+
+def _is_of_interrupt(fault: BaseException | None) -> bool:
+    while fault and not isinstance(fault, KeyboardInterrupt):
+        fault = fault.__cause__ or fault.__context__
+    return fault is not None
 
 
 def _fault(text: str, status: int) -> int:

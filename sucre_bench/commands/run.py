@@ -45,7 +45,7 @@ def run(
     sucre-bench run dataset=demo method=gray_world
     sucre-bench run dataset=colmap dataset.root=dive/ method=sucre_plus method.fill=true
     sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
-    sucre-bench run -m method.pairing=mutual,depth hydra/launcher=joblib
+    sucre-bench run -m method.pairing=mutual,depth workers=2
     sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx
     sucre-bench run lineup.yaml out=results
     sucre-bench run experiment=table1
@@ -69,6 +69,7 @@ def run(
     overwrite=always        restore finished views again; never: only new views
     overwrite=failed        also try views again at which the process died
     view_timeout_s=60       a view that takes longer has failed; null: no limit
+    workers=4               4 jobs at once; 0: all in this process, to debug
     seed=N                  other random draws
     report=false            write no page
     tracking.uri=off        no mlflow; tracking.uri=URI: another mlflow

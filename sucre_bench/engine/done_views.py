@@ -25,7 +25,6 @@ class _Kept:
     status: str
     options_id: str
     data_id: str
-    time: str
 
 
 _KEPT = tuple(field.name for field in fields(_Kept))
@@ -36,28 +35,25 @@ class Done:
     """What an output folder holds of a job, by the names of scene and view.
 
     It holds failed views and scores only if the process died at them, because they would end the next process, too.
-    metric_codes: the code that the job's scores depend on, see `engine.score.metric_code`; since: the start of the
-    command, if this process continues after another one died, else "". Views that the command has tried since then are
-    done, failed or not.
+    metric_codes: the code that the job's scores depend on, see `engine.score.metric_code`.
     """
 
     job: Job
     kept: dict[tuple[str, str], list[_Kept]]
     metric_codes: tuple[str, ...]
-    since: str = ""
     _by_code: dict[str, frozenset[tuple[str, str, str]]] = field(default_factory=dict)
 
     @classmethod
-    def of(cls, job: Job, since: str = "") -> Done:
+    def of(cls, job: Job) -> Done:
         """Read the output folder of a job; one without a table holds nothing."""
         try:
             rows = results.read(job.out, dataset=job.dataset.label, method=job.method.label)
         except MissingFileError:
             rows = results.frame([])
-        return cls.among(rows, job, since)
+        return cls.among(rows, job)
 
     @classmethod
-    def among(cls, rows: DataFrame, job: Job, since: str = "") -> Done:
+    def among(cls, rows: DataFrame, job: Job) -> Done:
         """Pick what a table holds of a job."""
         kept: dict[tuple[str, str], list[_Kept]] = {}
         of_job = rows[(rows["dataset"] == job.dataset.label) & (rows["method"] == job.method.label)]
@@ -65,17 +61,13 @@ class Done:
         if job.overwrite != "failed":
             died = [text for text in of_job["reason"].unique() if Reason.of(text) is Reason.DIED]
             is_kept |= of_job["reason"].isin(died)
-        if since:
-            is_kept |= of_job["time"] >= since
         for scene, view, *about in tuples(of_job[is_kept], "scene", "view", *_KEPT):
             kept.setdefault((scene, view), []).append(_Kept(*about))
-        return cls(job, kept, tuple(map(metric_code, job.metrics)), since)
+        return cls(job, kept, tuple(map(metric_code, job.metrics)))
 
     def covers(self, base: Row, picture: Path) -> bool:
         """Whether a view needs no work. base: what its rows would say; picture: where its restoration is kept."""
         kept = self.kept.get((base.scene, base.view), [])
-        if self.since and any(k.metric == base.metric and k.time >= self.since for k in kept):
-            return True
         if self.job.overwrite == "always":
             return False
         if self.job.overwrite == "never":

@@ -14,8 +14,8 @@ import numpy as np
 
 from sucre_bench.degrade import degraded
 from sucre_bench.engine.done_views import Done
-from sucre_bench.engine.measured_restore import make_ready, measured_restore
-from sucre_bench.engine.preflight import Planned, check
+from sucre_bench.engine.job import make_ready, measured_restore
+from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.engine.select_views import Task
 from sucre_bench.errors import InputError, one_line, raise_if_stop
@@ -26,7 +26,6 @@ from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
 from sucre_bench.machine import progress_display
-from sucre_bench.machine.cores import usable_cores
 from sucre_bench.machine.measured_rates import MeasuredRates, Rates, rates_path
 from sucre_bench.multiview.pairing import lift, visible_pixels
 from sucre_bench.results.rows import fingerprint
@@ -94,16 +93,11 @@ def _launched(command: Command) -> Forecast:
     """A forecast of no jobs, with what the command's launcher gives them."""
     empty = Forecast((), 0.0, 0.0)
     settings = command.settings.hydra.launcher
-    target = str(settings.get("_target_", ""))
-    if not command.is_sweep or target.endswith(".OneByOne"):
-        return empty
-    if "slurm" in target:
+    if is_for_cluster(command):
         limits = {name: settings.get(name) for name in ("timeout_min", "mem_gb")}
         return replace(empty, launcher="slurm", at_once=int(settings.array_parallelism), **limits)
-    if "joblib" in target:
-        n_jobs = int(settings.n_jobs or 1)
-        return replace(empty, launcher="joblib", at_once=n_jobs if n_jobs > 0 else usable_cores())
-    return replace(empty, launcher=str(command.settings.hydra.runtime.choices.get("hydra/launcher")), at_once=0)
+    at_once = workers_at_once(command)
+    return replace(empty, launcher="workers" if at_once > 1 else "", at_once=max(1, at_once))
 
 
 def _expected(plan: Planned) -> Expected:

@@ -20,7 +20,7 @@ from sucre_bench.errors import (
 )
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine.current_step import step
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.plugins.options import Choice
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.results.layout import file_name
@@ -50,6 +50,11 @@ def check(command: Command) -> list[Planned]:
         if line := plugins.missing_packages(plugin):
             problems.append(f"{plugin.kind} '{plugin.name}': not installed; {line}")
     problems += _unknown_baseline(command.jobs)
+    if not is_for_cluster(command):
+        try:
+            workers_at_once(command)
+        except InputError as fault:
+            problems.append(str(fault))
     planned: list[Planned] = []
     for job in command.jobs:
         try:
@@ -84,8 +89,7 @@ def _plugins_of(jobs: Sequence[Job]) -> list[Plugin]:
 
 def _made(choice: Choice, command: Command) -> None:
     try:
-        with step(f"the making of '{choice.plugin.name}'"):
-            choice.make(command.jobs[0].out)
+        choice.make(command.jobs[0].out)
     except SucreBenchError as fault:
         raise InputError(_as_typed(str(fault), choice, command)) from fault
     except BaseException as fault:
@@ -150,6 +154,26 @@ def _label_option(chosen: Sequence[Choice], one: Choice) -> str:
         return f"{one.plugin.kind}.label=..."
     called = [label for label, name in labels.items() if one.label in (label, name)]
     return f"{one.label}.label=..." if len(called) == 1 and one.label.isidentifier() else "out=..."
+
+
+def is_for_cluster(command: Command) -> bool:
+    """Whether the jobs are for SLURM, and not for this machine."""
+    return command.is_sweep and "engine.slurm" in str(command.settings.hydra.launcher.get("_target_", ""))
+
+
+def workers_at_once(command: Command) -> int:
+    """Return how many jobs run at once on this machine; 0: in this process.
+
+    Raises InputError for a launcher that is neither joblib's nor this program's.
+    """
+    settings, workers = command.settings.hydra.launcher, command.jobs[0].workers
+    target = str(settings.get("_target_", ""))
+    if not command.is_sweep or target.endswith("OneByOne") or not workers:
+        return workers
+    if "joblib" not in target:
+        raise InputError("not known here", f"hydra/launcher ({target})", "give joblib or slurm, or workers=4")
+    n_jobs = int(settings.get("n_jobs") or 1)
+    return n_jobs if n_jobs > 0 else max(1, usable_cores() + 1 + n_jobs)
 
 
 @dataclass(frozen=True)

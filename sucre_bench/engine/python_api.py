@@ -9,7 +9,7 @@ import numpy as np
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame
-from sucre_bench.engine.measured_restore import make_ready, measured_restore
+from sucre_bench.engine.job import make_ready, measured_restore
 from sucre_bench.engine.score import score_rows, scorers
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.display import displayed, is_of_scene

@@ -14,11 +14,10 @@ import numpy as np
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
 from sucre_bench.engine.failed_rows import row_of_fault, row_without_value
-from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.imaging.once import locked
 from sucre_bench.imaging.resizing import Resizing, resized_picture, resized_restoration, split_variant
 from sucre_bench.jobs.metric_words import MetricChoice
-from sucre_bench.machine.current_step import step
+from sucre_bench.machine.forked import step
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.plugin import Metric, Plugin
 from sucre_bench.results.reasons import Reason
@@ -134,7 +133,7 @@ def variant_rows(metric: Metric, scored: Scored, base: Row, log: Path | None, li
         variant, resizing = split_variant(base.variant)
         of = scored.at(resizing) if resizing else scored
         share = scored.share if resizing else 1.0  # at another size holes are black pixels
-        with step(at, limit_s), limited(limit_s), unharmed():
+        with step(at, limit_s):
             rows = [
                 replace(
                     base, value=float(s.value), region=s.region, n_pixels=int(s.n_pixels), coverage=s.coverage * share

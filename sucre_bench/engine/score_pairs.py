@@ -12,9 +12,9 @@ from cachetools import LRUCache
 
 from sucre_bench import plugins
 from sucre_bench.engine.failed_rows import kept_reason, row_without_value
-from sucre_bench.engine.guard import limited, unharmed
 from sucre_bench.engine.score import Scorer, score_code
 from sucre_bench.errors import NotApplicableError, one_line
+from sucre_bench.machine.forked import step
 from sucre_bench.multiview.common_points import SharedPoints
 from sucre_bench.restored_pair import RestoredPair, RestoredView
 from sucre_bench.results.reasons import Reason
@@ -139,8 +139,10 @@ class _Tally:
         if variant in self.faults:
             return
         scorer = self.entrant.scorers[variant[0]]
+        at = f"metric '{scorer.plugin.name}:{variant[1]}' on views '{names[0]}' and '{names[1]}'"
+        at = f"{at} by method '{self.entrant.bases[names[0]].method}'"
         try:
-            with limited(self.limit_s), unharmed():
+            with step(at, self.limit_s):
                 scores = list(scorer.metric.score_pair(pair, variant[1]))
         except NotApplicableError as reason:
             self.reasons.update({(variant, name): one_line(reason) for name in names})

@@ -20,7 +20,6 @@ from sucre_bench.errors import (
     raise_if_stop,
 )
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine.current_step import step
 from sucre_bench.machine.files import is_want_of_room, not_writable
 from sucre_bench.plugins.code_hash import source_hash
 from sucre_bench.plugins.options import Choice
@@ -96,8 +95,7 @@ def open_scenes(dataset: Choice) -> list[Scene]:
 
 def _open(dataset: Choice) -> list[Scene]:
     try:
-        with step(f"the opening of dataset '{dataset.label}'"):
-            scenes = list(dataset.make().scenes())
+        scenes = list(dataset.make().scenes())
     except SucreBenchError:
         raise
     except (ImportError, OSError) as fault:

@@ -1,32 +1,38 @@
-"""Runs a whole command: checks everything first, launches the jobs, merges their rows, and returns the outcome."""
+"""Runs a whole command: checks everything first, runs the jobs, merges their rows, and returns the outcome."""
+
+from __future__ import annotations
 
 import shutil
-from collections.abc import Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import suppress
-from typing import Any
+from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.across_views import score_across_views
 from sucre_bench.engine.common_pixels.of_run import score_on_common_pixels
-from sucre_bench.engine.launch import Ended, launch
+from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.outcome import Fault, Outcome
-from sucre_bench.engine.preflight import Planned, check, states
-from sucre_bench.engine.rescue_jobs import rescue
+from sucre_bench.engine.preflight import Planned, check, is_for_cluster, states, workers_at_once
 from sucre_bench.engine.select_views import opening_once
 from sucre_bench.engine.share_decoded import remove_decoded, share_decoded
+from sucre_bench.engine.workers import Alone, run_works
+from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.config_file import config_path, config_text
 from sucre_bench.jobs.lineup_of_results import record_line_up
-from sucre_bench.machine import progress_display, provenance
-from sucre_bench.machine.current_step import note_start
+from sucre_bench.machine import progress, progress_display, provenance
 from sucre_bench.machine.files import write_atomically
-from sucre_bench.machine.records import masked, now
+from sucre_bench.machine.records import keep_traceback, masked, now
 from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.layout import pairs_path
+from sucre_bench.results.layout import log_path, pairs_path
 from sucre_bench.results.rows import Status
+
+if TYPE_CHECKING:
+    from sucre_bench.engine.slurm.launcher import Launcher
 
 
 def run(overrides: Sequence[str], multirun: bool) -> Outcome:
@@ -40,17 +46,14 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
         out = command.jobs[0].out
         planned = check(command)
         _write_provenance(command, planned)
-        started = note_start(now())
+        started = now()
         interrupted = crashed = False
         share_decoded(planned)
         try:
             with terminated_as_interrupt():
-                ended = launch(command, sum(len(plan.tasks) for plan in planned))
-                crashed = ended is Ended.CRASHED
-                if ended is Ended.WORKER_DIED:
-                    rescue(planned, started)
+                crashed = not _run_jobs(command, planned)
                 if not crashed:
-                    score_across_views(planned)
+                    _alone("pairs of views", partial(score_across_views, planned), planned)
         except KeyboardInterrupt:
             interrupted = True
         finally:
@@ -60,10 +63,51 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
         if not (interrupted or crashed):
             try:
                 with terminated_as_interrupt():
-                    score_on_common_pixels(planned, rows, out)
+                    _alone("common pixels", partial(score_on_common_pixels, planned, rows, out), planned)
             except KeyboardInterrupt:
                 interrupted = True
     return _outcome(rows, planned, started, interrupted, crashed)
+
+
+def _run_jobs(command: Command, planned: Sequence[Planned]) -> bool:
+    """Run the jobs where the command says, and return whether that went well; their rows say what became of them.
+
+    Raises DiskFullError, without the jobs that are left: none could write.
+    """
+    if launcher := _cluster(command):
+        try:
+            launcher.launch(command.jobs)
+        except DiskFullError:
+            raise
+        except Exception as fault:
+            keep_traceback(log_path(command.jobs[0].out), "launcher")
+            reason = one_line(fault) if isinstance(fault, SucreBenchError) else one_line(fault)[:160]
+            progress.say(f"failed  the launcher: {reason}", is_fault=True)
+            return False
+        return True
+    if len(command.jobs) == 1:
+        run_works([JobAtWork(command.jobs[0])], command.jobs[0].workers)
+        return True
+    with progress.line(f"{len(command.jobs)} jobs", sum(len(plan.tasks) for plan in planned)) as after_view:
+        run_works([JobAtWork(job, after_view) for job in command.jobs], workers_at_once(command))
+    return True
+
+
+def _cluster(command: Command) -> Launcher | None:
+    """The launcher of a sweep for SLURM; None where the jobs run on this machine."""
+    settings = command.settings.hydra.launcher
+    if not is_for_cluster(command):
+        return None
+    from hydra.utils import instantiate
+    from omegaconf import OmegaConf
+
+    launcher: Launcher = instantiate(OmegaConf.to_container(settings, resolve=True), _convert_="all")
+    return launcher
+
+
+def _alone(name: str, work: Callable[[], None], planned: Sequence[Planned]) -> None:
+    """Do what metrics do after all jobs, in a worker."""
+    run_works([Alone(name, work)], min(1, planned[0].job.workers))
 
 
 def _remove_shared(command: Command) -> None:

@@ -116,9 +116,9 @@ def _hydra_type(annotation: Any) -> Any:
 
 @dataclass
 class OneByOneSettings:
-    """Options of the launcher that runs the jobs of a sweep in this process: none."""
+    """Options of the launcher that runs the jobs of a sweep on this machine, `workers` at a time: none."""
 
-    _target_: str = "sucre_bench.engine.launch.OneByOne"
+    _target_: str = "OneByOne"
 
 
 @dataclass

@@ -42,6 +42,7 @@ class Job:
     first: int | None
     overwrite: Overwrite
     view_timeout_s: float | None
+    workers: int
     save: Save
     seed: int
     report: bool
@@ -117,6 +118,7 @@ class Job:
             first=run.first,
             overwrite=run.overwrite,
             view_timeout_s=run.view_timeout_s,
+            workers=run.workers,
             save=run.save,
             seed=run.seed,
             report=run.report,

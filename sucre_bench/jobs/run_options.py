@@ -169,6 +169,8 @@ class RunConfig:
     died; always: all views; never: only views without a result."""
     view_timeout_s: float | None = None
     """Most seconds of a method for a view, and of a metric for a score; longer ones fail. null: no limit."""
+    workers: int = 1
+    """How many jobs run at once, each in a worker process; 0: all in this process, for a debugger."""
     save: Save = "display"
     """display: write restored images; full: also J, B, beta and gamma (.npz), for metrics that you add later."""
     seed: int = 0
@@ -198,7 +200,7 @@ class RunConfig:
 
     def __post_init__(self) -> None:
         check_ranges(self, "", every="[1, inf)", first="[1, inf)", replicate="[0, inf)", pairs_gb="[0, inf)")
-        check_ranges(self, "", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
+        check_ranges(self, "", workers="[0, inf)", cache_gb="[0, inf)", view_timeout_s="(0, inf)")
         if not self.out.strip():
             raise InputError("is empty", "out", "name a folder, for example out=results")
 

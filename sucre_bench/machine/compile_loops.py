@@ -1,6 +1,7 @@
 """Compiles the loops of this package at their first call, and prints a line about it."""
 
 import functools
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -41,10 +42,10 @@ def _announce_compiling() -> None:
 
 @functools.cache
 def _say_that_it_compiles() -> None:
-    from sucre_bench.machine import progress, terminal
+    from sucre_bench.machine import progress
 
     text = "compiling loops for this processor, once after each installation or update; this takes up to a minute"
     if progress.is_watched():
         progress.say(text)
     else:  # a script, a notebook, or a thread
-        terminal.err.print(text)
+        print(text, file=sys.stderr)

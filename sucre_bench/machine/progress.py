@@ -15,12 +15,16 @@ T = TypeVar("T")
 
 
 class Watcher(Protocol):
-    """Shows progress: `started` begins a line, `advanced` moves it on, `finished` ends it, `said` prints text."""
+    """Shows progress: `started` begins a line, `advanced` moves it on, `finished` ends it, `said` prints text.
+
+    `tick` draws anew what changes with time.
+    """
 
     def started(self, what: str, total: int | None) -> int: ...
     def advanced(self, line: int) -> None: ...
     def finished(self, line: int) -> None: ...
     def said(self, text: str, is_fault: bool) -> None: ...
+    def tick(self) -> None: ...
 
 
 _watcher: ContextVar[Watcher | None] = ContextVar("watcher", default=None)
@@ -56,6 +60,9 @@ class _Through:
         if (changed := self.change(text)) is not None:
             self.inner.said(changed, is_fault)
 
+    def tick(self) -> None:
+        self.inner.tick()
+
 
 @contextmanager
 def said_through(change: Callable[[str], str | None]) -> Iterator[None]:
@@ -78,6 +85,13 @@ def say(text: str, is_fault: bool = False) -> None:
     watcher = _watcher.get()
     if watcher is not None:
         watcher.said(text, is_fault)
+
+
+def tick() -> None:
+    """Draw progress anew: whoever waits for another process calls this about ten times a second."""
+    watcher = _watcher.get()
+    if watcher is not None:
+        watcher.tick()
 
 
 @contextmanager

@@ -17,6 +17,7 @@ from sucre_bench.machine.time_left import Pace, duration
 
 _PLAIN_SECONDS = 10.0
 _WORTH_A_LINE = 1.0
+_DRAWN_SECONDS = 0.1
 
 
 class _Bars:
@@ -26,17 +27,20 @@ class _Bars:
         self._bars = bars
         self._depth = 0
         self._paces: dict[int, Pace] = {}
+        self._drawn = 0.0
 
     def started(self, what: str, total: int | None) -> int:
         line = self._bars.add_task("  " * self._depth + what, total=total, left="")
         self._depth += 1
         self._paces[line] = Pace(total, time.monotonic())
+        self.tick()
         return int(line)
 
     def advanced(self, line: int) -> None:
         pace = self._paces[line]
         pace.advance(time.monotonic())
         self._bars.update(TaskID(line), advance=1, left=_left(pace))
+        self.tick()
 
     def finished(self, line: int) -> None:
         self._depth -= 1
@@ -45,6 +49,12 @@ class _Bars:
 
     def said(self, text: str, is_fault: bool) -> None:
         self._bars.console.print(_painted(text, is_fault))
+
+    def tick(self) -> None:
+        """Draw, at most ten times a second. No thread does it: this process forks others."""
+        if time.monotonic() - self._drawn >= _DRAWN_SECONDS:
+            self._bars.refresh()
+            self._drawn = time.monotonic()
 
 
 def _left(pace: Pace) -> str:
@@ -87,6 +97,9 @@ class _Lines:
     def said(self, text: str, is_fault: bool) -> None:
         err.print(_painted(text, is_fault))
 
+    def tick(self) -> None:
+        pass
+
 
 def _painted(text: str, is_fault: bool) -> str:
     from rich.markup import escape
@@ -109,7 +122,7 @@ def live() -> Iterator[None]:
         TimeElapsedColumn(),
         TextColumn("{task.fields[left]}"),
     )
-    with Progress(*columns, console=err) as bars, progress.watched_by(_Bars(bars)):
+    with Progress(*columns, console=err, auto_refresh=False) as bars, progress.watched_by(_Bars(bars)):
         yield
 
 

@@ -19,7 +19,6 @@ from types import MappingProxyType, ModuleType, UnionType
 from typing import Any, Literal, Union, get_args, get_origin, get_type_hints
 
 from sucre_bench.errors import ANY_FAULT, PluginError, UnknownPluginError, did_you_mean, one_line, raise_if_stop
-from sucre_bench.machine.current_step import step
 from sucre_bench.plugins.plugin import Broken, Kind, Plugin
 
 # Set by the bench beside a plugin's own options.
@@ -172,10 +171,7 @@ def _module_of(path: Path) -> ModuleType:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module.__name__] = module  # dataclasses look their module up there
     try:
-        with (
-            step(f"the import of {path}"),
-            contextlib.redirect_stdout(sys.stderr),
-        ):  # its prints are no part of our output
+        with contextlib.redirect_stdout(sys.stderr):  # its prints are no part of our output
             spec.loader.exec_module(module)
     except BaseException as fault:
         raise_if_stop(fault)
@@ -196,7 +192,7 @@ def _remedy(module: ModuleType) -> str:
 
 def _try(name: str, load: Callable[[], Any]) -> list[Plugin | Broken]:
     try:
-        with step(f"the import of plugin '{name}'"), contextlib.redirect_stdout(sys.stderr):
+        with contextlib.redirect_stdout(sys.stderr):
             loaded = load()
         return [loaded.__plugin__] if hasattr(loaded, "__plugin__") else list(_plugins_in(loaded))
     except BaseException as fault:

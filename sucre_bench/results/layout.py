@@ -46,11 +46,6 @@ def pairs_path(out: Path) -> Path:
     return out / ".pairs"
 
 
-def at_work_path(out: Path, config: str) -> Path:
-    """The note of the process that is at work on a job (`machine.current_step`). config: of the job."""
-    return out / ".at-work" / hashlib.blake2b(config.encode(), digest_size=8).hexdigest()
-
-
 def decoded_path(out: Path) -> Path:
     """The folder of decoded images and depth maps that the processes of a run share."""
     return out / ".decoded"

@@ -6,13 +6,10 @@ from pathlib import Path
 
 import cv2
 import numpy as np
-import pandas as pd
 import pytest
 from support.toy_runs import calls, run
 
 from sucre_bench import InputError
-from sucre_bench.engine.run_job import run_job
-from sucre_bench.jobs import compose_jobs
 
 pytestmark = pytest.mark.short
 
@@ -59,15 +56,3 @@ def test_a_view_that_is_added_changes_how_all_are_shown(out: Path) -> None:
 def test_it_is_refused_where_not_all_restorations_will_be_there(out: Path, words: tuple[str, ...], remedy: str) -> None:
     with pytest.raises(InputError, match=rf"^method\.display: white-99@scene .*; .* {remedy}$"):
         run(out, "method.display=white-99@scene", *words)
-
-
-def test_a_table_that_can_no_longer_be_read_is_a_failed_row_of_the_job(out: Path) -> None:
-    words = ["dataset=toy", "method=gain", "metrics=[psnr]", "tracking.uri=off", f"out={out}"]
-    (job,) = compose_jobs.jobs(words, False).jobs
-    run(out, "views=[v0.png]")
-    (out / "scores.parquet").write_bytes(b"damaged since the job was planned")
-    run_job(job)
-    (row,) = (row for part in (out / "parts").glob("*.parquet") for row in pd.read_parquet(part).itertuples())
-    assert (row.status, row.method, row.view) == ("failed", "gain", "")
-    assert "scores.parquet" in row.reason
-    assert "Traceback" in (out / "logs" / "failures.log").read_text()

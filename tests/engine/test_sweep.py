@@ -19,7 +19,8 @@ from support.toy_runs import calls, run
 
 import sucre_bench as sb
 from sucre_bench import plugins, results
-from sucre_bench.engine import preflight, run_job, sweep
+from sucre_bench.engine import job as job_
+from sucre_bench.engine import preflight, sweep
 from sucre_bench.errors import Death, DiskFullError, Lack, SucreBenchError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.machine.files import not_writable
@@ -304,39 +305,19 @@ def test_one_failing_job_of_a_sweep_does_not_stop_the_others(out: Path, capsys: 
     assert "failed  toy / toy / v1.png / faulty: ValueError: boom" in capsys.readouterr().err  # as it happens
 
 
-@pytest.mark.parametrize(
-    ("launcher", "number", "is_named"),
-    [("joblib", errno.ENOSPC, True), ("joblib", errno.EACCES, False), ("slurm", errno.ENOSPC, False)],
-)
-def test_a_full_shared_memory_is_named_where_joblib_found_it_full(
-    out: Path, monkeypatch: pytest.MonkeyPatch, capsys, launcher: str, number: int, is_named: bool
-):
-    from hydra.core.plugins import Plugins
-    from hydra.plugins.launcher import Launcher as HydraLauncher
-
-    from sucre_bench.engine.slurm.launcher import Launcher as SlurmLauncher
-
-    by_name = {found.__name__: found for found in Plugins.instance().discover(HydraLauncher)}  # as Hydra imports them
-
-    def fails(*_: object) -> None:
-        raise OSError(number, os.strerror(number))
-
-    monkeypatch.setattr(by_name["JoblibLauncher"] if launcher == "joblib" else SlurmLauncher, "launch", fails)
-    run(out, "method.gain=1,2", f"hydra/launcher={launcher}", multirun=True)
-    said = capsys.readouterr()
-    text = said.out + said.err
-    assert os.strerror(number) in text
-    assert ("/dev/shm" in text) == is_named
-
-
-def test_jobs_run_in_parallel_with_joblib(out: Path, toys: str):
+@pytest.mark.parametrize("words", [["workers=0"], ["workers=2"], ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]])
+def test_results_do_not_depend_on_how_many_jobs_run_at_once(out: Path, words: list[str]):
     one = run(out / "one", "method=gain,faulty", multirun=True)
-    launcher = ["hydra/launcher=joblib", "hydra.launcher.n_jobs=2"]
-    arguments = ["dataset=toy", "method=gain,faulty", "metrics=[psnr,redness]", "tracking.uri=off"]
-    two = sweep.run([*arguments, f"out={out / 'two'}", *launcher, f"plugins=[{toys}]"], True)
+    two = run(out / "two", "method=gain,faulty", *words, multirun=True)
     same = ["dataset", "scene", "view", "method", "metric", "variant", "region", "value", "status", "reason"]
     plain = [o.rows[~o.rows["metric"].isin(["seconds", "peak_mb"])][same].reset_index(drop=True) for o in (one, two)]
     pd.testing.assert_frame_equal(*plain)
+
+
+def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path):
+    with pytest.raises(SucreBenchError, match=r"^hydra/launcher .*; give joblib or slurm, or workers="):
+        run(out, "hydra/launcher=submitit_local", multirun=True)
+    assert not out.exists()
 
 
 def test_two_scenes_with_equal_view_names_do_not_overwrite_each_other(out: Path):
@@ -364,18 +345,19 @@ def test_a_full_disk_is_one_line_and_the_old_table_stays_whole(out: Path, monkey
 
 
 def test_a_full_disk_ends_a_sweep_at_the_first_view_that_cannot_be_written(
-    out: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+    out: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ):
-    tried: list[str] = []
+    log = tmp_path / "log"
 
     def full(folder: Path, place: object, method: str, *_: object) -> None:
-        tried.append(method)
+        with log.open("a") as file:
+            file.write(f"{method}\n")
         raise not_writable(folder / "a.png", OSError(errno.ENOSPC, os.strerror(errno.ENOSPC)))
 
-    monkeypatch.setattr(run_job, "write_pictures", full)
+    monkeypatch.setattr(job_, "write_pictures", full)
     with pytest.raises(DiskFullError, match=r"a\.png: "):
         run(out, "method.gain=1,2,3", multirun=True)
-    assert len(tried) == 1
+    assert len(calls(log)) == 1
     assert "failed" not in capsys.readouterr().err
 
 

@@ -2,22 +2,16 @@
 
 from __future__ import annotations
 
-import signal
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
-from support.command_line import Done, forks, run_here, run_program
+from support.command_line import Done, Started, run_here, run_program
 from support.places import ROOT, TOYS
 
 from sucre_bench import results
-from sucre_bench.engine.job_process import run_text
 from sucre_bench.errors import Death
-from sucre_bench.jobs import compose_jobs
-from sucre_bench.machine.current_step import NoteFile, at_work
-from sucre_bench.machine.records import now
-from sucre_bench.plugins.registry import Registry, using
 
 PLUGINS = str(TOYS.with_name("hostile_plugins.py"))
 
@@ -92,28 +86,18 @@ def test_a_view_at_which_a_process_died_is_tried_again_only_if_asked(tmp_path: P
     assert done.returncode == (0 if again else 1)
 
 
-def test_a_process_that_goes_on_repeats_nothing_that_its_command_has_done(tmp_path: Path):
-    started = now()
-    before = died_at_fine(tmp_path)
-    with at_work(NoteFile.in_memory(), {}, started):
-        run_here(tmp_path, *ACTOR, "overwrite=always")
-    assert restorations(tmp_path)["time"].to_dict() == before
-
-
 FAULTS = {
     "asleep-in-c": "view_timeout_s",  # no exception can end it
+    "deaf": "view_timeout_s",
+    "asleep": "view_timeout_s",
     "unspeakable": "UnspeakableError",
     "outside": "Outside: away",
     "generator-exit": "GeneratorExit",
     "long": "ValueError: xxx",
-    "closed-stdout": "closed stdout",
-    "closed-1": "closed stdout",
-    "no-open": "changed builtins.open",
-    "asleep": "view_timeout_s",
 }
 
 
-def test_what_a_plugin_breaks_is_whole_again_for_the_next_view(tmp_path: Path):
+def test_a_view_that_fails_or_comes_to_no_end_costs_itself(tmp_path: Path):
     """One view leaves a thread behind that sleeps for an hour. The command ends all the same."""
     acts = ",".join(FAULTS)
     told = f"3 ok, {len(FAULTS)} failed, 0 skipped"
@@ -128,6 +112,36 @@ def test_what_a_plugin_breaks_is_whole_again_for_the_next_view(tmp_path: Path):
     assert told in done.stdout
 
 
+HARMS = ("removed-folder", "leaks", "late-exit", "late-segfault", "no-json", "no-asarray", "no-replace", "no-files")
+
+
+@pytest.mark.parametrize("harm", HARMS)
+def test_what_a_view_does_to_its_process_is_no_matter_to_other_methods(tmp_path: Path, harm: str):
+    sweep = words(harm, "-m", "method=actor,gray_world", "metrics=[coverage]")
+    done = Started(tmp_path, *sweep).ended()
+    assert done.returncode in (0, 1), done.stderr
+    assert "Traceback" not in done.stdout + done.stderr
+    other = restorations(tmp_path, "gray_world")
+    assert other["status"].to_dict() == {"before.png": "ok", f"{harm}.png": "ok", "after.png": "ok"}
+    rows = restorations(tmp_path)
+    assert set(rows.index) == {"before.png", f"{harm}.png", "after.png"}, "each view has a row"
+    assert rows.loc["before.png", "status"] == "ok"
+
+
+def test_a_view_that_removes_its_folder_costs_no_view(tmp_path: Path):
+    done = Started(tmp_path, *words("removed-folder,elsewhere", "method=actor", "metrics=[coverage]")).ended()
+    assert done.returncode == 0, done.stderr
+    assert "4 ok, 0 failed" in done.stdout
+
+
+@pytest.mark.parametrize("at_once", [("workers=2",), ("hydra/launcher=joblib", "hydra.launcher.n_jobs=2")])
+def test_jobs_side_by_side_lose_no_more_than_the_view_at_which_one_dies(tmp_path: Path, at_once: tuple[str, ...]):
+    sweep = words("segfault", "-m", "method=actor,gray_world", "metrics=[coverage]", *at_once)
+    done = Started(tmp_path, *sweep).ended()
+    check(done, tmp_path, "segfault", {"segfault": "the process died (signal 11)"})
+    assert set(restorations(tmp_path, "gray_world")["status"]) == {"ok"}
+
+
 def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
     done = run_program(tmp_path, *words("fine", "method=actor", "metrics=[coverage,critic]"), PYTHONPATH=str(ROOT))
     rows = results.read(tmp_path / "results").set_index(["metric", "view"])
@@ -135,36 +149,3 @@ def test_a_score_at_which_the_process_dies_fails_alone(tmp_path: Path):
     assert rows.loc[("critic", "fine.png"), "value"] == 0.5
     assert set(rows.loc[["coverage", "seconds"], "status"]) == {"ok"}
     assert done.returncode == 1
-
-
-@pytest.mark.parametrize("end", ["import os; os._exit(0)", "import ctypes; ctypes.string_at(0)", "raise GeneratorExit"])
-def test_a_plugin_that_ends_the_process_as_it_is_imported_is_named(tmp_path: Path, end: str):
-    (tmp_path / "mine.py").write_text(f"{end}\n")
-    done = run_program(tmp_path, "run", "--plugin", "mine.py", "method=mine", PYTHONPATH=str(ROOT))
-    assert done.returncode == 2
-    assert "mine.py: " in done.stderr
-    assert len(done.errors) == 1
-
-
-def test_a_step_at_which_three_jobs_of_a_queue_died_is_left_out_by_the_next(tmp_path: Path):
-    """Nobody sees how a job on SLURM dies: the next one reads its note."""
-    with using(Registry()):
-        job = compose_jobs.jobs(
-            [
-                *words("segfault", "method=actor", "metrics=[coverage]")[3:-1],
-                f"plugins=[{PLUGINS}]",
-                f"out={tmp_path / 'results'}",
-            ],
-            multirun=False,
-        ).jobs[0]
-    ends = []
-    for _ in range(4):
-        process = forks().Process(target=run_text, args=(job.config,))
-        process.start()
-        process.join(600)
-        ends.append(process.exitcode)
-    assert ends == [-signal.SIGSEGV] * 3 + [0]
-    rows = restorations(tmp_path)
-    assert rows["status"].to_dict() == {"before.png": "ok", "segfault.png": "failed", "after.png": "ok"}
-    assert "the process died (3 times" in rows.loc["segfault.png", "reason"]
-    assert run_here(tmp_path, *words("segfault", "method=actor", "metrics=[coverage]")).returncode == 1  # leaves it out

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import io
+import mmap
 import multiprocessing
 import os
 import re
@@ -143,19 +144,22 @@ _CHANGES = {"open", "os.link", "os.mkdir", "os.remove", "os.rename", "os.rmdir",
 
 
 def _count_changes(folder: Path, told: Path, dies_at: int) -> None:
-    """Append a byte to a file for each change of files in a folder; kill this process before one of them."""
-    count, counted = 0, os.open(told, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
+    """Append a byte to a file for each change of files in a folder; kill this process before one of them.
+
+    Changes by its workers count, too.
+    """
+    count, counted = mmap.mmap(-1, 4), os.open(told, os.O_WRONLY | os.O_CREAT | os.O_APPEND)
     ours = os.getpid()
 
     def changing(event: str, arguments: tuple[object, ...]) -> None:
-        nonlocal count
-        if event not in _CHANGES or os.getpid() != ours or not isinstance(arguments[0], str | bytes | Path):
+        if event not in _CHANGES or not isinstance(arguments[0], str | bytes | Path):
             return
         if event == "open" and not int(str(arguments[2])) & (os.O_WRONLY | os.O_RDWR):
             return
         if (folder / os.fsdecode(arguments[0])).is_relative_to(folder):
-            count += 1
-            if count == dies_at:
+            changes = int.from_bytes(count[:]) + 1
+            count[:] = changes.to_bytes(4)
+            if changes == dies_at:
                 os.kill(ours, signal.SIGKILL)
             os.write(counted, b".")
 

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-import builtins
 import contextlib
 import ctypes
+import json
 import os
+import resource
 import signal
-import sys
+import tempfile
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -44,6 +45,21 @@ def _catch_all() -> None:
             time.sleep(3600)
 
 
+def _in_a_removed_folder() -> None:
+    with tempfile.TemporaryDirectory() as folder:
+        os.chdir(folder)
+
+
+def _later(act: Callable[[], object]) -> None:
+    threading.Timer(0.3, act).start()
+
+
+def _leak() -> None:
+    _leaked.extend(os.open(os.devnull, os.O_RDONLY) for _ in range(20_000))
+
+
+_leaked: list[int] = []
+
 ACTS: dict[str, Callable[[], object]] = {
     "fine": lambda: None,
     "exit": lambda: os._exit(0),
@@ -53,9 +69,14 @@ ACTS: dict[str, Callable[[], object]] = {
     "outside": lambda: _raise(Outside("away")),
     "generator-exit": lambda: _raise(GeneratorExit()),
     "long": lambda: _raise(ValueError("x" * 1_000_000)),
-    "closed-stdout": lambda: sys.stdout.close(),
-    "closed-1": lambda: os.close(1),
-    "no-open": lambda: setattr(builtins, "open", None),
+    "removed-folder": _in_a_removed_folder,
+    "leaks": _leak,
+    "late-exit": lambda: _later(lambda: os._exit(5)),
+    "late-segfault": lambda: _later(lambda: ctypes.string_at(0)),
+    "no-json": lambda: setattr(json, "dumps", None),
+    "no-asarray": lambda: setattr(np, "asarray", None),
+    "no-replace": lambda: setattr(os, "replace", None),
+    "no-files": lambda: resource.setrlimit(resource.RLIMIT_NOFILE, (3, 3)),
     "elsewhere": lambda: os.chdir("/"),
     "thread": lambda: threading.Thread(target=time.sleep, args=(3600,)).start(),
     "asleep": lambda: time.sleep(3600),

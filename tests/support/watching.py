@@ -19,6 +19,8 @@ class Lines:
 
     def finished(self, line: int) -> None: ...
 
+    def tick(self) -> None: ...
+
     def said(self, text: str, is_fault: bool) -> None:
         self.lines.append(text)
         self.has_one.set()

@@ -15,7 +15,6 @@ from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
 from sucre_bench.engine.failed_rows import row_without_value
-from sucre_bench.engine.job_process import run_text
 from sucre_bench.engine.select_views import base_row
 from sucre_bench.engine.slurm import squeue
 from sucre_bench.engine.slurm.job_main import work
@@ -42,7 +41,7 @@ class Launcher:
         self._latency_s = latency_s
         self._asked = asked
 
-    def launch(self, jobs: Sequence[Job], restorations: int) -> None:
+    def launch(self, jobs: Sequence[Job]) -> None:
         """Run the jobs; their rows say how each ended.
 
         Raises InputError before it submits any, PluginError if the queue refuses them.
@@ -66,7 +65,7 @@ class Launcher:
             configurations, pairs = [job.config for job in array], [job.shared_pairs for job in array]
             try:
                 with _in_no_job():
-                    queued = executor.map_array(work, [run_text] * len(array), configurations, pairs)
+                    queued = executor.map_array(work, configurations, pairs)
             except Exception as fault:  # sbatch's refusal, in its words
                 taken = f"SLURM took {len(submitted)} of {len(jobs)} jobs"
                 raise PluginError(f"{taken}; {_refusal(fault)}") from fault

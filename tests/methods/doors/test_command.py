@@ -17,7 +17,7 @@ from support.places import ROOT
 from support.restoring_programs import PYTHON, restored, scene_of
 
 from sucre_bench import InputError, load_scenes, plugins
-from sucre_bench.engine.measured_restore import measured_restore
+from sucre_bench.engine.job import measured_restore
 from sucre_bench.errors import MissingFileError
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.methods.doors import Command

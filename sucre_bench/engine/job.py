@@ -1,0 +1,265 @@
+"""Runs one job, view by view, to rows and pictures. A fault becomes a row, and the next view follows.
+
+`JobAtWork` plans the job and keeps its rows, in the process of the command; `restore_views` restores and scores, as a
+rule in a worker (`engine.workers`).
+"""
+
+from __future__ import annotations
+
+import importlib
+import re
+import time
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import AbstractContextManager, ExitStack, contextmanager, nullcontext
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from sucre_bench import plugins
+from sucre_bench.arrays import Array, coloured
+from sucre_bench.engine.done_views import Done
+from sucre_bench.engine.failed_rows import failed_row, row_of_fault
+from sucre_bench.engine.score import Scorer, score_rows, scorers
+from sucre_bench.engine.select_views import Task, open_scenes, tasks
+from sucre_bench.engine.share_decoded import sharing_decoded
+from sucre_bench.engine.workers import Emit
+from sucre_bench.errors import InputError, NotApplicableError, OutputError, raise_if_stop
+from sucre_bench.imaging.display import displayed, is_of_scene
+from sucre_bench.jobs.job import Job
+from sucre_bench.loading.shared_pixels import with_shared_pixels
+from sucre_bench.machine import progress
+from sucre_bench.machine.records import now
+from sucre_bench.machine.files import remove
+from sucre_bench.machine.forked import step
+from sucre_bench.machine.peak_memory import PeakMemory
+from sucre_bench.multiview.stored_pairs import sharing
+from sucre_bench.plugins.call_method import restored, shown_with, with_truth
+from sucre_bench.results.layout import file_name, log_path, pairs_path
+from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
+from sucre_bench.results.rows import Row
+from sucre_bench.results.table import Part
+from sucre_bench.scene import Scene, View
+
+
+class JobAtWork:
+    """A job in the process of its command: which views are to do, and the rows of those that are done.
+
+    after_view: called when a view is done, computed or not.
+    """
+
+    def __init__(self, job: Job, after_view: Callable[[], None] = lambda: None) -> None:
+        self.name = f"{job.dataset.label} / {job.method.label}"
+        self._job, self._after_view = job, after_view
+        self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
+        self._todo: list[Task] = []
+        self._n_done = 0
+        self._shown = ExitStack()
+
+    def begin(self) -> bool:
+        """Find the views to do; return whether there are any. Raises OutputError if a row cannot be written."""
+        job = self._job
+        try:
+            every = list(tasks(job, [with_shared_pixels(scene) for scene in open_scenes(job.dataset)]))
+            done = Done.of(job)
+        except BaseException as fault:
+            self._part.add([failed_row(job, fault)])
+            self.end()
+            return False
+        todo = [task for task in every if not done.covers(task.base, task.place.restored(job.out, job.method.label))]
+        if is_of_scene(job.method.display):  # one more view changes how all are shown
+            todo = [task for task in every if task.base.scene in {other.base.scene for other in todo}]
+        for _ in range(len(every) - len(todo)):
+            self._after_view()
+        self._todo = todo
+        if todo:
+            what = f"{job.method.label} on {job.dataset.label}"
+            self._advance = self._shown.enter_context(progress.line(what, len(todo)))
+        return bool(todo)
+
+    def work(self, emit: Emit) -> None:
+        """Restore and score the views that are left. emit: called with the rows of each."""
+        restore_views(self._job, self._todo, self._n_done, emit)
+
+    def keep(self, rows: Sequence[Row]) -> None:
+        """Keep the rows of the next view. Raises OutputError if they cannot be written."""
+        self._n_done += 1
+        self._part.add(rows)
+        self._advance()
+        self._after_view()
+
+    def wait(self) -> None:
+        """Write the rows that have waited for a second."""
+        self._part.add([])
+
+    def fail(self, fault: Exception) -> None:
+        """Give up: the job's row says why."""
+        self._part.add([failed_row(self._job, fault)])
+
+    def end(self) -> None:
+        """Write what is not written yet."""
+        self._shown.close()
+        self._part.flush()
+
+
+def restore_views(job: Job, todo: Sequence[Task], n_done: int, emit: Emit) -> None:
+    """Restore and score views. emit: called with the rows of each but the first n_done, which are done already.
+
+    Raises OutputError if files cannot be written.
+    """
+    try:
+        with step(f"the start of method '{job.method.label}'"):
+            method, metrics = job.method.make(), scorers(m for m in job.metrics if not m.plugin.is_of_pairs)
+            make_ready(method)
+    except BaseException as fault:
+        whole = failed_row(job, fault)
+        for task in todo[n_done:]:
+            emit([replace(whole, scene=task.base.scene, view=task.view.name, data_id=task.base.data_id)])
+        return
+    with _shared_pairs(job), sharing_decoded(job), hints_of(job, {task.view.name for task in todo}):
+        over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
+        for task in todo[n_done:]:
+            emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
+
+
+def _shared_pairs(job: Job) -> AbstractContextManager[None]:
+    """Where the job's method shares pairs with those of other jobs."""
+    return sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30) if job.shared_pairs else nullcontext()
+
+
+def make_ready(method: Any) -> None:
+    """Let a method import and compile, so that the first view's time is not that of imports.
+
+    One that has a `warm_up()` imports there what its options need. For others all that they require is imported.
+    """
+    if hasattr(method, "warm_up"):
+        method.warm_up()
+        return
+    for package in method.__plugin__.requires:
+        importlib.import_module(package)
+
+
+def measured_restore(method: Any, scene: Scene, view: View) -> Measured:
+    """Restore a view and measure it. PluginError when the result is not what a method must return.
+
+    The view's own planes are decoded before the clock starts: reading the target is not restoring it. Where a method
+    says of itself in `info` what it took ("seconds", "peak_mb"), since its work was done elsewhere, that counts.
+    """
+    _ = view.rgb, view.has_depth
+    with PeakMemory() as memory:
+        started = time.perf_counter()
+        restoration = restored(method, scene, view)
+        seconds = time.perf_counter() - started
+    info = restoration.info
+    took = (float(info.get(name, measured)) for name, measured in (("seconds", seconds), ("peak_mb", memory.peak_mb)))
+    return Measured(with_truth(restoration, scene, view), *took)
+
+
+def _rows(
+    job: Job, method: Any, metrics: Sequence[Scorer], task: Task, over: Mapping[str, Array] | None = None
+) -> list[Row]:
+    """Restore, keep and score one view. over: colours of each scene, where all views of a scene are shown alike."""
+    try:
+        with step(f"view '{task.view.name}' by method '{job.method.label}'"):
+            measured = _measured(job, method, task, afresh=job.overwrite == "always" and over is None)
+            return _scored(job, metrics, task, measured, None if over is None else over.get(task.base.scene))
+    except OutputError:
+        raise
+    except BaseException as fault:
+        return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
+
+
+def _measured(job: Job, method: Any, task: Task, *, afresh: bool) -> Measured:
+    """Return the restoration of one view, stored with save=full. afresh: also where it is stored already.
+
+    Raises NotApplicableError where the method needs more than the view has, and what the method raises.
+    """
+    scene, view = task.scene, task.view
+    if absent := plugins.missing_needs(job.method.plugin, scene.has):
+        raise NotApplicableError(absent)
+    if "depth" in job.method.plugin.needs and not view.has_depth:
+        raise NotApplicableError(f"{view.name} has no depth map")
+    whole = task.place.restored(job.out, job.method.label).with_suffix(".npz")
+    if not afresh and (kept := read_full(whole, task.base)):
+        return replace(kept, restoration=with_truth(kept.restoration, scene, view))
+    name = "/".join(filter(None, (task.base.dataset, task.base.scene, view.name)))
+    at = f"method '{job.method.label}' on view '{name}'"
+    try:
+        with step(at, job.view_timeout_s), shown_with(job.method.display):
+            measured = measured_restore(method, scene, view)
+    except OutputError as fault:  # of its own files, in a full TMPDIR for example: results can still be written
+        raise InputError(fault.fault, fault.place, fault.remedy) from fault
+    if job.save == "full":
+        write_full(whole, measured, task.base)
+    else:
+        remove(whole)  # of another restoration than the picture that is now beside it
+    return measured
+
+
+# Pixels of each view that a scene's percentiles and means are taken of.
+_PIXELS_OF_A_VIEW = 50_000
+
+
+def _scene_colours(job: Job, method: Any, todo: Sequence[Task]) -> dict[str, Array]:
+    """Restore all views, and return colours (N, 1, 3) of each scene, evenly from its views.
+
+    A view that cannot be restored is left out; it gets its row when it is to be shown.
+    """
+    colours: dict[str, list[Array]] = {}
+    for task in progress.track(todo, "before showing"):
+        try:
+            image = _measured(job, method, task, afresh=job.overwrite == "always").restoration.image
+        except OutputError:
+            raise
+        except BaseException as fault:
+            raise_if_stop(fault)
+            continue
+        pixels = image[coloured(image)]
+        colours.setdefault(task.base.scene, []).append(pixels[:: max(1, len(pixels) // _PIXELS_OF_A_VIEW)])
+    return {scene: np.concatenate(kept)[:, None] for scene, kept in colours.items()}
+
+
+def _scored(
+    job: Job, metrics: Sequence[Scorer], task: Task, measured: Measured, over: Array | None = None
+) -> list[Row]:
+    """Keep the picture, and score it."""
+    restoration, view = measured.restoration, task.view
+    shown, filled = displayed(restoration, job.method.display, view.encoding, over)
+    write_pictures(job.out, task.place, job.method.label, view, restoration, shown, filled)
+    return score_rows(measured, shown, view, metrics, task.base, log_path(job.out), job.view_timeout_s)
+
+
+_NUMBER = re.compile(r"\d+(\.\d+)?")
+
+
+@contextmanager
+def hints_of(job: Job, views: Iterable[str]) -> Iterator[None]:
+    """Inside, the line "a.png: red: 19% ..." becomes "sucre on demo: a.png: red: 19% ...". Lines about no view stay
+    unchanged.
+
+    A hint that differs from an earlier one by its numbers alone is only counted, and the count is said at the end.
+    "method.physical=true" becomes the word for this method in the command, "sucre.physical=true" or that of its label.
+    """
+    where, known = f"{job.method.label} on {job.dataset.label}", set(views)
+    option = re.compile(rf"\b(method|{re.escape(job.method.plugin.name)})\.(?=\w+=)")
+    first: dict[str, str] = {}
+    left_out: dict[str, set[str]] = {}
+
+    def said(text: str) -> str | None:
+        view, colon, hint = text.partition(": ")
+        if not colon or view not in known:
+            return text
+        kind = _NUMBER.sub("", hint)
+        if kind in first:
+            left_out.setdefault(kind, set()).add(view)
+            return None
+        first[kind] = view
+        return f"{where}: {view}: {option.sub(f'{job.method_word}.', hint)}"
+
+    try:
+        with progress.said_through(said):
+            yield
+    finally:
+        others = {view for kind, of_kind in left_out.items() for view in of_kind - {first[kind]}}
+        if others:
+            progress.say(f"{where}: {len(others)} more view{'s' * (len(others) > 1)} with such a hint")
