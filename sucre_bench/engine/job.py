@@ -7,6 +7,7 @@ rule in a worker (`engine.workers`).
 from __future__ import annotations
 
 import importlib
+import os
 import re
 import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -24,7 +25,7 @@ from sucre_bench.engine.score import Scorer, score_rows, scorers
 from sucre_bench.engine.select_views import Task, open_scenes, tasks
 from sucre_bench.engine.share_decoded import sharing_decoded
 from sucre_bench.engine.workers import Emit
-from sucre_bench.errors import InputError, NotApplicableError, OutputError, raise_if_stop
+from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.shared_pixels import with_shared_pixels
@@ -41,6 +42,8 @@ from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
 from sucre_bench.scene import Scene, View
 
+_FLUSH_S = 0.3  # most seconds until rows are on the disk
+
 
 class JobAtWork:
     """A job in the process of its command: which views are to do, and the rows of those that are done.
@@ -51,7 +54,7 @@ class JobAtWork:
     def __init__(self, job: Job, after_view: Callable[[], None] = lambda: None) -> None:
         self.name = f"{job.dataset.label} / {job.method.label}"
         self._job, self._after_view = job, after_view
-        self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"))
+        self._part = Part(job.out, file_name(f"{job.dataset.label}-{job.method.label}"), _FLUSH_S)
         self._todo: list[Task] = []
         self._n_done = 0
         self._shown = ExitStack()
@@ -88,8 +91,12 @@ class JobAtWork:
         self._advance()
         self._after_view()
 
+    def is_left(self) -> bool:
+        """Whether views are left."""
+        return self._n_done < len(self._todo)
+
     def wait(self) -> None:
-        """Write the rows that have waited for a second."""
+        """Write the rows that have waited."""
         self._part.add([])
 
     def fail(self, fault: Exception) -> None:
@@ -105,7 +112,8 @@ class JobAtWork:
 def restore_views(job: Job, todo: Sequence[Task], n_done: int, emit: Emit) -> None:
     """Restore and score views. emit: called with the rows of each but the first n_done, which are done already.
 
-    Raises OutputError if files cannot be written.
+    It returns early if this process can open no more files: the other views are for another process. Raises OutputError
+    if files cannot be written.
     """
     try:
         with step(f"the start of method '{job.method.label}'"):
@@ -120,6 +128,17 @@ def restore_views(job: Job, todo: Sequence[Task], n_done: int, emit: Emit) -> No
         over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
         for task in todo[n_done:]:
             emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
+            if not _can_open_files():
+                return
+
+
+def _can_open_files() -> bool:
+    """Whether the method has left this process room for files."""
+    try:
+        os.close(os.open(os.devnull, os.O_RDONLY))
+    except OSError:
+        return False
+    return True
 
 
 def _shared_pairs(job: Job) -> AbstractContextManager[None]:
@@ -164,7 +183,10 @@ def _rows(
             measured = _measured(job, method, task, afresh=job.overwrite == "always" and over is None)
             return _scored(job, metrics, task, measured, None if over is None else over.get(task.base.scene))
     except OutputError:
-        raise
+        if _can_open_files():
+            raise
+        no_files = PluginError("no file can be opened after it; see that the method closes its files")
+        return [row_of_fault(task.base, no_files, log_path(job.out), is_said=True)]
     except BaseException as fault:
         return [row_of_fault(task.base, fault, log_path(job.out), is_said=True)]
 

@@ -24,13 +24,17 @@ Emit = Callable[[Sequence[Row]], None]
 
 
 class Work(Protocol):
-    """What is to be done in a worker. Only `work` runs there, and goes on where the last call of `keep` left it."""
+    """What is to be done in a worker. Only `work` runs there, and goes on where the last call of `keep` left it.
+
+    It may return while something is left, to go on in another worker.
+    """
 
     @property
     def name(self) -> str: ...
     def begin(self) -> bool: ...
     def work(self, emit: Emit) -> None: ...
     def keep(self, rows: Sequence[Row]) -> None: ...
+    def is_left(self) -> bool: ...
     def wait(self) -> None: ...
     def fail(self, fault: Exception) -> None: ...
     def end(self) -> None: ...
@@ -45,8 +49,10 @@ def run_works(works: Iterable[Work], n_workers: int) -> None:
         for work in works:
             with _faults_as_lines(work):
                 try:
-                    if work.begin():
+                    is_left = work.begin()
+                    while is_left:
                         work.work(work.keep)
+                        is_left = work.is_left()
                 finally:
                     work.end()
         return
@@ -95,9 +101,11 @@ class _AtWork:
 
     def stop(self) -> None:
         """Stop the worker, and write the rows that are there."""
-        if self.worker:
-            self.worker.stop()
-            self.worker = None
+        with suppress(SucreBenchError):
+            if self.worker:
+                for message in self.worker.stop():
+                    self.work.keep(message[1])
+        self.worker = None
         with suppress(SucreBenchError):
             self.work.end()
 
@@ -113,17 +121,20 @@ class _AtWork:
 
     def _serve(self, worker: Forked) -> None:
         while not worker.has_ended and worker.messages.poll():
-            if message := worker.receive():
-                self.work.keep(message[1])
+            if rows := worker.receive():
+                self.work.keep(rows[1])
         is_late = not worker.has_ended and worker.is_late
         if is_late:
-            worker.stop()
+            for message in worker.stop():
+                self.work.keep(message[1])
         if not worker.has_ended:
             self.work.wait()
         elif worker.fault:
             raise worker.fault
         elif worker.how or is_late:
             self._go_on_after(worker, is_late)
+        elif self.work.is_left():
+            self._fork()
         else:
             self.worker = None
             self.work.end()
@@ -158,6 +169,10 @@ class Alone:
 
     def keep(self, rows: Sequence[Row]) -> None:
         """Never called."""
+
+    def is_left(self) -> bool:
+        """Return False."""
+        return False
 
     def wait(self) -> None:
         """Nothing waits."""

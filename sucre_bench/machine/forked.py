@@ -127,25 +127,22 @@ class Forked:
         self._stop_at = time.monotonic() + _GRACE_S
         self._signal(signal.SIGTERM)
 
-    def stop(self) -> None:
+    def stop(self) -> list[tuple[Any, ...]]:
         """End the child and what it has started: SIGTERM, unless it has it, and SIGKILL 5 s later.
 
-        At Ctrl-C in the meantime it gets SIGTERM once more.
+        At Ctrl-C in the meantime it gets SIGTERM once more. Return the work's messages that were not received yet.
         """
-        if self.has_ended:
-            return
-        if self._stop_at == float("inf"):
+        messages: list[tuple[Any, ...]] = []
+        if not self.has_ended and self._stop_at == float("inf"):
             self.ask_to_stop()
-        while self._status is None and time.monotonic() < self._stop_at:
+        while not self.has_ended and time.monotonic() < self._stop_at:
             try:
-                if wait([self.messages], 0.02):
-                    self.messages.recv()  # it must not wait for us to read
-                self._wait(0)
-            except (EOFError, OSError, pickle.UnpicklingError):
-                self._wait(max(0.0, self._stop_at - time.monotonic()))
+                if wait([self.messages], 0.02) and (message := self.receive()):
+                    messages.append(message)
             except KeyboardInterrupt:
                 self._signal(signal.SIGTERM)
         self._end()
+        return messages
 
     def _end(self, how: str = "") -> None:
         """Kill the child and what it has left running."""
