@@ -4,6 +4,7 @@ At most four views, evenly spread; methods that do not fit beside each other go 
 cropped to the shape of the first, about their middle. Pixels without a colour are black, as in the methods' files.
 """
 
+import textwrap
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any
@@ -73,7 +74,7 @@ def _figure(views: Sequence[tuple[str, Place]], methods: Sequence[str], has_refe
     shape = first.shape[0] / first.shape[1]
     width = (style.WIDTH[2] - _TEXT) / len(columns) - _GAP
     height = shape * width
-    heads = [_wrapped(name, width) for name, _ in columns]
+    heads = [_wrapped(name, width, 2) for name, _ in columns]
     top = 0.05 + 0.115 * max(head.count("\n") + 1 for head in heads)
     total = top + len(views) * (height + _GAP)
     figure, axes = style.figure(2, total, len(views), len(columns))
@@ -86,7 +87,7 @@ def _figure(views: Sequence[tuple[str, Place]], methods: Sequence[str], has_refe
             _show(axes[r, c], _read(path), shape, round(width * _DPI))
         axes[0, c].set_title(head, fontsize=7, pad=2)
     for (name, _), panel in zip(views, axes[:, 0], strict=True):
-        panel.set_ylabel(_shortened(name, height), labelpad=2)
+        panel.set_ylabel(_wrapped(name, height), labelpad=2)
     return figure
 
 
@@ -121,21 +122,9 @@ def _read(path: Path) -> Any:
     return None if image is None else image[..., ::-1]
 
 
-def _wrapped(text: str, inches: float) -> str:
-    """A label in one line or, broken at a sign, in two."""
-    if len(text) <= _letters(inches):
-        return text
-    breaks = [n + 1 for n, sign in enumerate(text) if sign in "_,-= " and n < _letters(inches)]
-    at = breaks[-1] if breaks else _letters(inches)
-    return f"{text[:at]}\n{_shortened(text[at:], inches)}"
-
-
-def _shortened(text: str, inches: float) -> str:
-    """A text, without its middle where there is no room."""
-    most = _letters(inches)
-    return text if len(text) <= most else f"{text[: most // 2]}…{text[-(most - most // 2 - 1) :]}"
-
-
-def _letters(inches: float) -> int:
-    """How many letters of 7 points have room."""
-    return max(5, int(inches / 0.057))
+def _wrapped(text: str, inches: float, lines: int = 1) -> str:
+    """A label of 7 points in so many lines, without its end where there is no room."""
+    broken = textwrap.wrap(text, max(5, int(inches / 0.057)))
+    return (
+        "\n".join(broken) if len(broken) <= lines else "\n".join([*broken[: lines - 1], broken[lines - 1][:-1] + "…"])
+    )
