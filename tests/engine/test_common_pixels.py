@@ -275,5 +275,5 @@ def test_the_page_and_the_run_take_common_pixels_by_default(tmp_path: Path, toys
     assert mean == pytest.approx(np.mean(psnr(slice(0, 30))), rel=1e-6)
     assert bench("report", str(tmp_path)).returncode == 0
     page = (tmp_path / "report" / "index.html").read_text()
-    assert '"pixels":"common"' in page
+    assert "<small>common pixels</small>" in page
     assert ": 50.0 %" in page
