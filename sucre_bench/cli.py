@@ -164,9 +164,9 @@ def cli() -> None:
     \b
     sucre-bench run dataset=demo method=gray_world     one method, built-in scene
     sucre-bench run -m dataset=demo method=underwater,gray_world,sucre out=results
-    sucre-bench compare results                        which method is better, by how much?
+    sucre-bench compare results                        which leads, by how much?
     sucre-bench prepare photos/ dive/                  make a scene of your photos
-    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre_plus method.fill=true
+    sucre-bench run dataset=./dive method=sucre_plus method.fill=true
 
     The --help of each command begins with examples.
     """

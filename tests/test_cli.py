@@ -141,15 +141,6 @@ def test_compare_says_why_where_there_is_no_score(bench, tmp_path: Path):
     assert re.fullmatch(r"error: reef: m .*\(4 failed: ValueError: boom\)", line)
 
 
-@pytest.mark.skipif(not Path("/dev/full").exists(), reason="a device of Linux")
-def test_output_that_cannot_be_written_is_one_line_and_no_traceback(tmp_path: Path):
-    command = [Path(sys.executable).with_name("sucre-bench"), "list", "methods"]
-    with Path("/dev/full").open("w") as full:
-        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, check=False)
-    assert done.returncode == 2
-    assert re.fullmatch(r"error: .*output .*; .*\n", done.stderr)
-
-
 def test_what_is_missing_is_said_in_one_line(bench):
     said = bench("list").stderr
     assert said.startswith("error: Missing argument")

@@ -103,7 +103,7 @@ def prepare(
     \b
     sucre-bench prepare photos/ dive/
     sucre-bench prepare photos/ dive/ --distance IMG_1.jpg IMG_9.jpg 1.85
-    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre_plus method.fill=true
+    sucre-bench run dataset=./dive method=sucre_plus method.fill=true
 
     Then look at OUT/quality.html. Photos alone do not give the scale of a scene: without --distance, --length,
     --depth-track or --scale the depths are not metres. You may add one of these later; the command keeps it until you

@@ -43,7 +43,7 @@ def run(
 
     \b
     sucre-bench run dataset=demo method=gray_world
-    sucre-bench run dataset=colmap dataset.root=dive/ method=sucre_plus method.fill=true
+    sucre-bench run dataset=./dive method=sucre_plus method.fill=true
     sucre-bench run -m method=underwater,gray_world,sucre every=4 out=results
     sucre-bench run -m method.pairing=mutual,depth workers=2
     sucre-bench run -m method=sucre,onnx sucre.physical=true onnx.model=net.onnx
@@ -146,6 +146,8 @@ def lineup(folder: Path, out: Path | None) -> None:
     The file has every configuration of the score table, with its label and options. Other settings, for example views
     and study, are those of the last command. Paths in the file are relative to its folder.
     """
+    from sucre_bench import plugins
+    from sucre_bench.jobs.config_file import load_them
     from sucre_bench.jobs.lineup_of_results import line_up_of
     from sucre_bench.jobs.words import shell
     from sucre_bench.machine.files import write_atomically
@@ -157,6 +159,9 @@ def lineup(folder: Path, out: Path | None) -> None:
     found = line_up_of(folder, Path() if is_printed else file.parent)
     for note in found.notes:
         say(f"note: {note}", "yellow")
+    paths = [file.parent / path for path in found.line_up.settings.get("plugins", [])]
+    if unloaded := [str(path) for path in paths if not plugins.is_loaded(path)]:
+        say(f"note: plugin files that the folder names are not loaded; {load_them(unloaded)}", "yellow")
     text = found.line_up.as_yaml(
         f"The line-up that made {folder}. To run it: sucre-bench run {'FILE' if is_printed else file.name}"
     )

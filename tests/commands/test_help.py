@@ -9,6 +9,7 @@ from pathlib import Path
 import click
 import pytest
 from click.testing import CliRunner
+from support.colmap_folder import write_dive
 from support.command_line import commands
 from support.documented_lineup import write_line_ups
 
@@ -33,6 +34,7 @@ def test_help_begins_with_examples_that_name_real_options(
     name: str, command: click.Command, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     write_line_ups(tmp_path)
+    write_dive(tmp_path / "dive")
     monkeypatch.chdir(tmp_path)
     text = command.help or ""
     lines = [line.strip() for line in text.split("\b")[1].split("\n\n")[0].splitlines()]
