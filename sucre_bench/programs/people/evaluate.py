@@ -10,11 +10,12 @@ import numpy as np
 from sucre_bench import results
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.errors import InputError
+from sucre_bench.machine.records import now
 from sucre_bench.programs.people import design
 from sucre_bench.programs.people.agreement import Agreement, MetricAgreement, metric_agreement, observer_agreement
 from sucre_bench.programs.people.bradley_terry import Preferences, Votes, fit, preferences
 from sucre_bench.programs.people.votes import Numbered, as_numbers, read_votes
-from sucre_bench.results.rows import COSTS, PREFERENCE, Row, restorations
+from sucre_bench.results.rows import COSTS, PREFERENCE, restorations, row_objects
 
 METRIC, _VARIANT, _UNIT = PREFERENCE, "bradley-terry", "log-odds"
 _VERSION = 1
@@ -48,15 +49,15 @@ def evaluate(folder: Path, paths: Sequence[Path]) -> Evaluated:
         design.Shown(r.scene, r.view, r.method, (r.options_id, r.data_id, r.code))
         for r in restorations(rows).itertuples()
     }
-    ballots = read_votes(paths, known, now)
-    datasets = sorted({known[vote.study].dataset for vote in ballots.votes})
+    votes, skipped = read_votes(paths, known, now)
+    datasets = sorted({known[vote.study].dataset for vote in votes})
     if len(datasets) > 1:
         raise InputError(f"--votes: of several datasets, {', '.join(datasets)}; give those of one")
-    numbered = as_numbers(ballots.votes)
+    numbered = as_numbers(votes)
     people = preferences(numbered.votes)
     of_dataset = rows[rows["dataset"] == datasets[0]]
     agreements = dict(_agreements(of_dataset, numbered, people))
-    return Evaluated(datasets[0], numbered, people, observer_agreement(numbered.votes), agreements, ballots.skipped)
+    return Evaluated(datasets[0], numbered, people, observer_agreement(numbered.votes), agreements, tuple(skipped))
 
 
 def _agreements(
@@ -89,14 +90,17 @@ def store(folder: Path, found: Evaluated) -> int:
     values = pseudo_values(found.numbered.votes, len(found.numbered.views))
     rows = results.read(folder)
     whole = restorations(rows[rows["dataset"] == found.dataset])
-    code = _code(found.numbered)
+    # Scores of other sets of methods have another zero.
+    code = hashlib.blake2b(repr((_VERSION, found.numbered.methods)).encode(), digest_size=6).hexdigest()
     places = {place: n for n, place in enumerate(found.numbered.views)}
     arms = {name: n for n, name in enumerate(found.numbered.methods)}
-    made = [
-        _row(row, float(values[places[row.scene, row.view], arms[row.method]]), code)
-        for row in whole.itertuples()
-        if (row.scene, row.view) in places and row.method in arms
-    ]
+    made = []
+    for row in row_objects(whole):
+        if (row.scene, row.view) in places and row.method in arms:
+            value = float(values[places[row.scene, row.view], arms[row.method]])
+            of = f"{row.code.split('.')[0]}.{code}"
+            score = replace(row, metric=METRIC, variant=_VARIANT, unit=_UNIT, better="higher", value=value, code=of)
+            made.append(replace(score, time=now()))
     results.write_rows(folder, METRIC, made)
     results.merge(folder)
     return len(made)
@@ -110,17 +114,3 @@ def pseudo_values(votes: Votes, n_views: int) -> Array:
     without = np.stack([fit(votes.of(votes.view != view), scores) for view in range(n_views)])
     values = n_views * scores - (n_views - 1) * without
     return np.asarray(values + scores - values.mean(axis=0))
-
-
-def _code(numbered: Numbered) -> str:
-    """What the scores rest on: who is compared, since scores of other sets of methods have another zero."""
-    compared = repr((_VERSION, numbered.methods)).encode()
-    return hashlib.blake2b(compared, digest_size=6).hexdigest()
-
-
-def _row(restoration: object, value: float, code: str) -> Row:
-    """A row of the metric, of the restoration that a row stands for."""
-    told = {name: getattr(restoration, name) for name in results.COLUMNS if name != "time"}
-    base = Row(**told)
-    code = f"{base.code.split('.')[0]}.{code}"
-    return replace(base, metric=METRIC, variant=_VARIANT, unit=_UNIT, better="higher", value=value, code=code)

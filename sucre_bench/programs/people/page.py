@@ -54,31 +54,20 @@ def write_page(
 
 def _pictures(folder: Path, key: Key, width: int, masks: Mapping[tuple[str, str], Mask]) -> list[tuple[str, str]]:
     """The pictures by their names in the page, in the order of these names, as JPEG in base64."""
+    import cv2
+    from PIL import Image
+
     sizes: dict[tuple[str, str], tuple[int, ...]] = {}
     made = []
     for name, shown in progress.track(sorted(key.pictures.items()), "pictures"):
         path = picture_path(folder, key, shown)
-        image = _read(path)
+        image = decode(path, cv2.IMREAD_COLOR)[..., ::-1]
         if sizes.setdefault((shown.scene, shown.view), image.shape) != image.shape:
             raise InputError(f"{path}: is not of the size of the other methods' pictures; run this method again")
         if (mask := masks.get((shown.scene, shown.view))) is not None:
             image = np.where(mask[..., None], image, np.uint8(0))
-        made.append((name, base64.b64encode(_jpeg(image, width)).decode()))
+        picture, jpeg = Image.fromarray(np.ascontiguousarray(image)), io.BytesIO()
+        picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
+        picture.save(jpeg, "JPEG", quality=_QUALITY, subsampling=0)
+        made.append((name, base64.b64encode(jpeg.getvalue()).decode()))
     return made
-
-
-def _read(path: Path) -> np.ndarray:
-    import cv2
-
-    return decode(path, cv2.IMREAD_COLOR)[..., ::-1]
-
-
-def _jpeg(image: np.ndarray, width: int) -> bytes:
-    """image: (H, W, 3) uint8 RGB."""
-    from PIL import Image
-
-    picture = Image.fromarray(np.ascontiguousarray(image))
-    picture.thumbnail((width, 10 * width), Image.Resampling.LANCZOS)
-    buffer = io.BytesIO()
-    picture.save(buffer, "JPEG", quality=_QUALITY, subsampling=0)
-    return buffer.getvalue()

@@ -31,18 +31,11 @@ class Vote:
     choice: Choice
 
 
-@dataclass(frozen=True)
-class Ballots:
-    """votes: those that count; skipped: a line for each file, or kind of vote, that does not."""
+def read_votes(paths: Sequence[Path], keys: Mapping[str, Key], valid: Iterable[Shown]) -> tuple[list[Vote], list[str]]:
+    """Return the votes of files that count, and a line for each file, or kind of vote, that does not.
 
-    votes: tuple[Vote, ...]
-    skipped: tuple[str, ...]
-
-
-def read_votes(paths: Sequence[Path], keys: Mapping[str, Key], valid: Iterable[Shown]) -> Ballots:
-    """Read files of votes. keys: by study; valid: pictures that are still what the page showed.
-
-    A vote that several files hold counts once. Raises InputError if no vote is left, with the reasons.
+    keys: by study; valid: pictures that are still what the page showed. A vote that several files hold counts once.
+    Raises InputError if no vote is left, with the reasons.
     """
     votes: dict[tuple[str, str, int], Vote] = {}
     skipped: list[str] = []
@@ -62,12 +55,20 @@ def read_votes(paths: Sequence[Path], keys: Mapping[str, Key], valid: Iterable[S
         skipped += [f"{path}: {count} votes {reason}; they do not count" for reason, count in reasons.items()]
     if not votes:
         raise InputError("\n".join([*skipped, "--votes: no vote counts; give files that the study's page saved"]))
-    return Ballots(tuple(votes.values()), tuple(skipped))
+    return list(votes.values()), skipped
 
 
 def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterator[tuple[int, Vote]]:
     """Yield the votes of a file with their numbers; reasons: counts those that are none."""
-    told = _read(path)
+    try:
+        if regular(path).stat().st_size > _MOST_BYTES:
+            raise ValueError("larger than 16 MB")
+        told = json.loads(path.read_bytes())
+        if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (_FORMAT, _VERSION):
+            raise ValueError("another format")
+    except (OSError, ValueError, RecursionError) as fault:
+        reason = fault.strerror if isinstance(fault, OSError) else "no votes in it"
+        raise InputError(f"{path}: cannot be read, {reason}; give a file that the study's page saved") from fault
     study, observer, given = told.get("study"), told.get("observer"), told.get("votes")
     if not isinstance(observer, str) or not 1 <= len(observer) <= 64 or not isinstance(given, list):
         raise InputError(f"{path}: is no file of votes; give one that the study's page saved")
@@ -79,19 +80,6 @@ def _votes(path: Path, keys: Mapping[str, Key], reasons: Counter[str]) -> Iterat
             reasons[vote] += 1
         else:
             yield vote
-
-
-def _read(path: Path) -> dict[str, Any]:
-    try:
-        if regular(path).stat().st_size > _MOST_BYTES:
-            raise ValueError("larger than 16 MB")
-        told = json.loads(path.read_bytes())
-        if not isinstance(told, dict) or (told.get("format"), told.get("version")) != (_FORMAT, _VERSION):
-            raise ValueError("another format")
-    except (OSError, ValueError, RecursionError) as fault:
-        reason = fault.strerror if isinstance(fault, OSError) else "no votes in it"
-        raise InputError(f"{path}: cannot be read, {reason}; give a file that the study's page saved") from fault
-    return told
 
 
 def _vote(one: Any, key: Key, observer: str) -> tuple[int, Vote] | str:
