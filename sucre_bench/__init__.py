@@ -27,7 +27,7 @@ _HOME = {
         "score",
     ),
     "sucre_bench.engine.compare_methods": ("Compared", "compare_methods"),
-    "sucre_bench.results.wide_table": ("wide",),
+    "sucre_bench.results.rows": ("wide",),
     "sucre_bench.degrade": ("Degradation", "degraded"),
     "sucre_bench.errors": ("InputError", "NotApplicableError", "PluginError", "SolveError", "SucreBenchError"),
     "sucre_bench.programs.contract": ("breaches",),

@@ -230,7 +230,7 @@ def test_folders_with_a_method_each_are_compared_on_common_pixels_as_one_folder_
     run(tmp_path / "one", "method=gain", f"plugins=[{toys}]")
     run(tmp_path / "two", "method=left_half", f"plugins=[{toys}]")
     sweep(tmp_path / "both", "gain,left_half", f"plugins=[{toys}]")
-    apart, together = compared(bench, one, two), compared(bench, both)
+    apart, together = (compared(bench, *folders, "--plugin", toys) for folders in ((one, two), (both,)))
     assert {record["pixels"] for record in apart.values()} == {"common"}
     assert {name: record["mean"] for name, record in apart.items()} == {
         name: record["mean"] for name, record in together.items()
