@@ -108,7 +108,8 @@ def display(
     Raises InputError for an unknown name, for "linear-white-veil" without a water, and for "@scene" without `over`.
     """
     chosen = normalisation(how)
-    by_veil = chosen.kind == "veil" or (chosen.is_veil_first and is_veil_known and _has_linear_veil(water, encoding))
+    is_linear_veil = is_veil_known and water is not None and (water.encoding or encoding) == "linear"
+    by_veil = chosen.kind == "veil" or (chosen.is_veil_first and is_linear_veil and _gains(water) is not None)
     if chosen.is_of_scene and over is None:
         raise InputError(f"display '{how}': needs all views of the scene; use `sucre-bench run` with save=full")
     if chosen.kind == "none" and encoding == "gamma" and not by_veil and _is_shown_as_it_is(image):
@@ -150,11 +151,6 @@ def is_veil_known(restoration: Restoration) -> bool:
 def is_of_scene(how: str) -> bool:
     """Return whether a normalisation takes percentiles and means over all views of a scene."""
     return normalisation(how).is_of_scene
-
-
-def _has_linear_veil(water: Water | None, encoding: Encoding) -> bool:
-    """Whether a water was fitted in linear light and has a veil in every channel."""
-    return water is not None and (water.encoding or encoding) == "linear" and _gains(water) is not None
 
 
 def _gains(water: Water | None) -> Array | None:

@@ -30,6 +30,7 @@ SUFFIXES = (".png", ".jpg", ".jpeg", ".tif", ".tiff", ".bmp", ".webp")  # of wha
 # pictures. The most bytes a pixel: four channels of 32 bits.
 _LIMIT, _MEGAPIXELS, _BYTES = "SUCRE_BENCH_MAX_MEGAPIXELS", 250.0, 16
 
+_JPEG = b"\xff\xd8"  # its first bytes
 _ANIMATED = ("PNG", "WEBP")  # a JPEG's further pictures are previews, or the second lens of a camera
 _REDUCED_OR_MASK = 1 | 4  # bits of a TIFF page's NewSubfileType
 _ALPHA = (1, 2)  # multiplied and straight, in a TIFF's ExtraSamples
@@ -54,7 +55,7 @@ def is_jpeg(path: Path) -> bool:
     """Whether a file is a JPEG, whatever its suffix; False where it cannot be read, which decoding will explain."""
     try:
         with regular(path).open("rb") as file:
-            return _begins_like_jpeg(file.read(2))
+            return file.read(2) == _JPEG
     except (OSError, InputError):
         return False
 
@@ -152,7 +153,7 @@ def decode_bytes(data: bytes, flags: int, place: str) -> np.ndarray:
         raise InputError("holds several pictures", place, "save the wanted one as a file of its own")
     wants_colours = bool(flags & cv2.IMREAD_COLOR)  # a bit that is set in IMREAD_UNCHANGED, too
     try:
-        if _begins_like_jpeg(data):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
+        if data.startswith(_JPEG):  # OpenCV may fill up a cut JPEG with gray, Pillow does not
             with _pillow().open(io.BytesIO(data)) as image:
                 mode = "RGB" if wants_colours else "L"
                 values = np.asarray(image if image.mode == mode else image.convert(mode))
@@ -276,10 +277,6 @@ def _header_of_tiff(tiff: Any) -> _Header:
     has_planes = first.samplesperpixel > 1 and first.planarconfig == _PLANES
     size = first.imagewidth, first.imagelength
     return _Header(size, 1 + len(others), has_more, True, has_alpha or has_planes)
-
-
-def _begins_like_jpeg(content: bytes) -> bool:
-    return content.startswith(b"\xff\xd8")
 
 
 def _tiff_file(file: IO[bytes]) -> Any:

@@ -28,7 +28,10 @@ def once(work: Callable[Concatenate[npt.NDArray[Any], P], T]) -> Callable[Concat
     def remembered(array: npt.NDArray[Any], /, *args: P.args, **kwargs: P.kwargs) -> T:
         if array.flags.writeable or not array.nbytes:
             return work(array, *args, **kwargs)
-        found = _of(array)
+        place = id(array)
+        if place not in _results:
+            _results[place] = weakref.ref(array, lambda _: _results.pop(place, None)), {}
+        found = _results[place][1]
         key = (work, *args, *sorted(kwargs.items()))
         if key not in found:
             found[key] = work(array, *args, **kwargs)
@@ -36,13 +39,6 @@ def once(work: Callable[Concatenate[npt.NDArray[Any], P], T]) -> Callable[Concat
         return result
 
     return remembered
-
-
-def _of(array: npt.NDArray[Any]) -> dict[Key, Any]:
-    place = id(array)
-    if place not in _results:
-        _results[place] = weakref.ref(array, lambda _: _results.pop(place, None)), {}
-    return _results[place][1]
 
 
 def locked(array: npt.NDArray[Any]) -> npt.NDArray[Any]:

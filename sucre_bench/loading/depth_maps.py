@@ -19,6 +19,7 @@ from sucre_bench.imaging.image_files import check_pixels, decode, read_array, re
 from sucre_bench.loading.find_folders import walk
 from sucre_bench.machine.files import regular
 
+_SUFFIXES = (".png", ".tif", ".tiff", ".npy", ".exr")
 _FARTHEST_M = 1000.0
 
 
@@ -28,7 +29,12 @@ def find_depths(folder: Path, names: Sequence[str]) -> tuple[dict[str, Path], di
     names: of the images, relative to the image folder. The folder may be missing. Raises InputError if it holds maps,
     but none of these images.
     """
-    there = _files_by_stem(folder)
+    there = defaultdict[str, list[str]](list)  # files, by path without suffix
+    for place, _, files in walk(folder):
+        for file in files:
+            path = (place / file).relative_to(folder)
+            if path.suffix.lower() in _SUFFIXES:
+                there[path.with_suffix("").as_posix()].append(path.as_posix())
     claims: dict[str, list[tuple[int, str]]] = defaultdict(list)  # the file -> who may own it, how closely named
     nearest: dict[str, str] = {}
     for name in names:
@@ -64,19 +70,17 @@ def _stems(name: str) -> list[str]:
     return [str(place / stem) for place in places for stem in (f"depth_{path.stem}", f"depth{path.stem}", path.stem)]
 
 
-def _files_by_stem(folder: Path) -> dict[str, list[str]]:
-    files = defaultdict(list)
-    for place, _, names in walk(folder):
-        for name in names:
-            path = (place / name).relative_to(folder)
-            if path.suffix.lower() in _READERS:
-                files[path.with_suffix("").as_posix()].append(path.as_posix())
-    return files
-
-
 def read_depth(path: Path) -> Array:
     """Return the depth map in a file, (H, W) float32 in metres. Raises InputError if it cannot be read."""
-    return _READERS[path.suffix.lower()](path)
+    suffix = path.suffix.lower()
+    if suffix == ".png":
+        return np.asarray(read_16_bit(path, "millimetres").astype(np.float32) / 1000)
+    if suffix == ".exr":
+        return _read_exr(path)
+    values = read_array(path) if suffix == ".npy" else _read_tiff(path)
+    if values.dtype.kind != "f" or values.ndim != 2:
+        raise InputError(f"is {_kind(values)}", path, "expected float metres in one channel (16-bit millimetres: .png)")
+    return values.astype(np.float32)
 
 
 def fitted(metres: Array, size: tuple[int, int], path: Path) -> Array:
@@ -124,15 +128,11 @@ def read_16_bit(path: Path, of: str = "values") -> np.ndarray:
     return values
 
 
-def _read_png(path: Path) -> Array:
-    return np.asarray(read_16_bit(path, "millimetres").astype(np.float32) / 1000)
-
-
-def _read_tiff(path: Path) -> Array:
+def _read_tiff(path: Path) -> np.ndarray:
     import cv2
 
     try:
-        values = read_tiff(path)
+        return read_tiff(path)
     except InputError:
         raise
     except OSError as fault:
@@ -140,18 +140,7 @@ def _read_tiff(path: Path) -> Array:
     except Exception as fault:  # each of its decoders raises errors of its own
         if "imagecodecs" not in str(fault):
             raise DamagedFileError("cannot be read, cut short or not a TIFF", path, "copy it again") from fault
-        values = decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
-    return _metres(values, path)
-
-
-def _read_npy(path: Path) -> Array:
-    return _metres(read_array(path), path)
-
-
-def _metres(values: np.ndarray, path: Path) -> Array:
-    if values.dtype.kind != "f" or values.ndim != 2:
-        raise InputError(f"is {_kind(values)}", path, "expected float metres in one channel (16-bit millimetres: .png)")
-    return values.astype(np.float32)
+        return decode(path, cv2.IMREAD_UNCHANGED)  # a compression for which tifffile needs another package
 
 
 def _kind(values: np.ndarray) -> str:
@@ -188,6 +177,3 @@ def _read_exr(path: Path) -> Array:
     if name is None or channels[name].ndim != 2 or channels[name].dtype.kind != "f":
         raise InputError(f"has channels {', '.join(channels)}", path, "write float depth into one channel, Z")
     return np.asarray(channels[name], dtype=np.float32)
-
-
-_READERS = {".png": _read_png, ".tif": _read_tiff, ".tiff": _read_tiff, ".npy": _read_npy, ".exr": _read_exr}

@@ -51,17 +51,16 @@ class Files:
         if plane in self.faults:
             raise InputError(self.faults[plane])
         if plane == "depth":
-            return None if self.depth is None else self._depth(self.depth)
+            if self.depth is None:
+                return None
+            if self.depth_lens is None:
+                check_header(self.depth, self.size)
+            return fitted(self.read_depth(self.depth), self.size, self.depth)
         path = self.image if plane == "rgb" else self.reference
         if path is None:
             return None
         read = self.read_image if plane == "rgb" else read_rgb
         return read(path, self.size) if self.lens is None else self.lens.undistorted(read(path, None), self.size)
-
-    def _depth(self, path: Path) -> Array:
-        if self.depth_lens is None:
-            check_header(path, self.size)
-        return fitted(self.read_depth(path), self.size, path)
 
 
 def source_files(view: View) -> Iterator[Path]:

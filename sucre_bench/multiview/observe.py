@@ -233,12 +233,16 @@ def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[M
     of pixels and without `decode`, rgb may hold the levels as uint8.
     """
     if rgb.dtype == np.uint8:
-        return matches, _gathered(rgb, matches.others)
+        levels = np.empty((len(matches.others), 3), rgb.dtype)
+        compiled(_gather)(locked(np.ascontiguousarray(rgb).reshape(-1, 3)), locked(matches.others), levels)
+        return matches, levels
     nearest = rgb.reshape(-1, 3)[matches.others]
     if matches.at is None or matches.smooth is None:
         colours = srgb_decode(nearest) if decode else nearest
     else:  # in linear light if `decode`
-        colours = _interpolated(srgb_decode(rgb) if decode else rgb, matches.others, matches.at, matches.smooth)
+        image = np.ascontiguousarray(srgb_decode(rgb) if decode else rgb, np.float32)
+        colours = np.empty((len(matches.others), 3), np.float32)
+        compiled(_interpolate)(image, matches.others, matches.at, matches.smooth, colours)
     if not np.isfinite(colours).all():
         which = np.asarray(np.isfinite(colours).all(axis=-1))
         colours, nearest, matches = colours[which], nearest[which], matches.only(which)
@@ -248,13 +252,6 @@ def colours_at(matches: Matches, rgb: npt.NDArray[Any], decode: bool) -> tuple[M
         return matches, compact(colours)
     source = compact(nearest).dtype.type
     return matches, colours if source is np.float32 else _levels(colours, source)
-
-
-def _gathered(levels: npt.NDArray[Any], others: Indices) -> npt.NDArray[Any]:
-    """The levels (M, 3) of pixels of an image (H, W, 3)."""
-    colours = np.empty((len(others), 3), levels.dtype)
-    compiled(_gather)(locked(np.ascontiguousarray(levels).reshape(-1, 3)), locked(others), colours)
-    return colours
 
 
 def _gather(levels: npt.NDArray[Any], others: Indices, colours: npt.NDArray[Any]) -> None:
@@ -270,17 +267,11 @@ def _levels(colours: Array, kind: type[np.unsignedinteger[Any]]) -> npt.NDArray[
     return np.clip(levels, 0, full, out=levels).astype(kind)
 
 
-def _interpolated(rgb: Array, others: Indices, at: Array, smooth: Mask) -> Array:
-    """The colours (M, 3) float32 of an image (H, W, 3): bilinear at `at` where `smooth`, else of the pixel `others`.
+def _interpolate(rgb: Array, others: Indices, at: Array, smooth: Mask, colours: Array) -> None:
+    """Write colours (M, 3): bilinear at `at` where `smooth`, else of the pixel `others`.
 
     If one of the four colours is not finite, the pixel `others` counts, too.
     """
-    colours = np.empty((len(others), 3), np.float32)
-    compiled(_interpolate)(np.ascontiguousarray(rgb, np.float32), others, at, smooth, colours)
-    return colours
-
-
-def _interpolate(rgb: Array, others: Indices, at: Array, smooth: Mask, colours: Array) -> None:
     half, one = np.float32(0.5), np.float32(1)
     columns = rgb.shape[1]
     for i in range(len(others)):
