@@ -60,8 +60,7 @@ class Demo:
 
     def folder(self) -> Path:
         """Return the folder of the scene's files, which are made if they are not there."""
-        from sucre_bench.datasets.demo.made_scene import make
-        from sucre_bench.datasets.demo.stored_scene import make_once, scene_folder
+        from sucre_bench.datasets.demo.made_scene import make, make_once, scene_folder
 
         options = self._options()
         return make_once(scene_folder(self.root, options), lambda: make(**options))
@@ -72,6 +71,6 @@ class Demo:
     @property
     def data_id(self) -> str:
         """A hash of the options that decide the scene's files."""
-        from sucre_bench.datasets.demo.stored_scene import scene_id
+        from sucre_bench.datasets.demo.made_scene import scene_id
 
         return scene_id(self._options())

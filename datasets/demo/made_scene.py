@@ -1,21 +1,29 @@
-"""The whole made scene in memory, with its truth: colours, depth, poses, water."""
+"""The whole made scene in memory, with its truth: colours, depth, poses, water; and how it is stored as files."""
 
 import dataclasses
 import functools
+import hashlib
+import json
+import shutil
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera, pixel_rays
-from sucre_bench.datasets.demo.camera_path import make_camera, make_path
-from sucre_bench.datasets.demo.chart_boards import SITES, place_board
-from sucre_bench.datasets.demo.noise import Grid, Noise
-from sucre_bench.datasets.demo.render import Surfaces, build, render, visible_charts
-from sucre_bench.datasets.demo.seabed import paint_seabed
-from sucre_bench.datasets.demo.terrain import GROUND, Terrain, make_terrain
-from sucre_bench.datasets.demo.water import WATERS, Preset, underwater
+from sucre_bench.datasets.demo.render import Surfaces, build, make_camera, make_path, render, visible_charts
+from sucre_bench.datasets.demo.seabed import SITES, paint_seabed, place_board
+from sucre_bench.datasets.demo.terrain import GROUND, Grid, Noise, Terrain, make_terrain
+from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, underwater
+from sucre_bench.errors import OutputError
+from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.encoding import to_8bit
+from sucre_bench.imaging.image_files import write_png
+from sucre_bench.machine.files import user_cache
 from sucre_bench.machine.progress import track
 from sucre_bench.scene import Chart, Water
 
@@ -90,3 +98,110 @@ def _make_surfaces(seed: int, texel: float) -> Surfaces:
 @functools.lru_cache(maxsize=1)  # a third of a small scene's time, the same in every water
 def _terrain(seed: int) -> Terrain:
     return make_terrain(seed, Noise(seed), [(site.x, site.y) for site in SITES])
+
+
+# Writes the made scene as files, in the layout that SUCRe reads and `prepare` writes.
+#
+# `images/`, `reference/` (8-bit PNG), `depths/depth_<stem>.png` (16-bit, millimetres along the optical axis),
+# `sparse/` (a COLMAP text model with the cameras and poses, without points), `charts.json` (corners in pixels),
+# `water.json`.
+
+LAST = "water.json"  # written after all else: a folder without it is not finished
+
+
+def write_made_scene(made: MadeScene, folder: Path) -> None:
+    """Write a made scene into a new folder."""
+    for kind in ("images", "reference", "depths", "sparse"):
+        (folder / kind).mkdir(parents=True)
+    for i, name in enumerate(track(made.names, "writing the demo scene")):
+        write_png(folder / "images" / name, made.rgb[i][..., ::-1])
+        write_png(folder / "reference" / name, to_8bit(made.reference[i])[..., ::-1])
+        write_png(folder / "depths" / f"depth_{name}", (made.depth[i] * 1000 + 0.5).astype(np.uint16))
+    _write_model(made, folder / "sparse")
+    _write_json(folder / "charts.json", {"images": dict(zip(made.names, map(_charts, made.charts), strict=True))})
+    _write_json(folder / LAST, _water(made))
+
+
+def _write_json(path: Path, content: Any) -> None:
+    path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+
+
+def _charts(charts: Sequence[Chart]) -> dict[str, Any]:
+    return {chart.name: {"kind": chart.kind, "corners": chart.corners.round(3).tolist()} for chart in charts}
+
+
+def _water(made: MadeScene) -> dict[str, Any]:
+    content: dict[str, Any] = {
+        "preset": made.preset,
+        "veiling_light": made.water.veiling_light.tolist(),
+        "attenuation": made.water.attenuation.tolist(),
+        "backscatter": made.water.backscatter.tolist(),
+    }
+    if made.preset == "deep_sea":
+        content["lamp_from_cam"], content["lamp_covariance"] = LAMP.lamp_from_cam.tolist(), LAMP.covariance.tolist()
+    return content
+
+
+def _write_model(made: MadeScene, folder: Path) -> None:
+    """Write COLMAP's text model: its pixel and axis conventions are those of `sucre_bench.scene`."""
+    K, size = made.camera.K, f"{made.camera.width} {made.camera.height}"
+    line = f"1 PINHOLE {size} {K[0, 0]} {K[1, 1]} {K[0, 2]} {K[1, 2]}\n"
+    (folder / "cameras.txt").write_text("# CAMERA_ID MODEL WIDTH HEIGHT FX FY CX CY\n" + line, encoding="utf-8")
+    lines = ["# IMAGE_ID QW QX QY QZ TX TY TZ CAMERA_ID NAME, then a line of 2D points (none)\n"]
+    for i, (name, pose) in enumerate(zip(made.names, made.cam_from_world, strict=True)):
+        numbers = " ".join(repr(float(x)) for x in (*_quaternion(pose), *pose[:3, 3]))
+        lines.append(f"{i + 1} {numbers} 1 {name}\n\n")
+    (folder / "images.txt").write_text("".join(lines), encoding="utf-8")
+    (folder / "points3D.txt").write_text("# POINT3D_ID X Y Z R G B ERROR TRACK[]: none\n", encoding="utf-8")
+
+
+def _quaternion(pose: Array) -> Array:
+    """Return the rotation of a (4, 4) transform as (w, x, y, z)."""
+    from scipy.spatial.transform import Rotation
+
+    return np.roll(Rotation.from_matrix(pose[:3, :3]).as_quat(), 1)
+
+
+# Where the made scene is stored, and when it is made again: once for each combination of options.
+
+VERSION = 1  # to be raised whenever equal options make another scene than before
+
+
+def scene_id(options: Mapping[str, Any]) -> str:
+    """Return a hash of the options that decide the scene's files; it names their folder and identifies the scene."""
+    content = json.dumps([VERSION, options, repr(KINDS)], sort_keys=True)
+    return hashlib.blake2b(content.encode(), digest_size=6).hexdigest()
+
+
+def scene_folder(root: Path | None, options: Mapping[str, Any]) -> Path:
+    """Return the folder of a scene below `root`, or else in the user's cache. It may not be there yet."""
+    return (user_cache() / "demo" if root is None else Path(root)) / f"{options['water']}-{scene_id(options)}"
+
+
+def make_once(folder: Path, make: Callable[[], MadeScene]) -> Path:
+    """Return the folder of a made scene, making it where it is not there or not finished.
+
+    The scene is written beside its place, and moved there when it is complete. So a killed process leaves no half
+    scene. If two processes write at once, the later one discards its own.
+    """
+    if (folder / LAST).is_file():
+        return folder
+    made = make()
+    folder.parent.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory(prefix=f".{folder.name}-", dir=folder.parent, ignore_cleanup_errors=True) as work:
+        try:
+            write_made_scene(made, Path(work) / "scene")
+        except OutputError as fault:
+            scene = Path(work) / "scene"
+            if not Path(fault.place).is_relative_to(scene):
+                raise
+            there = folder / Path(fault.place).relative_to(scene)  # the folder of the work is gone when the user looks
+            raise type(fault)(fault.fault, there, fault.remedy) from fault
+        if folder.exists() and not (folder / LAST).is_file():
+            shutil.rmtree(folder)
+        try:
+            (Path(work) / "scene").replace(folder)
+        except OSError:  # a folder that is not empty is never replaced
+            if not (folder / LAST).is_file():
+                raise
+    return folder

@@ -15,8 +15,7 @@ from pathlib import Path, PurePosixPath
 from typing import Literal
 
 from sucre_bench.camera import Camera
-from sucre_bench.datasets.metashape.chunk import Aligned, Component, read_components
-from sucre_bench.datasets.metashape.document import find_document, read_chunk
+from sucre_bench.datasets.metashape.chunk import Aligned, Component, find_document, read_chunk, read_components
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.loading.depth_maps import find_depths, read_depth
 from sucre_bench.loading.find_folders import ImageFolder, chosen, existing, inner_path

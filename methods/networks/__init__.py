@@ -4,9 +4,7 @@
 network exported as ONNX.
 """
 
-from sucre_bench.methods.networks.funie_gan import FunieGan
 from sucre_bench.methods.networks.onnx import Onnx
-from sucre_bench.methods.networks.tacl import Tacl
-from sucre_bench.methods.networks.water_net import WaterNet
+from sucre_bench.methods.networks.published import FunieGan, Tacl, WaterNet
 
 __all__ = ["FunieGan", "Onnx", "Tacl", "WaterNet"]

@@ -3,18 +3,199 @@
 The network takes one picture and gives one picture. What the model file declares is read from it; options say the rest.
 """
 
+import functools
+import mmap
+import re
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
-from sucre_bench import InputError, Restoration, Scene, View, method
+from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
-from sucre_bench.machine.cores import Device
-from sucre_bench.methods.networks.run_onnx import Layout, OnnxNetwork, model_file, opened
+from sucre_bench.errors import InputError, did_you_mean, one_line
+from sucre_bench.machine.cores import Device, usable_cores
+from sucre_bench.machine.files import fault_of
+from sucre_bench.methods.networks.run_torch import check_file
 from sucre_bench.methods.networks.sizes import resized, restored_at, tiled
 from sucre_bench.plugins.ranges import check_ranges
+
+# Opens an ONNX model, reads the sizes and types that it declares, and runs it on pixels.
+
+Layout = Literal["auto", "nchw", "nhwc"]
+
+_TYPES = {
+    "tensor(float)": "float32",
+    "tensor(float16)": "float16",
+    "tensor(double)": "float64",
+    "tensor(uint8)": "uint8",
+}
+_NO_GPU = "onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class OnnxNetwork:
+    """An opened model. fixed: the height and width it works at, None where it leaves them open; dtype: of its input."""
+
+    session: Any
+    path: Path
+    output: str
+    dtype: str
+    channels_first: bool
+    fixed: tuple[int, int] | None
+    device: str
+
+    def __call__(self, pixels: Array) -> Array:
+        """Return what the network makes of pixels (H, W, 3), in the order and range it takes: (h, w, 3) float32.
+
+        Raises InputError, naming the file, when it fails or returns no picture of the same proportions.
+        """
+        batch = (pixels.round().clip(0, 255) if self.dtype == "uint8" else pixels)[None]
+        batch = batch.transpose(0, 3, 1, 2) if self.channels_first else batch
+        feed = {self.session.get_inputs()[0].name: np.ascontiguousarray(batch, dtype=self.dtype)}
+        height, width = pixels.shape[:2]
+        try:
+            restored = np.asarray(self.session.run([self.output], feed)[0])
+        except Exception as fault:  # onnxruntime's errors have no common base but this
+            raise InputError(
+                f"{self.path}: fails on {height}x{width} pixels, {_brief(fault)}; give onnx.multiple or onnx.size"
+            ) from fault
+        returned = restored.shape
+        if restored.ndim == 4 and returned[0] == 1:
+            restored = restored[0]
+        if restored.ndim == 3 and self.channels_first:
+            restored = restored.transpose(1, 2, 0)
+        if restored.ndim != 3 or restored.shape[2] != 3:
+            raise InputError(f"{self.path}: output '{self.output}' is {returned}, no picture; give another onnx.output")
+        if restored.shape[0] * width != restored.shape[1] * height:
+            raise InputError(
+                f"{self.path}: makes {restored.shape[0]}x{restored.shape[1]} of {height}x{width} pixels, other "
+                "proportions; give onnx.multiple, or a model that keeps them"
+            )
+        return restored.astype(np.float32)
+
+
+def model_file(path: Path) -> Path:
+    """Return the model that a path names: a file, or the one in a folder. InputError when there is none, or several."""
+    if not path.is_dir():
+        check_file(path, "model")
+        return path
+    found = sorted(path.glob("*.onnx"))
+    if len(found) != 1:
+        names = ", ".join(file.name for file in found) or "none"
+        raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in onnx.model")
+    check_file(found[0], "model")
+    return found[0]
+
+
+def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwork:
+    """Open a model, kept for the next view while its files do not change.
+
+    Raises InputError, naming the file, for one that is no model or does not take one picture of three channels, and
+    for a device that is not there.
+    """
+    stamp = _stamp(path)
+    beside = _beside(path, stamp)
+    for file in beside:
+        if file.exists() and (fault := fault_of(file)):
+            raise InputError(f"{file}: {fault}, and {path.name} takes weights from it; put the file there")
+    return _opened(path, (stamp, *map(_stamp, beside)), device, layout, output)
+
+
+# When a file was changed, and its size in bytes; zeros where it is not there.
+_Stamp = tuple[int, int]
+
+
+def _stamp(path: Path) -> _Stamp:
+    if not path.is_file():
+        return 0, 0
+    state = path.stat()
+    return state.st_mtime_ns, state.st_size
+
+
+@functools.lru_cache(maxsize=2)
+def _beside(path: Path, stamp: _Stamp) -> tuple[Path, ...]:
+    """The files that a model takes its weights from: onnxruntime reads them, and does not say which they are.
+
+    Each is named in an entry of a tensor's external_data, as protobuf writes it: key = "location", value = name.
+    """
+    if not stamp[1]:
+        return ()
+    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
+        names = set()
+        for entry in re.finditer(rb"\x0a\x08location\x12(?:[\x00-\x7f]|[\x80-\xff][\x00-\x7f])", content):
+            low, *high = entry[0][11:]
+            length = low % 128 + 128 * sum(high)
+            names.add(content[entry.end() : entry.end() + length].decode(errors="replace"))
+    return tuple(path.parent / name for name in sorted(names) if "\0" not in name)
+
+
+@functools.lru_cache(maxsize=2)
+def _opened(path: Path, stamps: tuple[_Stamp, ...], device: Device, layout: Layout, output: str) -> OnnxNetwork:
+    session = _session(path, device)
+    if len(session.get_inputs()) != 1:
+        names = ", ".join(f"'{i.name}'" for i in session.get_inputs())
+        raise InputError(f"{path}: takes {names}; a model of one input is needed, the picture")
+    given = session.get_inputs()[0]
+    if given.type not in _TYPES:
+        raise InputError(f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed")
+    channels_first, fixed = _read_shape(path, given.shape, layout)
+    where = "cuda" if session.get_providers()[0] == "CUDAExecutionProvider" else "cpu"
+    return OnnxNetwork(session, path, _output(path, session, output), _TYPES[given.type], channels_first, fixed, where)
+
+
+def _session(path: Path, device: Device) -> Any:
+    import onnxruntime
+
+    options = onnxruntime.SessionOptions()
+    options.intra_op_num_threads = usable_cores()
+    options.use_deterministic_compute = True
+    options.log_severity_level = 4  # faults are raised; anything else is advice on the export
+    on_gpu = device != "cpu" and "CUDAExecutionProvider" in onnxruntime.get_available_providers()
+    if device == "cuda" and not on_gpu:
+        raise InputError(f"onnx.device: {_NO_GPU}")
+    providers = [*(["CUDAExecutionProvider"] if on_gpu else []), "CPUExecutionProvider"]
+    try:
+        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
+    except Exception as fault:  # onnxruntime's errors have no common base but this
+        raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; give a whole .onnx file") from fault
+    if device == "cuda" and session.get_providers()[0] != "CUDAExecutionProvider":
+        raise InputError(f"onnx.device: {_NO_GPU}")  # the provider was there and did not start
+    return session
+
+
+def _read_shape(path: Path, shape: list[Any], layout: Layout) -> tuple[bool, tuple[int, int] | None]:
+    """Whether channels come first, and the declared height and width; sizes left open are names, None or 0."""
+    sizes = [n if isinstance(n, int) and n > 0 else None for n in shape]
+    shown = "x".join("?" if n is None else str(n) for n in sizes)
+    if len(sizes) != 4 or sizes[0] not in (1, None):
+        raise InputError(f"{path}: takes {shown or 'any shape'}; a model of one picture, 1x3xHxW or 1xHxWx3, is needed")
+    places = {name: at for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)}
+    chosen = layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
+    if not chosen and len(places) == 2:
+        raise InputError(f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc")
+    if chosen not in places:
+        raise InputError(f"{path}: takes {shown}, not 3 channels in {layout}; a model of RGB pictures is needed")
+    height, width = (sizes[2], sizes[3]) if chosen == "nchw" else (sizes[1], sizes[2])
+    if (height is None) != (width is None):
+        raise InputError(f"{path}: takes {shown}, with one side open; export it with both open or both fixed")
+    return chosen == "nchw", None if height is None or width is None else (height, width)
+
+
+def _output(path: Path, session: Any, wanted: str) -> str:
+    names = [o.name for o in session.get_outputs()]
+    if wanted and wanted not in names:
+        raise InputError(f"{path}: has no output '{wanted}'; {did_you_mean(wanted, names)}")
+    if not wanted and len(names) > 1:
+        raise InputError(f"{path}: has outputs {', '.join(names)}; choose with onnx.output={names[0]}")
+    return wanted or str(names[0])
+
+
+def _brief(fault: Exception) -> str:
+    """The fault without onnxruntime's prefix of codes, short enough for a line."""
+    return one_line(fault).rsplit("] : ", 1)[-1].split(" : ", 2)[-1][:200]
+
 
 Range = Literal["unit", "symmetric", "bytes", "imagenet"]
 

@@ -3,20 +3,131 @@
 from __future__ import annotations
 
 import functools
+import re
+import zipfile
+from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from sucre_bench.arrays import Array
-from sucre_bench.errors import InputError
+from sucre_bench.errors import FileError, InputError, MissingFileError
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.networks.weights import fill
+from sucre_bench.machine.files import regular
 
 if TYPE_CHECKING:
     import torch
+
+
+# Reads a PyTorch state dict from an untrusted file: tensors only, nothing is unpickled.
+#
+# State dicts are accepted bare, under the names that training scripts wrap them in, and as data-parallel training
+# saves them ("module." before each key).
+
+_WRAPPERS = ("state_dict", "model_state_dict", "params", "model", "net", "network", "generator", "netG", "netG_A", "G")
+
+_REMEDY = "give weights of that architecture, or export the network and use method=onnx"
+
+
+def check_file(path: Path, option: str) -> None:
+    """Raise MissingFileError if nothing is there, FileError for anything but a file. option: the one that names it."""
+    remedy = f"give the network's file in method.{option}"
+    try:
+        regular(path)
+    except FileNotFoundError:
+        raise MissingFileError("no such file", path, f"{remedy}, none is shipped") from None
+    except FileError as fault:
+        raise type(fault)(fault.fault, path, remedy) from fault
+
+
+def fill(network: torch.nn.Module, path: Path, named: str) -> None:
+    """Set a network's parameters and buffers to those in a file. named: what the network is called.
+
+    Raises InputError where the file does not hold exactly these, in these shapes, all of them finite.
+    """
+    import torch
+
+    found, expected = read_state(path), network.state_dict()
+    found = {key: value for key, value in found.items() if not _is_counter(key)}
+    for key, value in expected.items():
+        if _is_counter(key):
+            continue
+        if key not in found:
+            raise InputError(f"{path}: not the weights of {named}, it lacks '{key}' {_shape(value)}; {_REMEDY}")
+        if found[key].shape != value.shape:
+            shapes = f"'{key}' is {_shape(found[key])} and not {_shape(value)}"
+            raise InputError(f"{path}: not the weights of {named}, {shapes}; {_REMEDY}")
+        if not torch.isfinite(found[key]).all():
+            raise InputError(f"{path}: '{key}' holds numbers that are not finite; take another checkpoint")
+    if further := [key for key in found if key not in expected]:
+        raise InputError(f"{path}: not the weights of {named}, which has no '{further[0]}'; {_REMEDY}")
+    network.load_state_dict(found, strict=False)  # compared above; only counters may be lacking
+
+
+def _is_counter(key: str) -> bool:
+    """Batches seen in training, which files from before PyTorch 0.4.1 lack and nothing here depends on."""
+    return key.endswith("num_batches_tracked")
+
+
+def _shape(tensor: torch.Tensor) -> str:
+    return "x".join(map(str, tensor.shape)) or "a number"
+
+
+def read_state(path: Path) -> dict[str, torch.Tensor]:
+    """Return the tensors of a state dict by key. Raises InputError, naming the file, when it holds no state dict."""
+    import torch
+
+    if what := _foreign(path):
+        raise InputError(f"{path}: {what}")
+    try:
+        content = torch.load(path, map_location="cpu", weights_only=True)
+    except Exception as fault:  # pickle, zip and torch each have their own
+        if held := re.search(r"Unsupported global: GLOBAL (\S+)", str(fault)):
+            raise InputError(
+                f"{path}: holds a Python object, {held[1]}, which is not loaded since it may run code; "
+                "save the network's state_dict() instead"
+            ) from fault
+        raise InputError(f"{path}: is no PyTorch file, or cut short; fetch it again") from fault
+    state = _unwrapped(content)
+    if not state:
+        raise InputError(f"{path}: holds no state dict but {type(content).__name__}; save the network's state_dict()")
+    if all(key.startswith("module.") for key in state):
+        state = {key.removeprefix("module."): value for key, value in state.items()}
+    return state
+
+
+def _foreign(path: Path) -> str:
+    """What a file is when it is none of PyTorch's, and what to do; empty when it may be one."""
+    with regular(path).open("rb") as file:
+        head = file.read(64).lstrip()
+    if not head:
+        return "is empty; fetch it again"
+    if head[:1] == b"<":
+        return "is a web page, not weights; fetch the file that the page offers"
+    if path.suffix == ".onnx":
+        return "is an ONNX model; use method=onnx onnx.model=FILE"
+    if zipfile.is_zipfile(path):
+        with zipfile.ZipFile(path) as archive:
+            if any(name.endswith("/constants.pkl") for name in archive.namelist()):
+                return "is TorchScript; save its state_dict(), or export it and use method=onnx"
+    return ""
+
+
+def _unwrapped(content: Any) -> dict[str, torch.Tensor]:
+    """The tensors by key, below the names that wrap them; empty when there are none."""
+    import torch
+
+    if not isinstance(content, Mapping):
+        return {}
+    for name in _WRAPPERS:
+        if isinstance(content.get(name), Mapping):
+            return _unwrapped(content[name])
+    is_state = content and all(isinstance(value, torch.Tensor) for value in content.values())
+    return {str(key): value for key, value in content.items()} if is_state else {}
+
 
 Architecture = Literal["WaterNet", "FunieGenerator", "TaclGenerator"]
 

@@ -11,15 +11,11 @@ import pytest
 
 from sucre_bench.arrays import Array
 from sucre_bench.camera import pixel_rays
-from sucre_bench.datasets.demo import Demo, stored_scene
-from sucre_bench.datasets.demo.camera_path import make_camera
-from sucre_bench.datasets.demo.chart_boards import SITES, place_board
-from sucre_bench.datasets.demo.made_scene import MadeScene, make
-from sucre_bench.datasets.demo.noise import Grid, Noise
-from sucre_bench.datasets.demo.render import build, render
-from sucre_bench.datasets.demo.stored_scene import make_once
-from sucre_bench.datasets.demo.terrain import make_terrain
-from sucre_bench.datasets.demo.texture import make_texture, sample
+from sucre_bench.datasets.demo import Demo, made_scene
+from sucre_bench.datasets.demo.made_scene import MadeScene, make, make_once
+from sucre_bench.datasets.demo.render import build, make_camera, render
+from sucre_bench.datasets.demo.seabed import SITES, place_board
+from sucre_bench.datasets.demo.terrain import Grid, Noise, make_terrain, make_texture, sample
 from sucre_bench.datasets.demo.water import LAMP, WATERS, Preset, apply, underwater
 from sucre_bench.errors import DiskFullError, InputError
 from sucre_bench.imaging.chart_kinds import KINDS
@@ -132,7 +128,7 @@ def test_a_scene_that_cannot_be_written_is_an_error_of_its_own_folder(
     def full(_: MadeScene, folder: Path) -> None:
         raise DiskFullError("disk is full", folder / place if place.startswith("images") else place, "make room")
 
-    monkeypatch.setattr(stored_scene, "write_made_scene", full)
+    monkeypatch.setattr(made_scene, "write_made_scene", full)
     with pytest.raises(DiskFullError) as fault:
         make_once(tmp_path / "scene", lambda: small)
     expected = str(tmp_path / "scene" / place) if place.startswith("images") else place

@@ -17,10 +17,7 @@ from support.painted_charts import TILTED, painted
 from support.spots import check_message, cut
 
 import sucre_bench as sb
-from sucre_bench.datasets.lsui import Lsui
-from sucre_bench.datasets.photos import Photos
-from sucre_bench.datasets.u45 import U45
-from sucre_bench.datasets.uieb import Uieb
+from sucre_bench.datasets.photos import U45, Lsui, Photos, Uieb
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.scene import Scene

@@ -10,17 +10,19 @@ from support.made_haze import NOISE, UNWANTED, hazy, restored, tiles
 
 from sucre_bench import Arrays, Restoration, Scene, View
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.methods.haze_lines import HazeLines
-from sucre_bench.methods.haze_lines.jerlov import WATER_TYPES, WaterType
-from sucre_bench.methods.haze_lines.lines import (
+from sucre_bench.methods.haze_lines import (
+    WATER_TYPES,
+    HazeLines,
+    OpenWater,
+    WaterType,
     along_lines,
     channel_transmission,
     compensated,
     directions,
     least_transmission,
+    textureless_area,
     transmission,
 )
-from sucre_bench.methods.haze_lines.open_water import OpenWater, textureless_area
 from sucre_bench.plugins.call_method import restored as engine_restored
 from sucre_bench.scene import Encoding
 

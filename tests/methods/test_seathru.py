@@ -15,16 +15,17 @@ import sucre_bench as sb
 from sucre_bench import Arrays, InputError, View
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
 from sucre_bench.imaging.image_formation import TwoTerm
-from sucre_bench.methods.seathru import Seathru
-from sucre_bench.methods.seathru.attenuation import (
+from sucre_bench.methods.seathru import (
+    Seathru,
     amplified,
     at_bound,
     constant_attenuation,
+    dark_pixels,
     fit_attenuation,
+    fit_backscatter,
     illuminant_by_distance,
+    local_average,
 )
-from sucre_bench.methods.seathru.backscatter import dark_pixels, fit_backscatter
-from sucre_bench.methods.seathru.illuminant import local_average
 from sucre_bench.plugins.plugin import Plugin
 from sucre_bench.plugins.registry import discover
 

@@ -13,7 +13,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.image_files import read_rgb
 from sucre_bench.metrics.uiqm import Uicm, Uiconm, Uiqm, Uism
-from sucre_bench.metrics.uiqm.sharpness import eme
+from sucre_bench.metrics.uiqm.sharpness_and_contrast import eme
 from sucre_bench.scene import Arrays, Restoration, Score, View
 
 VARIANTS = tuple(Uiqm.__plugin__.variants)

@@ -25,8 +25,8 @@ from sucre_bench import (
 )
 from sucre_bench.errors import FileError, MissingFileError
 from sucre_bench.imaging.encoding import srgb_decode, srgb_encode
-from sucre_bench.methods.doors import Precomputed, pattern
-from sucre_bench.methods.doors.pattern import SUFFIXES, ImageFolder
+from sucre_bench.methods.doors import Precomputed, precomputed
+from sucre_bench.methods.doors.precomputed import SUFFIXES, ImageFolder
 
 LEVELS = np.arange(4 * 6 * 3, dtype=np.uint8).reshape(4, 6, 3) * 3  # no two channels alike, so that a swap shows
 RGB = LEVELS.astype(np.float32) / 255
@@ -117,7 +117,7 @@ def test_a_folder_is_listed_once_for_all_views(tmp_path: Path, monkeypatch: pyte
         tmp_path, *(f"as views/{name}" for name in names), *(f"flat/{name.replace('/', '/x/')}" for name in names[:20])
     )
     calls: list[object] = []
-    for owner, listing in ((Path, "iterdir"), (pattern.os, "walk")):
+    for owner, listing in ((Path, "iterdir"), (precomputed.os, "walk")):
         true = getattr(owner, listing)
         monkeypatch.setattr(owner, listing, lambda path, true=true: calls.append(path) or true(path))
     beside, below = ImageFolder(tmp_path / "as views"), ImageFolder(tmp_path / "flat")

@@ -10,8 +10,8 @@ import torch
 from support.small_networks import NOISE, picture, planes, restored
 from torch.nn import functional
 
-from sucre_bench.methods.networks import architectures, water_net
-from sucre_bench.methods.networks.weights import read_state
+from sucre_bench.methods.networks import architectures, published
+from sucre_bench.methods.networks.run_torch import read_state
 
 
 @pytest.mark.parametrize(
@@ -125,5 +125,5 @@ def test_tacl_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
 def test_water_net_gives_what_its_layers_give_by_hand(files: dict[str, Path]):
     inputs = [NOISE, NOISE[::-1], NOISE[:, ::-1], 1 - NOISE]
     by_hand = picture(water_net_by_hand(in_float64(files["water_net"]), [planes(image) for image in inputs]))
-    network = water_net.loaded("WaterNet", files["water_net"], "cpu")
+    network = published.loaded("WaterNet", files["water_net"], "cpu")
     np.testing.assert_allclose(network(np.concatenate(inputs, axis=-1)), by_hand, atol=2e-5)

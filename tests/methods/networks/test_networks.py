@@ -13,8 +13,8 @@ from support.small_networks import NOISE, OWN_SIZE, restored, saved
 
 from sucre_bench import Arrays, InputError, Scene, View, restore
 from sucre_bench.imaging.filters import equalised, stretched_by_weakness
+from sucre_bench.methods.networks.run_torch import read_state
 from sucre_bench.methods.networks.sizes import limited, resized
-from sucre_bench.methods.networks.weights import read_state
 
 
 @pytest.mark.parametrize("chosen", ["wb", "ce", "gc"])

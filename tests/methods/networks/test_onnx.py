@@ -14,7 +14,7 @@ from support.messages import names
 
 from sucre_bench import Arrays, InputError, Restoration, Scene, View, restore, score
 from sucre_bench.errors import MissingFileError
-from sucre_bench.methods.networks.run_onnx import opened
+from sucre_bench.methods.networks.onnx import opened
 from sucre_bench.methods.networks.sizes import resized
 from sucre_bench.plugins.code_hash import source_hash
 

@@ -11,9 +11,9 @@ from support.made_networks import random_state
 from support.small_networks import NOISE, picture, planes
 from torch.nn import functional
 
-from sucre_bench.methods.networks import architectures, funie_gan, water_net
+from sucre_bench.methods.networks import architectures, published
+from sucre_bench.methods.networks.published import WaterNet
 from sucre_bench.methods.networks.sizes import resized, tiled
-from sucre_bench.methods.networks.water_net import WaterNet
 
 RNG = np.random.default_rng(0)
 
@@ -68,7 +68,7 @@ def test_tiles_equal_the_whole_where_the_network_sees_no_further_than_a_quarter_
 
 @pytest.mark.parametrize(
     ("architecture", "size", "overlap"),
-    [("WaterNet", 64, water_net.OVERLAP), ("FunieGenerator", 288, funie_gan.OVERLAP)],
+    [("WaterNet", 64, published.WATER_NET_OVERLAP), ("FunieGenerator", 288, published.FUNIE_OVERLAP)],
 )
 def test_a_network_sees_no_further_than_a_quarter_of_its_overlap(architecture: str, size: int, overlap: int):
     with torch.device("meta"):

@@ -16,7 +16,7 @@ from support.small_networks import NOISE, restored, saved
 from sucre_bench import InputError
 from sucre_bench.errors import MissingFileError
 from sucre_bench.methods.networks import architectures
-from sucre_bench.methods.networks.weights import read_state
+from sucre_bench.methods.networks.run_torch import read_state
 
 
 @pytest.mark.parametrize("wrap", ["bare", "state_dict", "model", "params", "netG", "both", "module.", "legacy"])

@@ -11,16 +11,20 @@ would to 1.57 %. Poses and cameras are not released: a COLMAP model of one's own
 Source: Akkaynak & Treibitz, Sea-thru, CVPR 2019; the charts: `published_charts`.
 """
 
+import csv
+import functools
+import importlib
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib.resources import files
 from pathlib import Path, PurePosixPath
+from typing import Any
 
 import numpy as np
 
+from sucre_bench.arrays import Array
 from sucre_bench.camera import Camera
-from sucre_bench.datasets.seathru.published_charts import FULL_SIZE, published_charts
-from sucre_bench.datasets.seathru.raw_files import RAW_SUFFIXES, raw_size, read_raw
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.chart_patches import scaled_chart
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, read_rgb, same_shape
@@ -34,6 +38,102 @@ from sucre_bench.machine.progress import track
 from sucre_bench.plugins.decorators import dataset
 from sucre_bench.plugins.ranges import check_ranges
 from sucre_bench.scene import Chart, Encoding, Plane, Scene
+
+# The charts of Sea-thru D5: 152 DGK charts in 43 images, from the table that is published for them.
+#
+# The table's corners are those of the patches' extent, not of the chart's black frame: against frames read by hand in
+# two images (8 charts, to 4 px of 1877) they lie up to 14 px inside, and once carried out to the frame by the chart's
+# layout 2.5 px off on average. They belong to the photographs as taken, with their lens' distortion: undistorted
+# along with the image they come to those 2.5 px, without that to 4.4 px.
+
+FULL_SIZE = (7360, 4912)
+
+
+@functools.cache
+def published_charts() -> dict[str, tuple[Chart, ...]]:
+    """Return the charts of each image, by its name without suffix; corners of the frame, in pixels of FULL_SIZE.
+
+    A chart's name is its number in the table: of the same chart in each of four images where that was checked.
+    """
+    lines = files(__package__).joinpath("d5_charts.csv").read_text(encoding="utf-8").splitlines()
+    found: dict[str, tuple[Chart, ...]] = {}
+    for row in csv.DictReader(line for line in lines if not line.startswith("#")):
+        patches = np.array([[float(row[f"{axis}{k}"]) for axis in "xy"] for k in range(1, 5)])
+        chart = Chart(f"chart{row['chart']}", "dgk", _frame(patches))
+        found[row["image"]] = (*found.get(row["image"], ()), chart)
+    return found
+
+
+def _frame(patches: Array) -> Array:
+    """Return the corners (4, 2) of a chart's frame from those of its patches' extent, through the chart's plane."""
+    import cv2
+
+    from sucre_bench.imaging.chart_kinds import chart_kind
+
+    boxes = np.array([patch.box for patch in chart_kind("dgk").patches])
+    (x0, y0), (x1, y1) = boxes[:, :2].min(axis=0), boxes[:, 2:].max(axis=0)
+    extent = np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)], dtype=np.float32)
+    image_from_chart = cv2.getPerspectiveTransform(extent, patches.astype(np.float32)).astype(np.float64)
+    unit = np.array([[[0, 0], [1, 0], [1, 1], [0, 1]]], dtype=np.float64)
+    return np.asarray(cv2.perspectiveTransform(unit, image_from_chart)[0], dtype=np.float64)
+
+
+# Reads camera raw files as linear images: the sensor's values, demosaiced and otherwise unchanged.
+#
+# No white balance, no colour matrix, no tone curve, no brightening; black subtracted, white level to 1; each channel
+# interpolated on its own (bilinear). The maximum is the camera's, not each photograph's, so that views stay
+# comparable. The colours are the camera's own RGB.
+
+RAW_SUFFIXES = (".arw", ".nef", ".dng")
+
+
+def raw_size(path: Path) -> tuple[int, int] | None:
+    """Return (width, height) of the developed image; None where the file is damaged, which decoding will explain."""
+    rawpy = _rawpy(path)
+    try:
+        with rawpy.imread(str(path)) as raw:
+            return raw.sizes.width, raw.sizes.height
+    except (rawpy.LibRawError, OSError):
+        return None
+
+
+def read_raw(path: Path, size: tuple[int, int] | None = None) -> Array:
+    """Return the developed image (H, W, 3) float32 in [0, 1], shrunk to `size` (width, height) by area if one is given.
+
+    Raises InputError for a file that cannot be read, or where rawpy is not installed.
+    """
+    import cv2
+
+    rawpy = _rawpy(path)
+    try:
+        with rawpy.imread(str(path)) as raw:
+            counts = raw.postprocess(
+                demosaic_algorithm=rawpy.DemosaicAlgorithm.LINEAR,
+                output_color=rawpy.ColorSpace.raw,
+                user_wb=[1.0, 1.0, 1.0, 1.0],
+                gamma=(1, 1),
+                no_auto_bright=True,
+                adjust_maximum_thr=0.0,
+                output_bps=16,
+                user_flip=0,
+            )
+    except (rawpy.LibRawError, OSError) as fault:
+        raise InputError(f"{path}: cannot be read ({fault}); copy it again") from fault
+    image = counts.astype(np.float32) / np.float32(65535)
+    height, width = image.shape[:2]
+    if size is not None and (width, height) != size:
+        if not same_shape((width, height), size):
+            raise InputError(f"{path}: is {width}x{height}, expected {size[0]}x{size[1]}; use the file as released")
+        image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
+    return np.asarray(image)
+
+
+def _rawpy(path: Path) -> Any:
+    try:
+        return importlib.import_module("rawpy")
+    except ImportError as fault:
+        raise InputError(f"{path}: is a raw file; install rawpy (pip install rawpy), or use linearPNG") from fault
+
 
 _SUFFIXES = (*SUFFIXES, *RAW_SUFFIXES)
 _DEPTH_FOLDERS = ("depth_resized", "depth", "depthmaps")  # the closest to the images' size first

@@ -7,6 +7,7 @@ as black, as most published tables do. Each score's coverage is the share of the
 """
 
 from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,11 +17,144 @@ import numpy.typing as npt
 from sucre_bench.arrays import Array, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.imaging.encoding import srgb_encode, to_8bit
-from sucre_bench.imaging.once import coloured_pixels
+from sucre_bench.imaging.once import coloured_pixels, locked
 from sucre_bench.imaging.resizing import Resizing, resized
-from sucre_bench.metrics.similarity.loops import RADIUS, mean_ssim, squared_error
+from sucre_bench.machine.compile_loops import compiled
+from sucre_bench.machine.cores import usable_cores
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
+
+# The sums behind PSNR and SSIM over two images, a band of rows at a time.
+
+Image = npt.NDArray[Any]
+RADIUS = 5  # the widest window reaches so far
+_BAND, _TILE = 128, 512  # rows a thread takes at a time; columns whose sums stay in the processor's cache
+
+
+def squared_error(one: Image, other: Image, mask: Mask) -> float:
+    """Return the sum over pixels in the mask (H, W) of the squared differences of images (H, W, 3).
+
+    What is not finite in `one` counts as 0.
+    """
+    return float(compiled(_squared_error)(locked(one), locked(other), mask))
+
+
+def _squared_error(one: Image, other: Image, mask: Mask) -> float:
+    height, width, channels = one.shape
+    sums = np.zeros(width)  # a sum for each column, so that the loop over columns becomes vector code
+    for row in range(height):
+        for channel in range(channels):
+            for column in range(width):
+                value = np.float64(one[row, column, channel])
+                error = (value if value - value == 0 else 0.0) - np.float64(other[row, column, channel])
+                sums[column] += error * error if mask[row, column] else 0.0
+    return sums.sum()
+
+
+def mean_ssim(one: Image, other: Image, weights: Array, norm: float, whole: Mask) -> float:
+    """Return the mean SSIM of two images (H, W, C) over the windows whose centre is in `whole` (H, W), and channels.
+
+    weights: (11,) of a row and of a column of the window, 0 where it is narrower, summing to 1; norm: by which
+    variances and covariances are multiplied. What is not finite counts as 0. K1 = .01, K2 = .03, range 1 (Wang et al.
+    2004, eq. 13). With s = x + y and d = x - y, four filtered images do where x and y need five: 2 mu_x mu_y =
+    (mu_s^2 - mu_d^2) / 2, mu_x^2 + mu_y^2 = (mu_s^2 + mu_d^2) / 2, likewise for the variances. They are filtered in
+    float32, less a typical value of s and d near by, so that the variances lose no digits.
+    """
+    bands = [(start, min(start + _BAND, len(whole))) for start in range(0, len(whole), _BAND)]
+    work = [(channel, band) for channel in range(one.shape[-1]) for band in bands]
+    loop, one, other = compiled(_ssim_of_rows), locked(one), locked(other)
+    rounded = weights.astype(np.float32)
+    rounded[RADIUS] += np.float32(1 - rounded.sum(dtype=np.float64))  # what rounding took from the sum
+
+    def of_band(what: tuple[int, tuple[int, int]]) -> float:
+        channel, (start, end) = what
+        return float(loop(one, other, channel, start, end, rounded, np.float32(norm), whole))
+
+    with ThreadPoolExecutor(usable_cores()) as pool:
+        total = sum(pool.map(of_band, work))  # in order: the same sum however many threads there are
+    return total / (int(np.count_nonzero(whole)) * one.shape[-1])
+
+
+def _ssim_of_rows(
+    one: Image,
+    other: Image,
+    channel: int,
+    start: int,
+    end: int,
+    weights: npt.NDArray[np.float32],
+    norm: np.float32,
+    whole: Mask,
+) -> float:
+    """The sum over window centres in rows start to end.
+
+    Rows beyond the image repeat its first or last: their weight is 0, or the window is not whole.
+    """
+    height, width, _ = one.shape
+    zero = np.float32(0)
+    c1, c2 = np.float32(2 * 0.01**2), np.float32(2 * 0.03**2)
+    w0, w1, w2, w3, w4, w5 = weights[0], weights[1], weights[2], weights[3], weights[4], weights[5]
+    line = np.zeros((4, _TILE + 2 * RADIUS), np.float32)  # s, d, s^2, d^2 of a row
+    ring = np.zeros((2 * RADIUS + 1, 4, _TILE), np.float32)  # the last rows, filtered along the row
+    sums = np.zeros(_TILE)
+    for left in range(0, width, _TILE):
+        n = min(_TILE, width - left)
+        first, last = max(left - RADIUS, 0), min(left + n + RADIUS, width)
+        line[:] = 0
+        typical_s, typical_d, seen = 0.0, 0.0, 0
+        for row in range(start, end, 8):
+            for x in range(left, left + n, 8):
+                if whole[row, x]:
+                    a, b = one[row, x, channel], other[row, x, channel]
+                    a, b = (a if np.isfinite(a) else 0.0), (b if np.isfinite(b) else 0.0)
+                    typical_s, typical_d, seen = typical_s + a + b, typical_d + a - b, seen + 1
+        s0, d0 = np.float32(typical_s / max(seen, 1)), np.float32(typical_d / max(seen, 1))
+        for row in range(start - RADIUS, end + RADIUS):
+            source = min(max(row, 0), height - 1)
+            for x in range(first, last):
+                a, b = np.float32(one[source, x, channel]), np.float32(other[source, x, channel])
+                a = a if a - a == zero else zero
+                b = b if b - b == zero else zero
+                s, d = (a + b) - s0, (a - b) - d0
+                i = x - left + RADIUS
+                line[0, i], line[1, i], line[2, i], line[3, i] = s, d, s * s, d * d
+            for k in range(4):
+                v, h = line[k], ring[row % 11, k]
+                for i in range(n):
+                    h[i] = (
+                        w5 * v[i + 5]
+                        + w4 * (v[i + 4] + v[i + 6])
+                        + w3 * (v[i + 3] + v[i + 7])
+                        + w2 * (v[i + 2] + v[i + 8])
+                        + w1 * (v[i + 1] + v[i + 9])
+                        + w0 * (v[i] + v[i + 10])
+                    )
+            centre = row - RADIUS
+            if centre < start:
+                continue
+            for k in range(4):
+                v = line[k]
+                a0, a1, a2 = ring[(row + 1) % 11, k], ring[(row + 2) % 11, k], ring[(row + 3) % 11, k]
+                a3, a4, a5 = ring[(row + 4) % 11, k], ring[(row + 5) % 11, k], ring[(row + 6) % 11, k]
+                a6, a7, a8 = ring[(row + 7) % 11, k], ring[(row + 8) % 11, k], ring[(row + 9) % 11, k]
+                a9, a10 = ring[(row + 10) % 11, k], ring[row % 11, k]
+                for i in range(n):
+                    v[i] = (
+                        w5 * a5[i]
+                        + w4 * (a4[i] + a6[i])
+                        + w3 * (a3[i] + a7[i])
+                        + w2 * (a2[i] + a8[i])
+                        + w1 * (a1[i] + a9[i])
+                        + w0 * (a0[i] + a10[i])
+                    )
+            counted = whole[centre, left : left + n]
+            for i in range(n):
+                s, d = line[0, i], line[1, i]
+                of_s, of_d = (line[2, i] - s * s) * norm, (line[3, i] - d * d) * norm
+                s, d = (s + s0) * (s + s0), (d + d0) * (d + d0)
+                ssim = (s - d + c1) * (of_s - of_d + c2) / ((s + d + c1) * (of_s + of_d + c2))
+                sums[i] += np.float64(ssim) if counted[i] else 0.0
+    return sums.sum()
+
 
 _GRAY = Resizing(256)
 

@@ -1,15 +1,13 @@
-"""The least and greatest value in each block of a picture, for UISM and UIConM.
-
-Blocks lie side by side from the top left; blocks that the right and lower edge cut are the last column and row.
-"""
+"""Sharpness and contrast in UIQM, by blocks: the range of edges or levels (EME), and its entropy (logAMEE)."""
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 import numpy.typing as npt
 
 from sucre_bench.arrays import Array, Mask
+from sucre_bench.errors import NotApplicableError
 from sucre_bench.imaging.encoding import eight_bit
 from sucre_bench.imaging.once import once
 from sucre_bench.machine.compile_loops import compiled
@@ -200,3 +198,163 @@ def _resized(
         for column in range(least.shape[1]):
             least[block, column] = low[column * side : (column + 1) * side].min()
             most[block, column] = high[column * side : (column + 1) * side].max()
+
+
+# UIConM, the contrast in UIQM: the entropy of the levels' range in blocks (logAMEE).
+
+_PLIP = 1026.0  # gamma and k
+_LUMA, _REC709 = (299, 587, 114), (2125, 7154, 721)  # thousandths, ten-thousandths
+
+
+@dataclass(frozen=True, slots=True)
+class Contrast:
+    """The points on which implementations of UIConM differ.
+
+    levels: "luma" (.299 .587 .114) and "rec709" (over 255, in [0, 1]) of one intensity; "together", extremes over all
+    three channels; "each", the modulus of each channel's mean, summed, of the picture that `resized_extremes` enlarges;
+    plip: whether m is made with (-) and (+), else - and +; total: "plip", a PLIP sum, positive; "plain", a plain sum
+    with the PLIP factor, its sign as printed; "mean", the mean, positive; order: which channel is taken for R, G and B;
+    block, cut_blocks, fractional: see `sharpness.Sharpness`; fails_on_black: the program divides by 0 there.
+    """
+
+    levels: Literal["luma", "rec709", "together", "each"] = "luma"
+    plip: bool = True
+    total: Literal["plip", "plain", "mean"] = "plip"
+    order: Literal["RGB", "BGR"] = "RGB"
+    block: int = 10
+    cut_blocks: bool = False
+    fractional: bool = False
+    fails_on_black: bool = False
+
+
+def uiconm(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> float:
+    """Return the contrast of a picture (H, W, 3) in [0, 1]; NaN where no block is whole.
+
+    NotApplicableError where the program that the form stands for has no result.
+    """
+    whole = uiconm_blocks(shown, form)
+    if not whole.any():
+        return float("nan")
+    extremes, (k1, k2) = _extremes_of_contrast(shown, form), whole.shape
+    low, high = (x[..., :k1, :k2][..., whole] for x in (extremes.least, extremes.most))  # (..., B)
+    if form.fails_on_black and (high == 0).any():
+        raise NotApplicableError(
+            f"a block of {form.block}x{form.block} pixels is black, where the program divides 0 by 0"
+        )
+    if form.levels == "each":
+        return float(sum(abs(_m_ln_m(channel).mean()) for channel in _ratio(high - low, high + low)))
+    if not form.plip:
+        share = k1 * k2 / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block)) if form.fractional else 1.0
+        return float(-_m_ln_m(_ratio(high - low, high + low)).real.mean() * share)
+    m = _ratio(_PLIP * (high - low) / (_PLIP - low), high + low - high * low / _PLIP)
+    terms = _m_ln_m(m).real  # all <= 0
+    if form.total == "plain":
+        return float(_PLIP - _PLIP * (1 - terms.sum() / _PLIP) ** (1 / terms.size))
+    # c (x) g = gamma - gamma (1 - g / gamma)^c of a PLIP sum, for which 1 - g / gamma is the product of its terms'
+    return float(_PLIP - _PLIP * np.exp(np.log1p(terms / _PLIP).mean()))
+
+
+def uiconm_blocks(shown: npt.NDArray[Any], form: Contrast = Contrast()) -> Mask:
+    """Return which blocks (k1, k2) have a colour in every pixel."""
+    if form.levels == "each":
+        return whole_resized_blocks(shown, form.block, margin=False)
+    return whole_blocks(shown, form.block, margin=False, cut=form.cut_blocks)
+
+
+def _ratio(above: Array, below: Array) -> Array:
+    """0 where there is no contrast, or nothing to divide by."""
+    return np.where(below != 0, above / np.where(below != 0, below, 1), 0)
+
+
+def _m_ln_m(m: Array) -> npt.NDArray[np.complex128]:
+    """m ln m, 0 for 0; complex below 0."""
+    logarithm = np.log(np.abs(np.where(m != 0, m, 1))) + 1j * np.pi * (m < 0)
+    return np.asarray(m * logarithm)
+
+
+def _extremes_of_contrast(shown: npt.NDArray[Any], form: Contrast) -> Extremes:
+    if form.levels == "each":
+        return resized_extremes(shown, form.block, edges=False)
+    if form.levels == "together":
+        planes = [level_extremes(shown, form.block, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        least, most = np.min([p.least for p in planes], axis=0), np.max([p.most for p in planes], axis=0)
+        return Extremes(least.astype(np.float64), most.astype(np.float64))
+    weights, scale = (_LUMA, 1e3) if form.levels == "luma" else (_REC709, 1e4 * 255)
+    red, green, blue = weights if form.order == "RGB" else weights[::-1]
+    found = level_extremes(shown, form.block, (red, green, blue))
+    return Extremes(found.least / scale, found.most / scale)
+
+
+# UISM, the sharpness in UIQM: the range of edges, or of levels, in blocks (EME).
+
+Zero = Literal["nothing", "one", "almost"]
+
+
+@dataclass(frozen=True, slots=True)
+class Sharpness:
+    """The points on which implementations of UISM differ.
+
+    weights: of EME(R), EME(G), EME(B); block: its side, pixels; cut_blocks: whether blocks cut by the image's edge
+    count; edges: what EME is of: "sobel", C |Sobel(C)|; "rounded", C |Sobel(C / 255)| to the nearest whole number;
+    "levels", C itself; "resized", |S_x - S_y|, resized to a multiple of the block, see `resized_extremes`;
+    zero: what a block with a 0 counts as: "nothing"; "one", ln(max / 1); "almost", ln(max / 1 + .00001), which is added
+    in every block; fractional: the sum over blocks is divided by (H / side) (W / side), whole or not.
+    """
+
+    weights: tuple[float, float, float] = (0.299, 0.587, 0.114)
+    block: int = 10
+    cut_blocks: bool = False
+    edges: Literal["sobel", "rounded", "levels", "resized"] = "sobel"
+    zero: Zero = "nothing"
+    fractional: bool = False
+
+
+def uism(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> float:
+    """Return the sharpness of a picture (H, W, 3) in [0, 1]; NaN where no block is whole.
+
+    A block is whole where every pixel, and every neighbour of one, has a colour.
+    """
+    whole = uism_blocks(shown, form)
+    if not whole.any():
+        return float("nan")
+    extremes, (k1, k2) = _extremes_of_edges(shown, form), whole.shape
+    share = 1.0
+    if form.fractional:
+        share = k1 * k2 / ((shown.shape[0] / form.block) * (shown.shape[1] / form.block))
+    channels = zip(form.weights, extremes.least[:, :k1, :k2], extremes.most[:, :k1, :k2], strict=True)
+    return float(sum(w * eme(least[whole], most[whole], form.zero) for w, least, most in channels) * share)
+
+
+def uism_blocks(shown: npt.NDArray[Any], form: Sharpness = Sharpness()) -> Mask:
+    """Return which blocks (k1, k2) are whole."""
+    if form.edges == "resized":
+        return whole_resized_blocks(shown, form.block, margin=True)
+    return whole_blocks(shown, form.block, margin=True, cut=form.cut_blocks)
+
+
+def eme(
+    least: npt.NDArray[Any], most: npt.NDArray[Any], zero: Literal["nothing", "one", "almost"] = "nothing"
+) -> float:
+    """Return 2 x the mean of ln(most / least) over blocks (B,); its modulus, where values below 0 make it complex."""
+    if zero == "almost":
+        return float(2 * np.log(most / np.where(least == 0, 1, least) + 1e-5).mean())
+    if zero == "one":
+        least, most = np.where(least == 0, 1, least), np.where(most == 0, 1, most)
+    usable = (least != 0) & (most != 0)
+    ratio = most[usable] / least[usable]
+    total = complex(np.log(np.abs(ratio)).sum(), np.pi * np.count_nonzero(ratio < 0))
+    return 2 * abs(total) / least.size
+
+
+def _extremes_of_edges(shown: npt.NDArray[Any], form: Sharpness) -> Extremes:
+    """Of each channel (3, k1, k2)."""
+    if form.edges == "resized":
+        return resized_extremes(shown, form.block, edges=True)
+    if form.edges == "levels":
+        planes = [level_extremes(shown, form.block, unit) for unit in ((1, 0, 0), (0, 1, 0), (0, 0, 1))]
+        return Extremes(np.stack([p.least for p in planes]), np.stack([p.most for p in planes]))
+    found = edge_extremes(shown, form.block)
+    if form.edges == "sobel":
+        return found
+    scale = 4 * 255 * np.sqrt(2)  # the filter as scikit-image scales it: steps of 1 give 1, two directions averaged
+    return Extremes(np.round(found.least / scale), np.round(found.most / scale))
