@@ -15,7 +15,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import Patch
 from sucre_bench.imaging.chart_patches import measure
 from sucre_bench.imaging.cielab import lab_d50
-from sucre_bench.metrics.psi_and_de00 import chart_scores, patch_region
+from sucre_bench.metrics.chart_colours import chart_scores, patch_region
 from sucre_bench.plugins.decorators import metric
 from sucre_bench.scene import Restoration, Score, View
 

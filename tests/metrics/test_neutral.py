@@ -8,7 +8,7 @@ from support.painted_charts import TILTED, painted
 
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import KINDS
-from sucre_bench.metrics.neutral import Neutral
+from sucre_bench.metrics.chart_colours import Neutral
 from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 

@@ -15,8 +15,7 @@ from sucre_bench.arrays import Array
 from sucre_bench.imaging.chart_kinds import KINDS
 from sucre_bench.imaging.cielab import ciede2000, lab_d50, srgb_of_lab_d50
 from sucre_bench.imaging.display import stretch
-from sucre_bench.metrics.patch_colour import PatchColour
-from sucre_bench.metrics.psi_and_de00 import De00, Psi, angle_deg
+from sucre_bench.metrics.chart_colours import De00, PatchColour, Psi, angle_deg
 from sucre_bench.scene import Arrays, Chart, Restoration, Score, View
 
 D5 = DATA / "seathru_d5_charts"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from sucre_bench.metrics.water_error import Water
+from sucre_bench.metrics.water import Water
 from sucre_bench.scene import Arrays, Restoration, Score, View
 from sucre_bench.scene import Water as SceneWater
 

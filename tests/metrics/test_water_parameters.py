@@ -7,7 +7,7 @@ import pytest
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array
-from sucre_bench.metrics.water_parameters import WaterParameters
+from sucre_bench.metrics.water import WaterParameters
 from sucre_bench.scene import Arrays, Restoration, Score, View, Water
 
 IMAGE = np.zeros((2, 2, 3), np.float32)

@@ -1,9 +1,10 @@
-"""Colour charts: the angle between measured and expected patches (psi), and their CIEDE2000 difference (de00).
+"""Colour charts: angle (psi), CIEDE2000 (de00) and chroma of grays, of measured against expected patches.
 
-Both score the shown picture, in [0, 1] and gamma-encoded. A chart yields one score named after it, the mean over its
+All score the shown picture, in [0, 1] and gamma-encoded. A chart yields one score named after it, the mean over its
 patches, and one per patch, "<chart>/<number>-<name>". Where a patch has no value (no pixel with a colour; for psi also
 a median of exactly black, which has no direction) its score is NaN with coverage 0, and the mean of the chart leaves it
-out. The coverage of the chart, the share of its patches' pixels that were scored, shows this.
+out. The coverage of the chart, the share of its patches' pixels that were scored, shows this. `patch_colour` has the
+colours themselves, for tables of swatches.
 """
 
 import functools
@@ -137,3 +138,59 @@ def _expected_rgb(patch: Patch, variant: str) -> Array:
 @functools.lru_cache(maxsize=4096)
 def _expected_lab(patch: Patch, variant: str) -> Array:
     return np.array(patch.lab) if variant == "lab" else lab_d50(np.array(patch.srgb))
+
+
+@metric(
+    symbol=r"chroma of grays $C^*_{ab}$",
+    needs={"charts"},
+    requires=["cv2"],
+    unit="C*ab",
+    better="lower",
+    range=(0, np.inf),
+    cites="CIE 15:2004",
+    variants={"chroma": "C*ab = sqrt(a*^2 + b*^2) of CIE Lab under D50"},
+)
+@dataclass(frozen=True)
+class Neutral:
+    """Mean chroma of the gray patches of a chart, as the picture shows them.
+
+    A picture without a colour cast shows them gray, with chroma 0. A patch that is black or blown out to white has no
+    chroma either, so read it beside psi or dE00.
+    """
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per chart and per gray patch."""
+        for chart in view.charts:
+            readings = [reading for reading in measure(shown, chart) if not reading.patch.colour]
+            lab = lab_d50(np.array([reading.rgb for reading in readings]).reshape(-1, 3))
+            yield from chart_scores(chart, readings, np.hypot(lab[:, 1], lab[:, 2]))
+
+
+CHANNELS = ("red", "green", "blue")
+
+
+@metric(
+    role="patch-colour",
+    needs={"charts"},
+    requires=["cv2"],
+    unit="",
+    better="none",
+    range=(0, 1),
+    default=[*CHANNELS, *(f"{channel}-expected" for channel in CHANNELS)],
+    variants={
+        **dict.fromkeys(CHANNELS, "measured, gamma-encoded"),
+        **{f"{channel}-expected": "in the sRGB list" for channel in CHANNELS},
+    },
+)
+@dataclass(frozen=True)
+class PatchColour:
+    """Intensity of each chart patch, grays as well: the median over the patch, one channel a variant."""
+
+    def score(self, restored: Restoration, shown: Array, view: View, variant: str) -> Iterator[Score]:
+        """Yield a score per patch."""
+        channel, _, expected = variant.partition("-")
+        c = CHANNELS.index(channel)
+        for chart in view.charts:
+            for reading in measure(shown, chart):
+                value = float(reading.patch.srgb[c] if expected else reading.rgb[c])
+                yield Score(value, patch_region(chart, reading.patch), reading.n_pixels, reading.coverage)
