@@ -11,8 +11,9 @@ from collections import Counter
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from dataclasses import MISSING, dataclass
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from sucre_bench import plugins
 from sucre_bench.errors import InputError, unknown_name
 from sucre_bench.jobs.catalogue import default_choice, option_names, plugin_of
 from sucre_bench.jobs.lineup import KINDS, Entry, Kind, LineUp, Word
@@ -41,9 +42,29 @@ def parse(texts: Iterable[str]) -> list[Word]:
             raise not_an_override(text, fault) from fault
         if override.is_delete():
             raise InputError("cannot be left out", text, "give it another value")
-        is_swept, key = override.is_sweep_override(), override.get_key_element().lstrip("+")
-        words.append(Word(key, tuple(one.value() for one in values), text, is_swept, override.is_add()))
+        key, given = override.get_key_element().lstrip("+"), [one.value() for one in values]
+        if any(isinstance(value, (bool, int, float)) for value in given) and _is_text(key):
+            given = _as_typed(given, text.partition("=")[2].split(","))
+        words.append(Word(key, tuple(given), text, override.is_sweep_override(), override.is_add()))
     return words
+
+
+def _is_text(key: str) -> bool:
+    """Whether an option is a name or a path."""
+    owner, _, name = key.rpartition(".")
+    if not owner:
+        return name in ("out", "baseline")
+    known = [plugin for kind in KINDS for plugin in plugins.usable(kind).values()]
+    return name == "label" or name in {
+        o.name for p in known for o in options_of(p.cls) if Path in (o.type, *get_args(o.type))
+    }
+
+
+def _as_typed(values: Sequence[Any], typed: Sequence[str]) -> list[Any]:
+    """Values with numbers and truth values as they were typed: Hydra makes 20261122 of 2026_11_22."""
+    if len(values) != len(typed):  # of a range
+        return [str(value) for value in values]
+    return [text if isinstance(value, (bool, int, float)) else value for value, text in zip(values, typed, strict=True)]
 
 
 @dataclass(frozen=True)

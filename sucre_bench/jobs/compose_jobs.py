@@ -14,7 +14,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args
+from typing import TYPE_CHECKING, Any
 
 from sucre_bench import plugins
 from sucre_bench.errors import InputError, SucreBenchError, UnknownPluginError, in_one_line
@@ -25,9 +25,8 @@ from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup import KINDS, LineUp, Word, read_experiment, read_line_up
 from sucre_bench.jobs.metric_words import chosen_variants, group_names
 from sucre_bench.jobs.run_options import CONF
-from sucre_bench.jobs.words import quoted, value_of
+from sucre_bench.jobs.words import value_of
 from sucre_bench.machine.files import expanded
-from sucre_bench.plugins.options import options_of
 from sucre_bench.results.layout import file_name
 from sucre_bench.results.rows import fingerprint
 
@@ -71,7 +70,7 @@ def jobs(words: Sequence[str], multirun: bool) -> Command:
     for word in words:
         if word.splitlines() not in ([], [word]):
             raise InputError(f"{in_one_line(word)!r}: holds a line break; give each word in one line")
-    words = [_with_numbers_as_text(_expand_home(text)) for text in words]
+    words = [_expand_home(text) for text in words]
     files = [word for word in words if mistakes.is_bare(word) and Path(word).suffix.lower() in (".yaml", ".yml")]
     if len(files) > 1:
         raise InputError("a second line-up", files[1], "run one at a time")
@@ -92,33 +91,6 @@ def _expand_home(override: str) -> str:
     key, equals, value = override.partition("=")
     bare = value.strip("'\"")
     return f"{key}='{expanded(bare)}'" if equals and bare.startswith("~/") else override
-
-
-def _with_numbers_as_text(override: str) -> str:
-    """Quote numbers and truth values where an option is a name or a path: Hydra makes 20261122 of 2026_11_22."""
-    key, equals, value = override.partition("=")
-    if not equals or re.search(r"""['"(){}[\]]""", value) or not _is_text(key):
-        return override
-    pieces = (quoted(piece) if _is_number_or_truth(piece) else piece for piece in value.split(","))
-    return f"{key}={','.join(pieces)}"
-
-
-def _is_text(key: str) -> bool:
-    """Whether an option is a name or a path."""
-    owner, _, name = key.rpartition(".")
-    if not owner:
-        return name in ("out", "baseline")
-    known = [plugin for kind in KINDS for plugin in plugins.usable(kind).values()]
-    paths = (o.name for plugin in known for o in options_of(plugin.cls) if Path in (o.type, *get_args(o.type)))
-    return name == "label" or name in paths
-
-
-def _is_number_or_truth(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return text.lower() in ("true", "false")
-    return True
 
 
 def _with_line_up(file: Path | None, typed: Sequence[Word]) -> tuple[LineUp, list[Word]]:
