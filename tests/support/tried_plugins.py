@@ -88,5 +88,5 @@ def broken(folder: Path, kind: plugins.Kind, template: str, body: str, **filled:
 
 GOOD = "image = view.rgb * np.float32(self.gain)\n"
 FADED = "if not view.valid.any():\n    raise NotApplicableError(f'{view.name}: no pixel has depth')\n"
-HOLES = "image = np.where(view.valid[..., None], view.rgb * np.exp(view.depth)[..., None], np.nan)\n"
+HOLES = "image = np.where(view.valid[..., None], view.rgb * np.exp(0.5 * view.depth)[..., None], np.nan)\n"
 JUDGED = "{'reference'}"

@@ -38,8 +38,9 @@ _OF: Mapping[str, Callable[[Any], dict[str, object]]] = {
 }
 
 
-# Environment variables that packages set when they first run, for example torch for its compiler.
-_THEIRS = ("TORCHINDUCTOR_", "TRITON_")
+# Environment variables that packages set when they are first imported or run: torch for its compiler, OpenCV for its
+# libraries. sucre_bench itself may be the one who imports OpenCV.
+_THEIRS = ("TORCHINDUCTOR_", "TRITON_", "LD_LIBRARY_PATH")
 
 
 def snapshot() -> dict[str, str]:
