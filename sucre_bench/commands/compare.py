@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from sucre_bench.commands import completion_words
+from sucre_bench.commands import completion
 from sucre_bench.commands.shared_options import plugin_files_option
 from sucre_bench.errors import InputError
 from sucre_bench.machine.terminal import say
@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     "metrics",
     multiple=True,
     metavar="NAME[:VARIANT]",
-    shell_complete=completion_words.complete_metrics,
+    shell_complete=completion.complete_metrics,
     help="Show only this column; may be repeated.",
 )
 @click.option("--baseline", default="", metavar="METHOD", help="Show how the others differ from this method.")

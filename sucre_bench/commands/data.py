@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands import completion_words
+from sucre_bench.commands import completion
 from sucre_bench.commands.shared_options import check_output, json_option, plugin_option, print_json, refuse_options
 from sucre_bench.machine.text_formats import counted
 
@@ -31,7 +31,7 @@ _HEADS = ("view", "depth", "{unit} (1, 50, 99 %)", "overlap", "views", "disagree
     nargs=-1,
     type=click.UNPROCESSED,
     metavar="[DATASET|FOLDER] [KEY=VALUE]...",
-    shell_complete=completion_words.complete_datasets,
+    shell_complete=completion.complete_datasets,
 )
 @json_option
 @click.option(
@@ -211,7 +211,7 @@ def _water(water: Water) -> str:
     nargs=-1,
     type=click.UNPROCESSED,
     metavar="VIEW... [KEY=VALUE]...",
-    shell_complete=completion_words.complete_views,
+    shell_complete=completion.complete_views,
 )
 @click.option("--kind", default="dgk", show_default=True, metavar="NAME|FILE.csv", help="Kind of the charts to mark.")
 @click.option("--accept", is_flag=True, help="Open no page; accept all proposals whose patches are in order.")

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from sucre_bench import plugins
-from sucre_bench.commands.completion_words import complete_words
+from sucre_bench.commands.completion import complete_words
 from sucre_bench.commands.shared_options import KINDS, json_option, plugin_option, print_json, refuse_options
 from sucre_bench.degrade import Degradation
 from sucre_bench.jobs.catalogue import entry, option_entry, preset_entries

@@ -11,7 +11,7 @@ from pathlib import Path
 
 import click
 
-from sucre_bench.commands import completion_words
+from sucre_bench.commands import completion
 from sucre_bench.commands.shared_options import (
     check_output,
     json_option,
@@ -29,7 +29,7 @@ from sucre_bench.machine.terminal import say
     nargs=-1,
     type=click.UNPROCESSED,
     metavar="[LINE-UP.yaml] [KEY=VALUE]...",
-    shell_complete=completion_words.complete_run,
+    shell_complete=completion.complete_run,
 )
 @click.option("-m", "--multirun", is_flag=True, help="Run every combination of comma-separated values.")
 @plugin_files_option

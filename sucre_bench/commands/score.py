@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from sucre_bench.commands import completion_words
+from sucre_bench.commands import completion
 from sucre_bench.commands.shared_options import check_output, plugin_option, print_json
 from sucre_bench.machine import terminal
 from sucre_bench.machine.terminal import say
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     "--metrics",
     default="",
     metavar="A,B",
-    shell_complete=completion_words.complete_metrics,
+    shell_complete=completion.complete_metrics,
     help="Metrics: name, name:variant or name:all. Default: all that apply.",
 )
 @click.option(
