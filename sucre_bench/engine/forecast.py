@@ -13,9 +13,8 @@ from typing import Any
 import numpy as np
 
 from sucre_bench.degrade import degraded
-from sucre_bench.engine.done_views import Done
 from sucre_bench.engine.job import make_ready, measured_restore
-from sucre_bench.engine.preflight import Planned, check, is_for_cluster, workers_at_once
+from sucre_bench.engine.preflight import Done, Planned, check, is_for_cluster, workers_at_once
 from sucre_bench.engine.score import Scorer, metric_code, score_rows, scorers
 from sucre_bench.engine.select_views import Task
 from sucre_bench.errors import InputError, one_line, raise_if_stop

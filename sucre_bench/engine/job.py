@@ -19,24 +19,23 @@ import numpy as np
 
 from sucre_bench import plugins
 from sucre_bench.arrays import Array, coloured
-from sucre_bench.engine.done_views import Done
-from sucre_bench.engine.failed_rows import failed_row, row_of_fault
-from sucre_bench.engine.score import Scorer, score_rows, scorers
+from sucre_bench.engine.preflight import Done
+from sucre_bench.engine.score import Scorer, failed_row, row_of_fault, score_rows, scorers
 from sucre_bench.engine.select_views import Task, open_scenes, tasks
-from sucre_bench.engine.share_decoded import sharing_decoded
 from sucre_bench.engine.workers import Emit
 from sucre_bench.errors import InputError, NotApplicableError, OutputError, PluginError, raise_if_stop
 from sucre_bench.imaging.display import displayed, is_of_scene
 from sucre_bench.jobs.job import Job
 from sucre_bench.loading.shared_pixels import with_shared_pixels
 from sucre_bench.machine import progress
+from sucre_bench.machine.cache import ArrayStore, storing
 from sucre_bench.machine.files import remove
 from sucre_bench.machine.forked import step
 from sucre_bench.machine.peak_memory import PeakMemory
 from sucre_bench.machine.records import now
 from sucre_bench.multiview.stored_pairs import sharing
 from sucre_bench.plugins.call_method import restored, shown_with, with_truth
-from sucre_bench.results.layout import file_name, log_path, pairs_path
+from sucre_bench.results.layout import decoded_path, file_name, log_path, pairs_path
 from sucre_bench.results.restorations import Measured, read_full, write_full, write_pictures
 from sucre_bench.results.rows import Row
 from sucre_bench.results.table import Part
@@ -124,7 +123,7 @@ def restore_views(job: Job, todo: Sequence[Task], n_done: int, emit: Emit) -> No
         for task in todo[n_done:]:
             emit([replace(whole, scene=task.base.scene, view=task.view.name, data_id=task.base.data_id)])
         return
-    with _shared_pairs(job), sharing_decoded(job), hints_of(job, {task.view.name for task in todo}):
+    with _shared_pairs(job), _sharing_decoded(job), hints_of(job, {task.view.name for task in todo}):
         over = _scene_colours(job, method, todo) if is_of_scene(job.method.display) else None
         for task in todo[n_done:]:
             emit(_rows(job, method, metrics, replace(task, base=replace(task.base, time=now())), over))
@@ -144,6 +143,12 @@ def _can_open_files() -> bool:
 def _shared_pairs(job: Job) -> AbstractContextManager[None]:
     """Where the job's method shares pairs with those of other jobs."""
     return sharing(pairs_path(job.out) / job.shared_pairs, job.pairs_gb * 2**30) if job.shared_pairs else nullcontext()
+
+
+def _sharing_decoded(job: Job) -> AbstractContextManager[None]:
+    """In this block, share what is decoded, if the job's command made the folder for it."""
+    folder = decoded_path(job.out)
+    return storing(ArrayStore(folder, job.cache_gb * 2**30)) if folder.is_dir() and job.cache_gb else nullcontext()
 
 
 def make_ready(method: Any) -> None:

@@ -11,8 +11,7 @@ from pathlib import Path
 from cachetools import LRUCache
 
 from sucre_bench import plugins
-from sucre_bench.engine.failed_rows import kept_reason, row_without_value
-from sucre_bench.engine.score import Scorer, score_code
+from sucre_bench.engine.score import Scorer, kept_reason, row_without_value, score_code
 from sucre_bench.errors import NotApplicableError, one_line
 from sucre_bench.machine.forked import step
 from sucre_bench.multiview.common_points import SharedPoints

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import shutil
+from collections import Counter
 from collections.abc import Callable, Iterator, Sequence, Set
 from contextlib import suppress
 from functools import partial
@@ -16,19 +17,19 @@ from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, is_for_cluster, states, workers_at_once
 from sucre_bench.engine.select_views import opening_once
-from sucre_bench.engine.share_decoded import remove_decoded, share_decoded
 from sucre_bench.engine.workers import Alone, run_works
 from sucre_bench.errors import DiskFullError, SucreBenchError, one_line
 from sucre_bench.jobs import compose_jobs as config
 from sucre_bench.jobs.compose_jobs import Command
 from sucre_bench.jobs.config_file import config_path, config_text
+from sucre_bench.jobs.job import Job
 from sucre_bench.jobs.lineup_of_results import record_line_up
 from sucre_bench.machine import progress, progress_display, provenance
 from sucre_bench.machine.files import write_atomically
 from sucre_bench.machine.records import keep_traceback, masked, now
 from sucre_bench.machine.sigterm import terminated_as_interrupt
 from sucre_bench.results.common_scores import read_common
-from sucre_bench.results.layout import log_path, pairs_path
+from sucre_bench.results.layout import decoded_path, log_path, pairs_path
 from sucre_bench.results.rows import Status
 
 if TYPE_CHECKING:
@@ -48,7 +49,7 @@ def run(overrides: Sequence[str], multirun: bool) -> Outcome:
         _write_provenance(command, planned)
         started = now()
         interrupted = crashed = False
-        share_decoded(planned)
+        _share_decoded(planned)
         try:
             with terminated_as_interrupt():
                 crashed = not _run_jobs(command, planned)
@@ -110,9 +111,35 @@ def _alone(name: str, work: Callable[[], None], planned: Sequence[Planned]) -> N
     run_works([Alone(name, work)], min(1, planned[0].job.workers))
 
 
+def _share_decoded(planned: Sequence[Planned]) -> None:
+    """Make the folder that tells jobs to share, where anything would be decoded twice. No disk for it is no fault."""
+    first = planned[0].job
+    if first.cache_gb > 0 and _decodes_again(planned):
+        with suppress(OSError):
+            decoded_path(first.out).mkdir(parents=True, exist_ok=True)
+
+
+def _remove_decoded(job: Job) -> None:
+    """Remove what the jobs of a command shared, and what a killed one left, unless it is to be kept.
+
+    Another command that works in the same results folder makes again what it needs.
+    """
+    if not job.cache_keep:
+        shutil.rmtree(decoded_path(job.out), ignore_errors=True)
+
+
+def _decodes_again(planned: Sequence[Planned]) -> bool:
+    """Whether two restorations read the same view: by two methods, or by one that reads a target's neighbours."""
+    if any(plan.job.cache_keep for plan in planned):
+        return True
+    read = Counter((plan.job.dataset.label, task.base.scene, task.view.name) for plan in planned for task in plan.tasks)
+    reads_neighbours = any("poses" in plan.job.method.plugin.needs and len(plan.tasks) > 1 for plan in planned)
+    return reads_neighbours or max(read.values(), default=0) > 1
+
+
 def _remove_shared(command: Command) -> None:
     """Remove what the jobs of a command shared: decoded files and pairs."""
-    remove_decoded(command.jobs[0])
+    _remove_decoded(command.jobs[0])
     if command.shared_pairs:
         pairs = pairs_path(command.jobs[0].out)
         shutil.rmtree(pairs / command.shared_pairs, ignore_errors=True)

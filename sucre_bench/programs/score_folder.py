@@ -6,8 +6,8 @@ from pathlib import Path, PurePosixPath
 
 from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame
-from sucre_bench.engine.failed_rows import row_without_value
 from sucre_bench.engine.python_api import score
+from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, MissingFileError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.metric_words import metric_choices

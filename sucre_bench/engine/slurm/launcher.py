@@ -8,20 +8,23 @@ does what is left.
 from __future__ import annotations
 
 import os
+import signal
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from sucre_bench import results
-from sucre_bench.engine.failed_rows import row_without_value
+from sucre_bench.engine.job import JobAtWork
+from sucre_bench.engine.score import row_without_value
 from sucre_bench.engine.select_views import base_row
 from sucre_bench.engine.slurm import squeue
-from sucre_bench.engine.slurm.job_main import work
-from sucre_bench.engine.slurm.waiting import Submitted, Teller, wait
-from sucre_bench.errors import InputError, PluginError, one_line
+from sucre_bench.engine.slurm.waiting import WORDS, Submitted, Teller, wait
+from sucre_bench.engine.workers import run_works
+from sucre_bench.errors import DiskFullError, InputError, PluginError, StopRequest, one_line
 from sucre_bench.jobs.job import Job
-from sucre_bench.machine import progress
+from sucre_bench.machine import progress, progress_display
 from sucre_bench.results.layout import file_name
 
 if TYPE_CHECKING:
@@ -145,3 +148,37 @@ def _cancel(submitted: Sequence[Submitted]) -> None:
     if arrays:
         progress.say(f"cancelling SLURM job {', '.join(arrays)}; finished results stay")
         squeue.cancel(arrays)
+
+
+class _TimeIsUp(StopRequest):
+    """The queue's warning before it ends a job; no fault of a method, so nothing may take it for one."""
+
+
+def work(config: str, shared_pairs: str) -> str:
+    """Run one job of a sweep in a job of the queue; return why it stopped early, if it did.
+
+    config, shared_pairs: of a `Job`.
+
+    Both of SLURM's signals end the work as Ctrl-C would, with every row written. The warning before the time limit
+    gives a result that says so. SIGTERM gives none, since it may also mean that the job will start again.
+    """
+    from submitit import JobEnvironment
+
+    def time_is_up(*_: object) -> None:
+        raise _TimeIsUp
+
+    def terminated(*_: object) -> None:
+        raise KeyboardInterrupt
+
+    # submitit's own would raise an error that looks like the method's, and go on.
+    signal.signal(getattr(signal, f"SIG{JobEnvironment.USR_SIG}"), time_is_up)
+    signal.signal(signal.SIGTERM, terminated)
+    try:
+        with progress_display.plain():
+            job = replace(Job.read(config), shared_pairs=shared_pairs)
+            run_works([JobAtWork(job)], job.workers)
+    except _TimeIsUp:
+        return WORDS["TIMEOUT"]
+    except DiskFullError as fault:
+        return str(fault)
+    return ""
