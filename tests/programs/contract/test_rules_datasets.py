@@ -20,7 +20,8 @@ def test_a_dataset_that_keeps_the_contract_is_found_to_keep_it(tmp_path: Path) -
 @pytest.mark.parametrize(
     ("has", "body", "rule", "named"),
     [
-        (DECLARED, "rgb = rgb * 255", "planes_are_sound", {"rgb", "[0, 1]"}),
+        (DECLARED, "rgb = rgb * 255", "planes_are_sound", {"Arrays.rgb", "255"}),
+        (DECLARED, "rgb = rgb * 2", "planes_are_sound", {"rgb", "[0, 1]"}),
         (DECLARED, "rgb[0] = np.nan", "planes_are_sound", {"rgb", "finite"}),
         (DECLARED, "depth[0] = -1", "planes_are_sound", {"depth", "negative"}),
         (DECLARED, "depth[0] = np.nan", "planes_are_sound", {"depth", "NaN"}),
