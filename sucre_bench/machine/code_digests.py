@@ -59,11 +59,11 @@ def _numerics() -> tuple[Path, ...]:
 def _statements(*places: Path) -> frozenset[bytes]:
     """Digests of every top-level statement of files, or of folders' Python files, and of the tables (.csv) there.
 
-    Those of several files are stored in the user's cache, with size and time of change of the files.
+    They are stored in the user's cache, with size and time of change of the files; not those of a user's own file.
     """
     inside = (place.rglob("*") if place.is_dir() else [place] for place in places)
     files = sorted(file for found in inside for file in found if file.suffix in (".py", ".csv"))
-    if len(files) == 1:
+    if len(files) == 1 and not files[0].resolve().is_relative_to(Path(__file__).resolve().parent.parent.parent):
         return frozenset(_digests_of(files[0]))
     states = [file.stat() for file in files]
     rule = _digest(Path(__file__).read_bytes()).hex()  # digests of another rule are not taken

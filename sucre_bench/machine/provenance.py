@@ -44,7 +44,13 @@ _PACKAGE = {
 
 def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str, Any]:
     """Return command, versions, source commit, data and machine of a run. data: dataset label -> data_id."""
+    import psutil
+
     commit, dirty = source_commit()
+    processor = ""
+    if sys.platform == "linux":
+        lines = Path("/proc/cpuinfo").read_text().splitlines()
+        processor = next((line.partition(":")[2].strip() for line in lines if line.startswith("model name")), "")
     return {
         "command": command,
         "sucre_bench": version_of("sucre-bench"),
@@ -56,9 +62,9 @@ def environment(command: list[str], seed: int, data: dict[str, str]) -> dict[str
         "packages": {name: version_of(name) for name in PACKAGES},
         "machine": {
             "system": platform.platform(),
-            "processor": _processor(),
+            "processor": processor or platform.processor() or platform.machine(),
             "cores": usable_cores(),
-            "memory_gb": _memory_gb(),
+            "memory_gb": round(psutil.virtual_memory().total / 2**30, 1),
             "gpu": gpu(),
         },
     }
@@ -83,37 +89,22 @@ def source_commit() -> tuple[str | None, bool | None]:
     here = Path(__file__).resolve().parent.parent.parent
     if not (here / ".git").exists():
         return None, None
-    git = ["git", "-C", str(here)]
-    try:
-        commit = subprocess.run([*git, "rev-parse", "HEAD"], capture_output=True, text=True, timeout=10, check=True)
-        status = subprocess.run([*git, "status", "--porcelain"], capture_output=True, text=True, timeout=10, check=True)
-    except (OSError, subprocess.SubprocessError):
-        return None, None
-    return commit.stdout.strip(), bool(status.stdout.strip())
+    commit, status = (_output("git", "-C", str(here), *words) for words in (("rev-parse", "HEAD"), ("status", "-s")))
+    return (None, None) if commit is None or status is None else (commit, bool(status))
 
 
 def gpu() -> str | None:
     """Return the name of the first NVIDIA GPU, or None."""
+    names = _output("nvidia-smi", "--query-gpu=name", "--format=csv,noheader")
+    return names.splitlines()[0] if names else None
+
+
+def _output(*command: str) -> str | None:
+    """What a program prints, None if it fails."""
     try:
-        query = ["nvidia-smi", "--query-gpu=name", "--format=csv,noheader"]
-        answer = subprocess.run(query, capture_output=True, text=True, timeout=10, check=True)
+        return subprocess.run(command, capture_output=True, text=True, timeout=10, check=True).stdout.strip()
     except (OSError, subprocess.SubprocessError):
         return None
-    return answer.stdout.strip().splitlines()[0] if answer.stdout.strip() else None
-
-
-def _processor() -> str:
-    if sys.platform == "linux":
-        for line in Path("/proc/cpuinfo").read_text().splitlines():
-            if line.startswith("model name"):
-                return line.partition(":")[2].strip()
-    return platform.processor() or platform.machine()
-
-
-def _memory_gb() -> float:
-    import psutil
-
-    return round(psutil.virtual_memory().total / 2**30, 1)
 
 
 def write(path: Path, content: dict[str, Any]) -> None:

@@ -169,19 +169,17 @@ def check_values(path: Path, rows: pyarrow.Table) -> None:
     for name, words in _WORDS.items():
         if not set(rows[name].unique().to_pylist()) <= {*words}:
             raise _damaged(path, f"column '{name}' is none of {', '.join(words)}")
-    if not all(map(_is_json_object, rows["options"].unique().to_pylist())):
-        raise _damaged(path, "column 'options' is no JSON object")
+    for text in rows["options"].unique().to_pylist():
+        try:
+            is_object = isinstance(json.loads(text), dict)
+        except (ValueError, RecursionError):
+            is_object = False
+        if not is_object:
+            raise _damaged(path, "column 'options' is no JSON object")
     if len(rows) and not compute.all(compute.match_substring_regex(rows["time"], r"^\d{4}-\d\d-\d\d")).as_py():
         raise _damaged(path, "column 'time' is no time")
     if len(rows) and compute.min(rows["n_pixels"]).as_py() < 0:
         raise _damaged(path, "column 'n_pixels' is negative")
-
-
-def _is_json_object(text: str) -> bool:
-    try:
-        return isinstance(json.loads(text), dict)
-    except (ValueError, RecursionError):
-        return False
 
 
 def _damaged(path: Path, fault: str) -> DamagedFileError:
@@ -324,7 +322,7 @@ def merge(out: Path) -> DataFrame:
     if not out.is_dir():
         return frame([])
     with locked(out, TABLE):
-        while taken := [mine for part in _parts(out) if (mine := _take(part))]:
+        while taken := _taken(out):
             before = _identity(table)
             rows = _read_any(out, {})
             new, old = _new_taken(out / PARTS), _new_taken(out / PARTS)
@@ -353,13 +351,13 @@ def locked(out: Path, table: str) -> Iterator[None]:
         yield
 
 
-def _take(part: Path) -> Path | None:
-    """Rename a part, unless a merge that was killed has; None if another merge has it."""
-    if part.name.startswith(_TAKEN):
-        return part
-    with suppress(FileNotFoundError):
-        return part.rename(_new_taken(part.parent))
-    return None
+def _taken(out: Path) -> list[Path]:
+    """Rename all parts, but those that a merge which was killed has renamed; without those that another merge took."""
+    taken = []
+    for part in _parts(out):
+        with suppress(FileNotFoundError):
+            taken.append(part if part.name.startswith(_TAKEN) else part.rename(_new_taken(part.parent)))
+    return taken
 
 
 def _new_taken(parts: Path) -> Path:
