@@ -98,12 +98,12 @@ def _write(
     pixels: str,
 ) -> None:
     from sucre_bench.machine import progress_display
-    from sucre_bench.programs.people import common_pixels, design, page
+    from sucre_bench.programs.people import design, page
 
     check_output(out, "page")
     pairs, views, width = sizes
     key = design.design(folder, methods, dataset, views)
-    masks = common_pixels.common_masks(folder, key) if pixels == "common" else {}
+    masks = design.common_masks(folder, key) if pixels == "common" else {}
     with progress_display.live():
         page.write_page(out, folder, key, question or page.QUESTION, pairs, width, masks)
     path = design.write_key(folder, key)

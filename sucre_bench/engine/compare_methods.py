@@ -17,7 +17,7 @@ from sucre_bench.compare import Comparison
 from sucre_bench.compare.answer import deciding
 from sucre_bench.compare.documents import as_text
 from sucre_bench.compare.words import number
-from sucre_bench.engine.common_pixels.in_memory import InMemory, score_in_memory
+from sucre_bench.engine.common_pixels import InMemory, score_in_memory
 from sucre_bench.engine.python_api import restore, score
 from sucre_bench.engine.score import row_without_value
 from sucre_bench.errors import InputError, NotApplicableError, SucreBenchError, one_line

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any
 from sucre_bench import compare, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.across_views import score_across_views
-from sucre_bench.engine.common_pixels.of_run import score_on_common_pixels
+from sucre_bench.engine.common_pixels import score_on_common_pixels
 from sucre_bench.engine.job import JobAtWork
 from sucre_bench.engine.outcome import Fault, Outcome
 from sucre_bench.engine.preflight import Planned, check, is_for_cluster, states, workers_at_once

@@ -10,15 +10,18 @@ from __future__ import annotations
 
 import io
 import json
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Literal
 
-from sucre_bench.arrays import DataFrame
-from sucre_bench.errors import ANY_FAULT, DamagedFileError, SucreBenchError, file_error, one_line
+import numpy as np
+
+from sucre_bench.arrays import DataFrame, Mask
+from sucre_bench.errors import ANY_FAULT, DamagedFileError, InputError, SucreBenchError, file_error, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results.bundle_format import is_bundle, open_bundle
+from sucre_bench.results.restorations import mask_id
 from sucre_bench.results.rows import COLUMNS, Row, restorations, values_of
 
 COMMON_TABLE = "common.parquet"
@@ -65,6 +68,31 @@ def differing_views(whole: DataFrame) -> set[ViewKey]:
     by_view = whole.groupby(["dataset", "scene", "view"], sort=False)
     may_differ = (by_view["method"].nunique() > 1) & (by_view["coverage"].min() < 1)
     return set(may_differ.index[may_differ])
+
+
+def common_mask(masks: Mapping[str, Mask | None]) -> tuple[Mask, float]:
+    """Return the pixels (H, W) that all methods fill, and the share of the image that only some of them fill.
+
+    masks: by method, the pixels (H, W) with a colour; None for a method that fills all of them, but not for all
+    methods. Raises InputError for masks of different sizes.
+    """
+    holed = {name: mask for name, mask in masks.items() if mask is not None}
+    (_, first), *others = holed.items()
+    for name, mask in others:
+        if mask.shape != first.shape:
+            sizes = [f"{w}x{h}" for h, w in (mask.shape, first.shape)]
+            fault, remedy = f"is {sizes[0]}, others are {sizes[1]}", "run that method again with overwrite=always"
+            raise InputError(fault, f"the mask of {name}", remedy)
+    common = np.logical_and.reduce([*holed.values()])
+    some = 1.0 if len(holed) < len(masks) else float(np.logical_or.reduce([*holed.values()]).mean())
+    return common, some - float(common.mean())
+
+
+def kind_of(common: Mask, differing: float) -> tuple[Kind, str]:
+    """Return what is known of a view by its `common_mask`, and the hash of the pixels if scores are on them."""
+    if differing <= LEAST_DIFFERENCE:
+        return "equal", ""
+    return ("common", mask_id(common)) if common.any() else ("none", "")
 
 
 def common_frame(rows: Iterable[CommonRow]) -> DataFrame:

@@ -15,12 +15,13 @@ from pathlib import Path
 from typing import Any
 
 from sucre_bench import results
-from sucre_bench.arrays import DataFrame, evenly
+from sucre_bench.arrays import DataFrame, Mask, evenly
 from sucre_bench.errors import InputError, MissingFileError, did_you_mean, one_line
 from sucre_bench.machine.files import regular, write_atomically
 from sucre_bench.results import layout
-from sucre_bench.results.common_scores import LEAST_FILLED
-from sucre_bench.results.rows import restorations
+from sucre_bench.results.common_scores import LEAST_FILLED, common_mask
+from sucre_bench.results.restorations import stored_mask
+from sucre_bench.results.rows import restorations, row_objects
 
 _FORMAT, _VERSION = "sucre_bench people's study", 1
 
@@ -151,3 +152,26 @@ def _key(told: dict[str, Any]) -> Key:
 def _three(words: Sequence[str]) -> tuple[str, str, str]:
     first, second, third = map(str, words)
     return first, second, third
+
+
+def common_masks(folder: Path, key: Key) -> dict[tuple[str, str], Mask]:
+    """Return the pixels (H, W) that all methods fill, by scene and view; no entry for a view without holes.
+
+    A study shows only these, so that people judge colours and not holes. Raises InputError if a mask is gone or
+    damaged, if the masks of a view differ in size, or if its methods share less than 1 % of the image.
+    """
+    rows = restorations(results.read(folder))
+    rows = rows[(rows["dataset"] == key.dataset) & rows["method"].isin(key.methods) & (rows["coverage"] < 1)]
+    shown = {(one.scene, one.view) for one in key.pictures.values()}
+    masks: dict[tuple[str, str], dict[str, Mask | None]] = {}
+    for row in row_objects(rows):
+        where, place = (row.scene, row.view), layout.find(key.dataset, row.scene, row.view, folder)
+        if where in shown and place is not None:
+            masks.setdefault(where, {})[row.method] = stored_mask(folder, place, row)
+    made = {where: common_mask(of_view)[0] for where, of_view in masks.items()}
+    for (_, view), mask in made.items():
+        if mask.mean() < LEAST_FILLED:
+            raise InputError(
+                f"{view}: all methods share less than 1 % of the image; leave one out, or use --pixels own"
+            )
+    return made

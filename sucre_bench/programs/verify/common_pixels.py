@@ -4,15 +4,14 @@ import json
 import math
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, replace
-from functools import reduce
 from typing import Any
 
 from sucre_bench.arrays import DataFrame, Mask
 from sucre_bench.errors import InputError
 from sucre_bench.programs.verify.pictures import Restored, held, restoration_of
 from sucre_bench.results.bundle_format import COMMON, Bundle
-from sucre_bench.results.common_scores import COMMON_PIXELS, LEAST_DIFFERENCE, Kind, filled_restorations
-from sucre_bench.results.restorations import mask_id, masked
+from sucre_bench.results.common_scores import COMMON_PIXELS, common_mask, filled_restorations, kind_of
+from sucre_bench.results.restorations import masked
 from sucre_bench.results.rows import values_of
 
 NO_PICTURES = "the bundle has no pictures"
@@ -22,7 +21,7 @@ _VIEW = ["dataset", "scene", "view"]
 
 
 @dataclass(frozen=True, eq=False)
-class CommonView:
+class BundledView:
     """A view of ``common.csv``.
 
     said: the row that stands for it; scores: its scores; whole: by method, the row of the restoration.
@@ -38,7 +37,7 @@ class CommonView:
         return f"{COMMON}: {self.said.dataset} / {self.said.view}"
 
 
-def common_views(common: DataFrame, rows: DataFrame) -> Iterator[CommonView]:
+def common_views(common: DataFrame, rows: DataFrame) -> Iterator[BundledView]:
     """Yield the views of a table of scores on common pixels. rows: the bundle's score table."""
     by_view: dict[tuple[str, ...], dict[str, Any]] = {}
     for row in filled_restorations(rows).itertuples():
@@ -47,10 +46,10 @@ def common_views(common: DataFrame, rows: DataFrame) -> Iterator[CommonView]:
     scores = dict(iter(common[~is_view].groupby(_VIEW, sort=False)))
     is_known = is_view & (common["variant"] != "unknown")
     for key, said in zip(values_of(common[is_known], *_VIEW), common[is_known].itertuples(), strict=True):
-        yield CommonView(said, scores.get(key, common.iloc[:0]), by_view.get(key, {}))
+        yield BundledView(said, scores.get(key, common.iloc[:0]), by_view.get(key, {}))
 
 
-def why_unused(view: CommonView) -> str:
+def why_unused(view: BundledView) -> str:
     """Return why its scores cannot be computed again, or are in no table; empty if they can."""
     if {*json.loads(view.said.methods)} != view.whole.keys():
         return "common to other methods than the bundle has"
@@ -59,27 +58,22 @@ def why_unused(view: CommonView) -> str:
     return ""
 
 
-def common_mask(bundle: Bundle, view: CommonView) -> tuple[Mask, bool] | None:
+def found_mask(bundle: Bundle, view: BundledView) -> tuple[Mask, bool] | None:
     """Return the pixels (H, W) that all methods fill, and whether they are known for sure; None without pictures.
 
     They are not for sure if a restored image has black pixels besides its holes. Raises InputError if a picture cannot
     be used, or if the bundle says other pixels than the pictures have.
     """
-    masks, is_sure = [], True
-    for whole in view.whole.values():
+    masks, is_sure = dict[str, Mask | None](), True
+    for method, whole in view.whole.items():
         names = held(bundle, whole)
         if names is None:
             return None
         kept = restoration_of(bundle, names, int(whole.n_pixels))
-        masks.append(kept.restoration.valid)
+        masks[method] = kept.restoration.valid
         is_sure &= kept.is_sure
-    if len({mask.shape for mask in masks}) > 1:
-        raise InputError("pictures of different sizes; ask who made the bundle")
-    common = reduce(lambda one, other: one & other, masks)
-    some = reduce(lambda one, other: one | other, masks)
-    share = float(common.mean())
-    kind: Kind = "equal" if some.mean() - share <= LEAST_DIFFERENCE else "common" if share else "none"
-    pixels = mask_id(common) if kind == "common" else ""
+    common, differing = common_mask(masks)
+    share, (kind, pixels) = float(common.mean()), kind_of(common, differing)
     is_as_said = (kind, pixels) == (view.said.variant, view.said.pixels)
     if is_sure and not (is_as_said and math.isclose(share, view.said.value, abs_tol=_ROUNDING)):
         raise InputError(f"{_in_words(view.said.variant, view.said.value)}, in the pictures {_in_words(kind, share)}")

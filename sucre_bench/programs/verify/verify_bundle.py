@@ -20,9 +20,9 @@ from sucre_bench.programs.verify import TOLERANCE
 from sucre_bench.programs.verify.common_pixels import (
     LOOK_ALIKE,
     NO_PICTURES,
-    CommonView,
-    common_mask,
+    BundledView,
     common_views,
+    found_mask,
     on_mask,
     why_unused,
 )
@@ -171,12 +171,12 @@ class _Check:
             self._add_fault(_where(rows.iloc[0]), fault)
             self._outcome.unchecked["the picture cannot be used"] += len(scores)
 
-    def view(self, view: CommonView) -> None:
+    def view(self, view: BundledView) -> None:
         """Find the common pixels of a view again, and score all methods on them again."""
         scores = view.scores[(view.scores["status"] == "ok") & view.scores["method"].isin(view.whole.keys())]
         try:
             why = why_unused(view)
-            pixels = None if why else common_mask(self._bundle, view)
+            pixels = None if why else found_mask(self._bundle, view)
             if pixels is None:
                 self._outcome.unchecked[why or NO_PICTURES] += len(scores)
                 return
