@@ -1,7 +1,7 @@
 """Chooses the pixels for a comparison: the own pixels of each method, or the common pixels of all.
 
 Where methods fill different pixels of a view, their own scores are of different pictures. A run therefore scores such
-views on their common pixels too (`engine.common_pixels.of_run`), and `on_pixels` puts these scores in the place of the
+views on their common pixels too (`engine.common_pixels`), and `on_pixels` puts these scores in the place of the
 own ones.
 """
 
