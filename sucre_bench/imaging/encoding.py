@@ -86,15 +86,25 @@ def _round(shown: Array, planes: Bytes, valid: Mask) -> int:
     return n_valid
 
 
+_FEW_PIXELS = 500_000  # that are sorted sooner than a table of all colours is searched
+
+
 @once
 def palette(shown: npt.NDArray[Any]) -> Palette:
     """Return the colours of a picture (H, W, 3) in [0, 1], rounded to 8 bits; none where nothing has a colour."""
     picture = eight_bit(shown)
-    counts = np.zeros(1 << 24, np.uint32)
-    compiled(_count_colours)(picture.planes, picture.valid, counts)
-    codes = np.flatnonzero(counts)
+    codes: npt.NDArray[Any]
+    counts: npt.NDArray[Any]
+    if picture.n_valid < _FEW_PIXELS:
+        red, green, blue = picture.planes[:, picture.valid].astype(np.uint32)
+        codes, counts = np.unique(red << 16 | green << 8 | blue, return_counts=True)
+    else:
+        table = np.zeros(1 << 24, np.uint32)
+        compiled(_count_colours)(picture.planes, picture.valid, table)
+        codes = np.flatnonzero(table)
+        counts = table[codes]
     rgb = np.stack([codes >> 16, codes >> 8, codes], axis=-1).astype(np.uint8)
-    return Palette(locked(rgb), locked(counts[codes].astype(np.int64)))
+    return Palette(locked(rgb), locked(counts.astype(np.int64)))
 
 
 def _count_colours(planes: Bytes, valid: Mask, counts: npt.NDArray[np.uint32]) -> None:
