@@ -62,8 +62,8 @@ def step(name: str, limit_s: float | None = None) -> Iterator[None]:
 
 
 def can_fork() -> bool:
-    """Whether a child of this process could go on with what it has: on Linux, and without a debugger."""
-    return sys.platform == "linux" and sys.gettrace() is None
+    """Whether a child of this process could go on with what it has: on Linux, without a debugger and JAX's threads."""
+    return sys.platform == "linux" and sys.gettrace() is None and "jax" not in sys.modules
 
 
 class Forked:

@@ -136,6 +136,11 @@ class Plugin:
         return "none" if variant in self.unranked else self.better
 
     @property
+    def is_foreign(self) -> bool:
+        """Whether it is of a file or package of others, so that it may end the process."""
+        return not self.cls.__module__.startswith("sucre_bench.")
+
+    @property
     def is_of_pairs(self) -> bool:
         """Whether it is a metric that scores pairs of restored views, see `PairMetric`."""
         return "restored_views" in self.needs

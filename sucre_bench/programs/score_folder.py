@@ -1,5 +1,6 @@
 """Score any folder of images, with no dataset and no method: `sucre-bench score`."""
 
+import functools
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
@@ -8,11 +9,11 @@ from sucre_bench import plugins, results
 from sucre_bench.arrays import Array, DataFrame
 from sucre_bench.engine.python_api import score
 from sucre_bench.engine.score import row_without_value
-from sucre_bench.errors import InputError, MissingFileError
+from sucre_bench.errors import InputError, MissingFileError, PluginError
 from sucre_bench.imaging.image_files import SUFFIXES, image_size, is_jpeg, read_rgb
 from sucre_bench.jobs.metric_words import metric_choices
 from sucre_bench.loading.find_folders import ImageFolder
-from sucre_bench.machine import progress
+from sucre_bench.machine import forked, progress
 from sucre_bench.machine.files import check_folder, fault_of
 from sucre_bench.results.rows import restorations
 from sucre_bench.scene import Plane, Restoration, View
@@ -42,7 +43,8 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
     import pandas as pd
 
     names = list(metrics) or _applicable(reference is not None)
-    metric_choices(names)  # raises for a mistyped name, before any image is read
+    chosen = metric_choices(names)  # raises for a mistyped name, before any image is read
+    is_foreign = any(choice.plugin.is_foreign for choice in chosen)
     files = images_in(images)
     references = None if reference is None else _References(reference)
     if references is not None and not any(map(references.has, files)):
@@ -58,8 +60,10 @@ def score_folder(images: Path, reference: Path | None, metrics: Sequence[str]) -
             if view.reference is not None and view.reference.shape != view.rgb.shape:
                 sizes = [f"{w}x{h}" for h, w, _ in (view.rgb.shape, view.reference.shape)]
                 raise InputError(f"{path}: {sizes[0]}, but its reference is {sizes[1]}; give one of the same size")
-            tables.append(score(Restoration(view.rgb, info={"method": label}), view, names))
-        except InputError as fault:
+            picture = Restoration(view.rgb, info={"method": label})
+            work = functools.partial(score, picture, view, names)
+            tables.append(forked.call(work, "mend the metric, or leave it out") if is_foreign else work())
+        except (InputError, PluginError) as fault:
             failed = row_without_value(results.Row(method=label, view=name), "failed", str(fault))
             tables.append(results.frame([failed]))
     _say_lossy(pairs)

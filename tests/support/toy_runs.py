@@ -1,4 +1,4 @@
-"""Runs of the toy plugins in this process."""
+"""Runs of the toy plugins, methods and metrics too in this process: another test may have started threads in it."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from sucre_bench.engine.outcome import Outcome
 
 
 def run(out: Path, *overrides: str, multirun: bool = False) -> Outcome:
-    base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", f"out={out}"]
+    base = ["dataset=toy", "method=gain", "metrics=[psnr,redness]", "tracking.uri=off", "workers=0", f"out={out}"]
     return sweep.run([*base, *overrides], multirun)
 
 

@@ -11,9 +11,9 @@ import numpy as np
 from sucre_bench import plugins, results
 from sucre_bench.arrays import DataFrame
 from sucre_bench.engine.score import Scored, Scorer, scorers, variant_rows
-from sucre_bench.errors import ANY_FAULT, InputError
+from sucre_bench.errors import ANY_FAULT, InputError, PluginError
 from sucre_bench.jobs.metric_words import metric_choices
-from sucre_bench.machine import progress
+from sucre_bench.machine import forked, progress
 from sucre_bench.machine.files import fault_of, is_file
 from sucre_bench.machine.provenance import version_of
 from sucre_bench.results import layout
@@ -128,6 +128,16 @@ def _rests_on_unrounded(metric: str, variant: str) -> bool:
         return False
     if plugins.missing_needs(scorer.plugin, _HAS):
         return False
+    if not scorer.plugin.is_foreign:
+        return _changes(scorer, variant)
+    try:
+        return forked.call(lambda: _changes(scorer, variant), "mend the metric")
+    except PluginError:
+        return True
+
+
+def _changes(scorer: Scorer, variant: str) -> bool:
+    """Whether a metric's scores of two restorations with the same restored image differ, or it fails."""
     one = _tried(scorer, variant, 0.0)
     other = one if _has_failed(one) else _tried(scorer, variant, 0.5)
     if _has_failed(other):

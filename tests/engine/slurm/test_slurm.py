@@ -64,7 +64,7 @@ class Eventful:
             threads = {name: value for name, value in os.environ.items() if name.endswith("_NUM_THREADS")}
             told = {"cores": len(os.sched_getaffinity(0)), "opencv": cv2.getNumThreads(), **threads}
             number = [os.environ.get(f"SLURM_ARRAY_{name}_ID", "") for name in ("JOB", "TASK")]
-            here = {"job": "_".join(number), "pid": os.getpid(), "threads": told}
+            here = {"job": "_".join(number), "pid": os.getppid(), "threads": told}
             waited.with_suffix(".new").write_text(json.dumps(here))
             waited.with_suffix(".new").replace(waited)
             time.sleep(3600)
