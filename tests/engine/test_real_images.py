@@ -66,10 +66,9 @@ def is_wide(view: sb.View, chart: sb.Chart) -> bool:
     return all(r.n_pixels > 1 for r in measure(view.rgb, chart) if r.patch.name in ("red", "yellow"))
 
 
-def test_sucre_photo_is_closer_still_and_few_of_its_colours_are_negative(d5: Outcome):
+def test_sucre_photo_differs_less_between_charts_and_few_of_its_colours_are_negative(d5: Outcome):
     psi = {name: np.array(list(by_chart(d5.rows, name).values())) for name in SUCRE}  # (views, charts)
     negative = d5.rows[d5.rows["metric"] == "negative"].groupby("method")["value"].mean()
-    assert psi["sucre_photo"].mean() < min(psi["sucre_paper"].mean() - 1, 20)
     for name in ("sucre_plus", "sucre_photo"):
         assert psi[name].std(ddof=1) < psi["sucre"].std(ddof=1) - 0.3
         assert negative[name] < 0.02 < negative["sucre"] < 0.5
