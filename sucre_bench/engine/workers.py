@@ -123,33 +123,31 @@ class _AtWork:
         while not worker.has_ended and worker.messages.poll():
             if rows := worker.receive():
                 self.work.keep(rows[1])
-        is_late = not worker.has_ended and worker.is_late
-        if is_late:
+        if not worker.has_ended and worker.is_late:
+            step, limit_s = worker.step, worker.limit_s  # before it hears that it must stop
             for message in worker.stop():
                 self.work.keep(message[1])
-        if not worker.has_ended:
+            fault = f"took longer than view_timeout_s={limit_s:g}; give it more time, or smaller images"
+            self._go_on_after(step, PluginError(fault))
+        elif not worker.has_ended:
             self.work.wait()
         elif worker.fault:
             raise worker.fault
-        elif worker.how or is_late:
-            self._go_on_after(worker, is_late)
+        elif worker.how:
+            self._go_on_after(worker.step, DiedError(str(Death(worker.how, worker.step or self.work.name))))
         elif self.work.is_left():
             self._fork()
         else:
             self.worker = None
             self.work.end()
 
-    def _go_on_after(self, worker: Forked, is_late: bool) -> None:
+    def _go_on_after(self, step: str, fault: Exception) -> None:
         """Let another worker go on after the step at which one has died, or was late."""
-        fault: Exception = DiedError(str(Death(worker.how, worker.step or self.work.name)))
-        if is_late:
-            limit = f"view_timeout_s={worker.limit_s:g}"
-            fault = PluginError(f"took longer than {limit}; give it more time, or smaller images")
-        if worker.step in self._faults:
+        if step in self._faults:
             self.work.fail(fault)
             self.stop()
             return
-        self._faults[worker.step] = fault
+        self._faults[step] = fault
         self._fork()
 
 

@@ -63,7 +63,8 @@ def step(name: str, limit_s: float | None = None) -> Iterator[None]:
 
 def can_fork() -> bool:
     """Whether a child of this process could go on with what it has: on Linux, without a debugger and JAX's threads."""
-    return sys.platform == "linux" and sys.gettrace() is None and "jax" not in sys.modules
+    jax = sys.modules.get("jax._src.xla_bridge")
+    return sys.platform == "linux" and sys.gettrace() is None and not (jax and jax.backends_are_initialized())
 
 
 class Forked:

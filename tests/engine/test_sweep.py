@@ -316,7 +316,7 @@ def test_results_do_not_depend_on_how_many_jobs_run_at_once(out: Path, words: li
 
 def test_a_launcher_that_is_not_known_here_is_refused_before_any_work(out: Path):
     with pytest.raises(SucreBenchError, match=r"^hydra/launcher .*; give joblib or slurm, or workers="):
-        run(out, "hydra/launcher=submitit_local", "workers=null", multirun=True)
+        sweep.run(["dataset=toy", "method=gain", f"out={out}", "hydra/launcher=submitit_local"], True)
     assert not out.exists()
 
 

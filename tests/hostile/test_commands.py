@@ -62,7 +62,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "a pipe as network": (
         "run dataset=colmap dataset.root=dive method=onnx method.model=pipe.onnx",
         2,
-        r"pipe\.onnx: .*pipe; .*onnx\.model",
+        r"pipe\.onnx: .*pipe; .*method\.model",
     ),
     "a pipe as what a command rests on": (
         f"{RUN_COMMAND} method.rests_on=pipe.py",

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -63,20 +61,3 @@ def test_an_interrupted_file_is_the_old_one_and_nothing_is_left_beside_it(tmp_pa
         write()
     assert path.read_bytes() == b"old"
     assert list(tmp_path.iterdir()) == [path]
-
-
-def test_a_repetition_of_an_interrupt_that_was_served_is_not_a_second_one():
-    """A terminal sends Ctrl-C to a command and to its parent, which passes it on."""
-    program = """
-import signal
-from sucre_bench.machine import sigterm
-sigterm.stop_at_signals()
-try:
-    signal.raise_signal(signal.SIGINT)
-except KeyboardInterrupt:
-    with sigterm.interrupts_held_back() as held:
-        signal.raise_signal(signal.SIGINT)
-    print(held.numbers)
-"""
-    done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True, check=False)
-    assert (done.returncode, done.stdout) == (0, "[]\n"), done.stderr

@@ -65,6 +65,7 @@ class Eventful:
             told = {"cores": len(os.sched_getaffinity(0)), "opencv": cv2.getNumThreads(), **threads}
             number = [os.environ.get(f"SLURM_ARRAY_{name}_ID", "") for name in ("JOB", "TASK")]
             here = {"job": "_".join(number), "pid": os.getppid(), "threads": told}
+            time.sleep(0.5)  # until the rows of the view before are written
             waited.with_suffix(".new").write_text(json.dumps(here))
             waited.with_suffix(".new").replace(waited)
             time.sleep(3600)

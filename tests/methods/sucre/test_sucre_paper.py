@@ -304,7 +304,7 @@ def test_options_that_make_no_sense_are_refused(options: dict[str, float]) -> No
 
 @pytest.mark.skipif(torch.cuda.is_available(), reason="there is a GPU here")
 def test_asking_for_a_gpu_that_is_not_there_is_an_error_that_names_the_remedy() -> None:
-    with pytest.raises(InputError, match=r"^device=cuda: .*; .*device=auto"):
+    with pytest.raises(InputError, match=r"^method\.device=cuda: .*; .*method\.device=auto"):
         SucrePaper(device="cuda").restore(SCENE, TARGET)
     assert SucrePaper(steps=1).restore(SCENE, TARGET).info["device"] == "cpu"
 
