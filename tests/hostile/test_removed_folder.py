@@ -26,11 +26,11 @@ class Wanderer:
 
 
 def test_a_method_in_a_folder_that_is_removed_costs_no_other_view(
-    bench: Callable[..., subprocess.CompletedProcess[str]], toys: str, tmp_path: Path
+    program: Callable[..., subprocess.CompletedProcess[str]], toys: str, tmp_path: Path
 ):
     (tmp_path / "wanderer.py").write_text(PLUGIN)
-    done = bench("run", "-m", "--plugin", toys, "--plugin", "wanderer.py", "dataset=toy", "method=wanderer,gain",
-                 "metrics=[redness]", "tracking.uri=off", "report=false", "out=results")  # fmt: skip
+    done = program("run", "-m", "--plugin", toys, "--plugin", "wanderer.py", "dataset=toy", "method=wanderer,gain",
+                   "metrics=[redness]", "tracking.uri=off", "report=false", "out=results")  # fmt: skip
     rows = results.read(tmp_path / "results")
     others = rows[(rows["view"] != "v0.png") | (rows["method"] == "gain")]
     assert set(others["method"]) == {"wanderer", "gain"}
