@@ -70,10 +70,7 @@ def endless(path: Path) -> None:
 
 FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "text for numbers": (column("value", "high"), "column 'value'"),
-    "numbers for text": (column("method", 7), "column 'method'"),
     "numbers for options": (column("options", 1.5), "column 'options'"),
-    "a label that is a number": (column("dataset", 3), "column 'dataset'"),
-    "times as timestamps": (column("time", pd.Timestamp("2026-01-01")), "column 'time'"),
     "no time": (column("time", "yesterday"), "column 'time'"),
     "fractions of pixels": (column("n_pixels", 0.5), "column 'n_pixels'"),
     "negative pixels": (column("n_pixels", -1), "column 'n_pixels'"),
@@ -86,8 +83,8 @@ FAULTS: dict[str, tuple[Callable[[Path], None], str]] = {
     "options that are no JSON": (column("options", "{"), "column 'options'"),
     "options that are a list": (column("options", "[]"), "column 'options'"),
     "deep options": (column("options", "[" * 100_000), "column 'options'"),
-    "a column is missing": (without("region"), "lacks region"),
-    "a column is there twice": (twice, "two columns 'value'"),
+    "a column is missing": (without("region"), "column 'region'"),
+    "a column is there twice": (twice, "column 'value'"),
     "cut short": (cut, "scores.parquet: not"),
     "overwritten inside": (scrambled, "scores.parquet: not"),
     "bytes that are no text": (no_text, "scores.parquet: not"),
@@ -146,14 +143,15 @@ def test_bytes_that_change_anywhere_in_a_table_give_the_one_error_or_none(tmp_pa
 
 
 def test_tables_of_other_writers_with_the_same_values_are_read(tmp_path: Path):
-    """Text as a dictionary or as large strings, numbers in fewer bits, other columns beside ours."""
+    """Text as a dictionary, as large strings or as numbers, numbers in fewer bits, other columns beside ours."""
     out = tmp_path / "results"
     out.mkdir()
     other = ROWS.assign(
         method=ROWS["method"].astype("category"),
         n_pixels=ROWS["n_pixels"].astype("int32"),
         value=ROWS["value"].astype("float32"),
+        view=ROWS["view"].str[1:2].astype(int),
         note="mine",
     )
     other.to_parquet(out / "scores.parquet", index=False)
-    pd.testing.assert_frame_equal(results.read(out), ROWS, check_like=True)
+    pd.testing.assert_frame_equal(results.read(out), ROWS.assign(view=ROWS["view"].str[1:2]), check_like=True)
