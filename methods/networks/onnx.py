@@ -4,8 +4,6 @@ The network takes one picture and gives one picture. What the model file declare
 """
 
 import functools
-import mmap
-import re
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Literal
@@ -16,7 +14,6 @@ from sucre_bench import Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.errors import InputError, did_you_mean, one_line
 from sucre_bench.machine.cores import Device, usable_cores
-from sucre_bench.machine.files import fault_of
 from sucre_bench.methods.networks.run_torch import check_file
 from sucre_bench.methods.networks.sizes import resized, restored_at, tiled
 from sucre_bench.plugins.ranges import check_ranges
@@ -31,7 +28,7 @@ _TYPES = {
     "tensor(double)": "float64",
     "tensor(uint8)": "uint8",
 }
-_NO_GPU = "onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto"
+_CUDA = "CUDAExecutionProvider"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -78,10 +75,7 @@ class OnnxNetwork:
 
 def model_file(path: Path) -> Path:
     """Return the model that a path names: a file, or the one in a folder. InputError when there is none, or several."""
-    if not path.is_dir():
-        check_file(path, "model")
-        return path
-    found = sorted(path.glob("*.onnx"))
+    found = sorted(path.glob("*.onnx")) if path.is_dir() else [path]
     if len(found) != 1:
         names = ", ".join(file.name for file in found) or "none"
         raise InputError(f"{path}: is a folder, of .onnx files it holds {names}; give the file in onnx.model")
@@ -90,59 +84,35 @@ def model_file(path: Path) -> Path:
 
 
 def opened(path: Path, device: Device, layout: Layout, output: str) -> OnnxNetwork:
-    """Open a model, kept for the next view while its files do not change.
+    """Open a model, kept for the next view while no file of its folder changes: its weights may lie beside it.
 
     Raises InputError, naming the file, for one that is no model or does not take one picture of three channels, and
     for a device that is not there.
     """
-    stamp = _stamp(path)
-    beside = _beside(path, stamp)
-    for file in beside:
-        if file.exists() and (fault := fault_of(file)):
-            raise InputError(f"{file}: {fault}, and {path.name} takes weights from it; put the file there")
-    return _opened(path, (stamp, *map(_stamp, beside)), device, layout, output)
-
-
-# When a file was changed, and its size in bytes; zeros where it is not there.
-_Stamp = tuple[int, int]
-
-
-def _stamp(path: Path) -> _Stamp:
-    if not path.is_file():
-        return 0, 0
-    state = path.stat()
-    return state.st_mtime_ns, state.st_size
+    files = sorted((file.name, file.stat()) for file in path.parent.iterdir() if file.is_file())
+    stamps = tuple((name, state.st_mtime_ns, state.st_size) for name, state in files)
+    return _opened(path, stamps, device, layout, output)
 
 
 @functools.lru_cache(maxsize=2)
-def _beside(path: Path, stamp: _Stamp) -> tuple[Path, ...]:
-    """The files that a model takes its weights from: onnxruntime reads them, and does not say which they are.
-
-    Each is named in an entry of a tensor's external_data, as protobuf writes it: key = "location", value = name.
-    """
-    if not stamp[1]:
-        return ()
-    with path.open("rb") as file, mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ) as content:
-        names = set()
-        for entry in re.finditer(rb"\x0a\x08location\x12(?:[\x00-\x7f]|[\x80-\xff][\x00-\x7f])", content):
-            low, *high = entry[0][11:]
-            length = low % 128 + 128 * sum(high)
-            names.add(content[entry.end() : entry.end() + length].decode(errors="replace"))
-    return tuple(path.parent / name for name in sorted(names) if "\0" not in name)
-
-
-@functools.lru_cache(maxsize=2)
-def _opened(path: Path, stamps: tuple[_Stamp, ...], device: Device, layout: Layout, output: str) -> OnnxNetwork:
+def _opened(
+    path: Path, stamps: tuple[tuple[str, int, int], ...], device: Device, layout: Layout, output: str
+) -> OnnxNetwork:
     session = _session(path, device)
-    if len(session.get_inputs()) != 1:
-        names = ", ".join(f"'{i.name}'" for i in session.get_inputs())
+    given, *others = session.get_inputs()
+    if others:
+        names = ", ".join(f"'{i.name}'" for i in (given, *others))
         raise InputError(f"{path}: takes {names}; a model of one input is needed, the picture")
-    given = session.get_inputs()[0]
     if given.type not in _TYPES:
         raise InputError(f"{path}: takes {given.type}, no picture; a model of float or uint8 input is needed")
+    outputs = [o.name for o in session.get_outputs()]
+    if output and output not in outputs:
+        raise InputError(f"{path}: has no output '{output}'; {did_you_mean(output, outputs)}")
+    if not output and len(outputs) > 1:
+        raise InputError(f"{path}: has outputs {', '.join(outputs)}; choose with onnx.output={outputs[0]}")
     channels_first, fixed = _read_shape(path, given.shape, layout)
-    where = "cuda" if session.get_providers()[0] == "CUDAExecutionProvider" else "cpu"
-    return OnnxNetwork(session, path, _output(path, session, output), _TYPES[given.type], channels_first, fixed, where)
+    where = "cuda" if session.get_providers()[0] == _CUDA else "cpu"
+    return OnnxNetwork(session, path, output or outputs[0], _TYPES[given.type], channels_first, fixed, where)
 
 
 def _session(path: Path, device: Device) -> Any:
@@ -152,16 +122,14 @@ def _session(path: Path, device: Device) -> Any:
     options.intra_op_num_threads = usable_cores()
     options.use_deterministic_compute = True
     options.log_severity_level = 4  # faults are raised; anything else is advice on the export
-    on_gpu = device != "cpu" and "CUDAExecutionProvider" in onnxruntime.get_available_providers()
-    if device == "cuda" and not on_gpu:
-        raise InputError(f"onnx.device: {_NO_GPU}")
-    providers = [*(["CUDAExecutionProvider"] if on_gpu else []), "CPUExecutionProvider"]
+    providers = [name for name in (_CUDA,) if device != "cpu" and name in onnxruntime.get_available_providers()]
     try:
-        session = onnxruntime.InferenceSession(str(path), options, providers=providers)
+        session = onnxruntime.InferenceSession(str(path), options, providers=[*providers, "CPUExecutionProvider"])
     except Exception as fault:  # onnxruntime's errors have no common base but this
-        raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; give a whole .onnx file") from fault
-    if device == "cuda" and session.get_providers()[0] != "CUDAExecutionProvider":
-        raise InputError(f"onnx.device: {_NO_GPU}")  # the provider was there and did not start
+        remedy = "give a whole .onnx file, with the files of its weights beside it"
+        raise InputError(f"{path}: onnxruntime does not open it, {_brief(fault)}; {remedy}") from fault
+    if device == "cuda" and session.get_providers()[0] != _CUDA:  # not there, or it did not start
+        raise InputError("onnx.device: onnxruntime has no GPU here; install onnxruntime-gpu, or give cpu or auto")
     return session
 
 
@@ -171,25 +139,16 @@ def _read_shape(path: Path, shape: list[Any], layout: Layout) -> tuple[bool, tup
     shown = "x".join("?" if n is None else str(n) for n in sizes)
     if len(sizes) != 4 or sizes[0] not in (1, None):
         raise InputError(f"{path}: takes {shown or 'any shape'}; a model of one picture, 1x3xHxW or 1xHxWx3, is needed")
-    places = {name: at for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)}
+    places = [name for name, at in (("nchw", 1), ("nhwc", 3)) if sizes[at] in (3, None)]
     chosen = layout if layout != "auto" else "nchw" if sizes[1] == 3 else "nhwc" if sizes[3] == 3 else ""
     if not chosen and len(places) == 2:
         raise InputError(f"{path}: does not say where its channels are; give onnx.layout=nchw or onnx.layout=nhwc")
     if chosen not in places:
         raise InputError(f"{path}: takes {shown}, not 3 channels in {layout}; a model of RGB pictures is needed")
-    height, width = (sizes[2], sizes[3]) if chosen == "nchw" else (sizes[1], sizes[2])
+    height, width = sizes[2:] if chosen == "nchw" else sizes[1:3]
     if (height is None) != (width is None):
         raise InputError(f"{path}: takes {shown}, with one side open; export it with both open or both fixed")
     return chosen == "nchw", None if height is None or width is None else (height, width)
-
-
-def _output(path: Path, session: Any, wanted: str) -> str:
-    names = [o.name for o in session.get_outputs()]
-    if wanted and wanted not in names:
-        raise InputError(f"{path}: has no output '{wanted}'; {did_you_mean(wanted, names)}")
-    if not wanted and len(names) > 1:
-        raise InputError(f"{path}: has outputs {', '.join(names)}; choose with onnx.output={names[0]}")
-    return wanted or str(names[0])
 
 
 def _brief(fault: Exception) -> str:
@@ -197,11 +156,14 @@ def _brief(fault: Exception) -> str:
     return one_line(fault).rsplit("] : ", 1)[-1].split(" : ", 2)[-1][:200]
 
 
-Range = Literal["unit", "symmetric", "bytes", "imagenet"]
-
-# ImageNet's mean and standard deviation of RGB in [0, 1]: networks pretrained on it expect (pixel - mean) / deviation.
-_MEAN = np.array([0.485, 0.456, 0.406], dtype=np.float32)
-_DEVIATION = np.array([0.229, 0.224, 0.225], dtype=np.float32)
+# What a network is given and gives, (RGB - mean) / deviation for RGB in [0, 1]. "imagenet" has the mean and standard
+# deviation of ImageNet's red, green and blue, which networks pretrained on it expect.
+_RANGES: dict[str, tuple[Any, Any]] = {
+    "unit": (0, 1),
+    "symmetric": (0.5, 0.5),
+    "bytes": (0, 1 / 255),
+    "imagenet": (np.array([0.485, 0.456, 0.406], np.float32), np.array([0.229, 0.224, 0.225], np.float32)),
+}
 
 
 @method(
@@ -225,7 +187,7 @@ class Onnx:
     layout: Layout = "auto"
     """nchw: channels before height and width; nhwc: after them; auto: read from the model."""
 
-    range: Range = "unit"
+    range: Literal["unit", "symmetric", "bytes", "imagenet"] = "unit"
     """Range of the input: unit [0, 1], symmetric [-1, 1], bytes [0, 255], imagenet (pixel - mean) / deviation with
     ImageNet's values for red, green and blue, whatever the order."""
 
@@ -257,25 +219,8 @@ class Onnx:
         if self.tile is not None and self.tile < 2 * self.overlap:
             raise InputError(f"onnx.overlap: {self.overlap} must be between 0 and half of onnx.tile={self.tile}")
 
-    def warm_up(self) -> None:
+    def warm_up(self) -> OnnxNetwork:
         """Open the model. Raises InputError when it cannot be used with these options."""
-        self._network()
-
-    def restore(self, scene: Scene, view: View) -> Restoration:
-        """Return the whole image; values may leave [0, 1]. info: device, worked_at (height and width)."""
-        network = self._network()
-        height, width = view.rgb.shape[:2]
-        if network.fixed:
-            at, tile, multiple = network.fixed, None, 1
-        else:
-            at, tile, multiple = (self.size or height, self.size or width), self.tile, self.multiple
-
-        def run(rgb: Array) -> Array:
-            return tiled([rgb], lambda x: self._run(network, x), tile, self.overlap, multiple)
-
-        return restored_at(view, at, network.device, run)
-
-    def _network(self) -> OnnxNetwork:
         network = opened(model_file(self.model), self.device, self.layout, self.output)
         if network.dtype == "uint8" and self.range != "bytes":
             raise InputError(f"{self.model}: takes whole numbers, not onnx.range={self.range}; give onnx.range=bytes")
@@ -284,22 +229,19 @@ class Onnx:
             raise InputError(f"{self.model}: works at {fixed} only; leave out onnx.size={self.size}")
         return network
 
-    def _run(self, network: OnnxNetwork, rgb: Array) -> Array:
-        given, back = _to_range(rgb, self.range), -1 if self.order == "bgr" else 1
-        restored = network(given[..., ::back])[..., ::back]
-        returned = self.range if self.output_range == "same" else self.output_range
-        return resized(_from_range(restored, returned), *rgb.shape[:2])
+    def restore(self, scene: Scene, view: View) -> Restoration:
+        """Return the whole image; values may leave [0, 1]. info: device, worked_at (height and width)."""
+        network = self.warm_up()
+        height, width = view.rgb.shape[:2]
+        at, tile, multiple = (self.size or height, self.size or width), self.tile, self.multiple
+        if network.fixed:
+            at, tile, multiple = network.fixed, None, 1
+        mean, deviation = _RANGES[self.range]
+        mean_out, deviation_out = _RANGES[self.range if self.output_range == "same" else self.output_range]
+        turn = -1 if self.order == "bgr" else 1
 
+        def run(rgb: Array) -> Array:
+            restored = network(((rgb - mean) / deviation)[..., ::turn])[..., ::turn]
+            return resized(restored * deviation_out + mean_out, *rgb.shape[:2])
 
-def _to_range(rgb: Array, wanted: Range) -> Array:
-    """Bring RGB (H, W, 3) from [0, 1] to the range a network wants."""
-    if wanted == "imagenet":
-        return (rgb - _MEAN) / _DEVIATION
-    return {"unit": rgb, "symmetric": 2 * rgb - 1, "bytes": 255 * rgb}[wanted]
-
-
-def _from_range(rgb: Array, given: str) -> Array:
-    """Bring RGB (H, W, 3) from the range a network gives to [0, 1]."""
-    if given == "imagenet":
-        return rgb * _DEVIATION + _MEAN
-    return {"unit": rgb, "symmetric": (rgb + 1) / 2, "bytes": rgb / 255}[given]
+        return restored_at(view, at, network.device, lambda rgb: tiled([rgb], run, tile, self.overlap, multiple))

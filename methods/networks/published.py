@@ -5,8 +5,9 @@ Xia & Sattar 2020, Fast underwater image enhancement for improved visual percept
 Fan 2022, Twin adversarial contrastive learning, IEEE TIP 31.
 """
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import ClassVar
 
 import numpy as np
 
@@ -14,9 +15,29 @@ from sucre_bench import InputError, Restoration, Scene, View, method
 from sucre_bench.arrays import Array
 from sucre_bench.imaging.filters import equalised, stretched_by_weakness
 from sucre_bench.machine.cores import Device
-from sucre_bench.methods.networks.run_torch import check_file, loaded
+from sucre_bench.methods.networks.run_torch import Architecture, TorchNetwork, check_file, loaded
 from sucre_bench.methods.networks.sizes import limited, restored_at, tiled
 from sucre_bench.plugins.ranges import check_ranges
+
+
+@dataclass(frozen=True)
+class _Published:
+    """What the published networks share. architecture: a class of `architectures`."""
+
+    architecture: ClassVar[Architecture]
+
+    weights: Path
+    """File of the network's state dict, as PyTorch saves it."""
+
+    device: Device = field(default="auto", kw_only=True)
+    """Where to compute: auto takes a GPU when there is one."""
+
+    def __post_init__(self) -> None:
+        check_file(self.weights, "weights")
+
+    def warm_up(self) -> TorchNetwork:
+        """Load the weights. Raises InputError when the file does not hold them."""
+        return loaded(self.architecture, self.weights, self.device)
 
 
 @method(
@@ -27,39 +48,31 @@ from sucre_bench.plugins.ranges import check_ranges
     licence="network from the paper; the authors' weights come without a licence",
 )
 @dataclass(frozen=True)
-class Tacl:
+class Tacl(_Published):
     """Restore by a residual network trained on unpaired images in both directions, with a contrastive loss (TACL).
 
-    Each layer normalises by the mean and spread of the whole image, so views are not cut into tiles.
+    Each layer normalises by the mean and spread of the whole image, so views are not cut into tiles. The authors'
+    weights are latest_net_G_A.pth, those of the forward generator.
     """
 
-    weights: Path
-    """File of the forward generator's state dict, as PyTorch saves it: the authors' latest_net_G_A.pth."""
+    architecture = "TaclGenerator"
 
     longest_side: int | None = 1280
     """Longest side that the network works at, pixels. Larger views are scaled down and the result up again. null = no
     scaling, which takes 1 GB of memory a megapixel."""
 
-    device: Device = "auto"
-    """Where to compute: auto takes a GPU when there is one."""
-
     def __post_init__(self) -> None:
-        check_file(self.weights, "weights")
+        super().__post_init__()
         check_ranges(self, longest_side="[1, inf)")
-
-    def warm_up(self) -> None:
-        """Load the weights. Raises InputError when the file does not hold them."""
-        loaded("TaclGenerator", self.weights, self.device)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image. info: device, worked_at (height and width)."""
-        network = loaded("TaclGenerator", self.weights, self.device)
+        network = self.warm_up()
 
         def run(rgb: Array) -> Array:
             return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, tile=None, multiple=4, least=8)
 
-        height, width = view.rgb.shape[:2]
-        return restored_at(view, limited(height, width, self.longest_side), network.device, run)
+        return restored_at(view, limited(view.rgb, self.longest_side), network.device, run)
 
 
 # Pixels: sides of tiles, and what neighbours share. A pixel sees 13 others to each side, fewer than a quarter of the
@@ -75,14 +88,13 @@ WATER_NET_TILE, WATER_NET_OVERLAP = 512, 64
     licence="network from the paper; weights under their publishers' terms",
 )
 @dataclass(frozen=True)
-class WaterNet:
+class WaterNet(_Published):
     """Mix a white-balanced, an equalised and a gamma-corrected version of the image by a network (Water-Net).
 
     The network refines each version and weights it at each pixel by a confidence map.
     """
 
-    weights: Path
-    """File of the network's state dict, as PyTorch saves it."""
+    architecture = "WaterNet"
 
     clahe_clip: float = 3.56
     """Contrast limit of the equalised image, in multiples of a histogram's mean bin. 3.56 equals the authors' default
@@ -92,28 +104,20 @@ class WaterNet:
     """Longest side that the network works at, pixels. Larger views are scaled down and the result up again. null =
     no scaling."""
 
-    device: Device = "auto"
-    """Where to compute: auto takes a GPU when there is one."""
-
     def __post_init__(self) -> None:
-        check_file(self.weights, "weights")
+        super().__post_init__()
         check_ranges(self, clahe_clip="(0, inf)", longest_side="[1, inf)")
-
-    def warm_up(self) -> None:
-        """Load the weights. Raises InputError when the file does not hold them."""
-        loaded("WaterNet", self.weights, self.device)
 
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image; values may exceed 1. info: device, worked_at (height and width)."""
-        network = loaded("WaterNet", self.weights, self.device)
+        network = self.warm_up()
 
         def run(rgb: Array) -> Array:
             rgb = rgb.clip(0, 1)
             inputs = (rgb, stretched_by_weakness(rgb), equalised(rgb, self.clahe_clip, 8), rgb ** np.float32(0.7))
             return tiled(inputs, network, WATER_NET_TILE, WATER_NET_OVERLAP)
 
-        height, width = view.rgb.shape[:2]
-        return restored_at(view, limited(height, width, self.longest_side), network.device, run)
+        return restored_at(view, limited(view.rgb, self.longest_side), network.device, run)
 
 
 # Pixels: sides of tiles, what neighbours share, and what sides are multiples of. A pixel sees 90 others to each side at
@@ -129,34 +133,27 @@ FUNIE_TILE, FUNIE_OVERLAP, FUNIE_MULTIPLE = 1024, 384, 32
     licence="network from the paper; the authors' weights MIT",
 )
 @dataclass(frozen=True)
-class FunieGan:
+class FunieGan(_Published):
     """Restore by a small U-Net that was trained against a discriminator, for use on robots (FUnIE-GAN).
 
-    As published, the network works at 256 x 256 pixels. Its answer is enlarged to the view's size.
+    As published, the network works at 256 x 256 pixels. Its answer is enlarged to the view's size. The authors' weights
+    are funie_generator.pth.
     """
 
-    weights: Path
-    """File of the generator's state dict, as PyTorch saves it: the authors' funie_generator.pth."""
+    architecture = "FunieGenerator"
 
     size: int | None = 256
     """Side of the square that views are resized to, pixels, a multiple of 32; null = each view's own size."""
 
-    device: Device = "auto"
-    """Where to compute: auto takes a GPU when there is one."""
-
     def __post_init__(self) -> None:
-        check_file(self.weights, "weights")
+        super().__post_init__()
         if self.size is not None and (self.size < FUNIE_MULTIPLE or self.size % FUNIE_MULTIPLE):
             raise InputError(f"funie_gan.size: {self.size} must be a multiple of {FUNIE_MULTIPLE}, or null")
 
-    def warm_up(self) -> None:
-        """Load the weights. Raises InputError when the file does not hold them."""
-        loaded("FunieGenerator", self.weights, self.device)
-
     def restore(self, scene: Scene, view: View) -> Restoration:
         """Return the whole image. info: device, worked_at (height and width)."""
-        network = loaded("FunieGenerator", self.weights, self.device)
-        at = (self.size, self.size) if self.size else (view.rgb.shape[0], view.rgb.shape[1])
+        network = self.warm_up()
+        at = (self.size, self.size) if self.size else limited(view.rgb, None)
 
         def run(rgb: Array) -> Array:
             return tiled([rgb], lambda x: (network(2 * x - 1) + 1) / 2, FUNIE_TILE, FUNIE_OVERLAP, FUNIE_MULTIPLE)

@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -22,14 +22,9 @@ if TYPE_CHECKING:
     import torch
 
 
-# Reads a PyTorch state dict from an untrusted file: tensors only, nothing is unpickled.
-#
-# State dicts are accepted bare, under the names that training scripts wrap them in, and as data-parallel training
-# saves them ("module." before each key).
-
 _WRAPPERS = ("state_dict", "model_state_dict", "params", "model", "net", "network", "generator", "netG", "netG_A", "G")
 
-_REMEDY = "give weights of that architecture, or export the network and use method=onnx"
+_COUNTER = "num_batches_tracked"
 
 
 def check_file(path: Path, option: str) -> None:
@@ -43,41 +38,12 @@ def check_file(path: Path, option: str) -> None:
         raise type(fault)(fault.fault, path, remedy) from fault
 
 
-def fill(network: torch.nn.Module, path: Path, named: str) -> None:
-    """Set a network's parameters and buffers to those in a file. named: what the network is called.
-
-    Raises InputError where the file does not hold exactly these, in these shapes, all of them finite.
-    """
-    import torch
-
-    found, expected = read_state(path), network.state_dict()
-    found = {key: value for key, value in found.items() if not _is_counter(key)}
-    for key, value in expected.items():
-        if _is_counter(key):
-            continue
-        if key not in found:
-            raise InputError(f"{path}: not the weights of {named}, it lacks '{key}' {_shape(value)}; {_REMEDY}")
-        if found[key].shape != value.shape:
-            shapes = f"'{key}' is {_shape(found[key])} and not {_shape(value)}"
-            raise InputError(f"{path}: not the weights of {named}, {shapes}; {_REMEDY}")
-        if not torch.isfinite(found[key]).all():
-            raise InputError(f"{path}: '{key}' holds numbers that are not finite; take another checkpoint")
-    if further := [key for key in found if key not in expected]:
-        raise InputError(f"{path}: not the weights of {named}, which has no '{further[0]}'; {_REMEDY}")
-    network.load_state_dict(found, strict=False)  # compared above; only counters may be lacking
-
-
-def _is_counter(key: str) -> bool:
-    """Batches seen in training, which files from before PyTorch 0.4.1 lack and nothing here depends on."""
-    return key.endswith("num_batches_tracked")
-
-
-def _shape(tensor: torch.Tensor) -> str:
-    return "x".join(map(str, tensor.shape)) or "a number"
-
-
 def read_state(path: Path) -> dict[str, torch.Tensor]:
-    """Return the tensors of a state dict by key. Raises InputError, naming the file, when it holds no state dict."""
+    """Return the tensors of a state dict by key. Raises InputError, naming the file, when it holds no state dict.
+
+    State dicts are read bare, under the names that training scripts wrap them in, and with "module." before each key,
+    as data-parallel training saves them. Only tensors are read: nothing of an untrusted file is unpickled.
+    """
     import torch
 
     if what := _foreign(path):
@@ -91,12 +57,16 @@ def read_state(path: Path) -> dict[str, torch.Tensor]:
                 "save the network's state_dict() instead"
             ) from fault
         raise InputError(f"{path}: is no PyTorch file, or cut short; fetch it again") from fault
-    state = _unwrapped(content)
-    if not state:
+    state = content
+    while isinstance(state, Mapping):
+        wrapped = (state[name] for name in _WRAPPERS if isinstance(state.get(name), Mapping))
+        if (inner := next(wrapped, None)) is None:
+            break
+        state = inner
+    if not (isinstance(state, Mapping) and state and all(isinstance(value, torch.Tensor) for value in state.values())):
         raise InputError(f"{path}: holds no state dict but {type(content).__name__}; save the network's state_dict()")
-    if all(key.startswith("module.") for key in state):
-        state = {key.removeprefix("module."): value for key, value in state.items()}
-    return state
+    is_parallel = all(str(key).startswith("module.") for key in state)
+    return {str(key).removeprefix("module." if is_parallel else ""): value for key, value in state.items()}
 
 
 def _foreign(path: Path) -> str:
@@ -114,19 +84,6 @@ def _foreign(path: Path) -> str:
             if any(name.endswith("/constants.pkl") for name in archive.namelist()):
                 return "is TorchScript; save its state_dict(), or export it and use method=onnx"
     return ""
-
-
-def _unwrapped(content: Any) -> dict[str, torch.Tensor]:
-    """The tensors by key, below the names that wrap them; empty when there are none."""
-    import torch
-
-    if not isinstance(content, Mapping):
-        return {}
-    for name in _WRAPPERS:
-        if isinstance(content.get(name), Mapping):
-            return _unwrapped(content[name])
-    is_state = content and all(isinstance(value, torch.Tensor) for value in content.values())
-    return {str(key): value for key, value in content.items()} if is_state else {}
 
 
 Architecture = Literal["WaterNet", "FunieGenerator", "TaclGenerator"]
@@ -174,5 +131,26 @@ def _loaded(architecture: Architecture, weights: Path, changed: int, size: int, 
     with torch.device("meta"):  # first values would be drawn from the global random state
         network: torch.nn.Module = getattr(architectures, architecture)()
     network.to_empty(device="cpu")
-    fill(network, weights, architecture)
+    # Batches seen in training: files from before PyTorch 0.4.1 lack them, and nothing here depends on them.
+    found = {key: value for key, value in read_state(weights).items() if not key.endswith(_COUNTER)}
+    expected = {key: value for key, value in network.state_dict().items() if not key.endswith(_COUNTER)}
+    fault = ""
+    for key, value in expected.items():
+        if key not in found:
+            fault = f"it lacks '{key}' {_shape(value)}"
+        elif found[key].shape != value.shape:
+            fault = f"'{key}' is {_shape(found[key])} and not {_shape(value)}"
+        elif not torch.isfinite(found[key]).all():
+            raise InputError(f"{weights}: '{key}' holds numbers that are not finite; take another checkpoint")
+        if fault:
+            break
+    further = [f"which has no '{key}'" for key in found if key not in expected]
+    if fault := fault or next(iter(further), ""):
+        remedy = "give weights of that architecture, or export the network and use method=onnx"
+        raise InputError(f"{weights}: not the weights of {architecture}, {fault}; {remedy}")
+    network.load_state_dict(found, strict=False)  # compared above; only counters may be lacking
     return TorchNetwork(network.eval().to(place), place)
+
+
+def _shape(tensor: torch.Tensor) -> str:
+    return "x".join(map(str, tensor.shape)) or "a number"

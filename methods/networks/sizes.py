@@ -9,8 +9,9 @@ from sucre_bench.machine.progress import track
 from sucre_bench.scene import Restoration, View
 
 
-def limited(height: int, width: int, longest: int | None) -> tuple[int, int]:
-    """Return the height and width, scaled down so that neither exceeds `longest`; None limits nothing."""
+def limited(image: Array, longest: int | None) -> tuple[int, int]:
+    """Return the height and width of an image, scaled down so that neither exceeds `longest`; None limits nothing."""
+    height, width = image.shape[:2]
     share = min(1.0, (longest or max(height, width)) / max(height, width))
     return max(1, round(height * share)), max(1, round(width * share))
 
@@ -82,15 +83,11 @@ def _tiles(length: int, tile: int | None, overlap: int, multiple: int) -> list[t
     shared = _up(overlap, multiple)
     n = 1 if tile is None or length <= tile else -(-(length - shared) // max(multiple, tile - shared))
     size = min(length, _up(-(-(length + (n - 1) * shared) // n), multiple))  # all alike, none narrow
-    starts = [min(i * (size - shared), length - size) for i in range(n)]
-    at = (np.arange(size) + 0.5 - overlap / 4) / max(overlap / 2, 1e-6)
-    rising = at.clip(0, 1).astype(np.float32)
-    weights = [
-        (np.ones_like(rising) if start == 0 else rising)
-        * (np.ones_like(rising) if start == length - size else rising[::-1])
-        for start in starts
-    ]
-    total = np.zeros(length, dtype=np.float32)
-    for start, weight in zip(starts, weights, strict=True):
+    rising = ((np.arange(size) + 0.5 - overlap / 4) / max(overlap / 2, 1e-6)).clip(0, 1).astype(np.float32)
+    tiles, total = [], np.zeros(length, dtype=np.float32)
+    for start in (min(i * (size - shared), length - size) for i in range(n)):
+        weight = np.ones_like(rising) if start == 0 else rising.copy()
+        weight *= 1 if start == length - size else rising[::-1]
         total[start : start + size] += weight
-    return [(start, weight / total[start : start + size]) for start, weight in zip(starts, weights, strict=True)]
+        tiles.append((start, weight))
+    return [(start, weight / total[start : start + size]) for start, weight in tiles]

@@ -41,7 +41,7 @@ from sucre_bench.methods.doors import Command
         ({"run": "cp {output}", "pattern": "out"}, {"command.pattern", "'out'", "{stem}"}),
         ({"run": "cp {output}", "output_suffix": "png"}, {"command.output_suffix", "'png'", ".png"}),
         ({"run": "cp {output}", "bits": 12}, {"command.bits", "12"}),
-        ({"run": "cp {output}", "timeout": 0.0}, {"command.timeout", "0.0", "positive"}),
+        ({"run": "cp {output}", "timeout": 0.0}, {"command.timeout", "0.0", "none"}),
     ],
 )
 def test_a_command_that_cannot_work_is_refused_at_once(options: dict, named: set[str]):
@@ -57,7 +57,7 @@ def test_a_program_that_rests_on_nothing_is_a_missing_file(tmp_path: Path):
 
 
 @pytest.mark.parametrize(
-    ("content", "said"), [("#!/no/such/interpreter\n", "found"), ("no first line\n", "Exec format")]
+    ("content", "said"), [("#!/no/such/interpreter\n", "No such file"), ("no first line\n", "Exec format")]
 )
 def test_a_script_that_nothing_runs_is_named(tmp_path: Path, content: str, said: str):
     script = tmp_path / "restore"
