@@ -7,6 +7,7 @@ it, and gives that step's view or score a row with the reason.
 
 from __future__ import annotations
 
+import importlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager, suppress
@@ -19,6 +20,9 @@ from sucre_bench.machine.forked import Forked, can_fork
 from sucre_bench.results.rows import Row
 
 _TICK_S = 0.1
+# Nearly every worker needs these: imported before the fork, they cost CPU time once. They start no threads but those of
+# OpenBLAS, which is made for forks.
+_SHARED = ("cv2", "numba", "scipy.ndimage", "scipy.optimize", "scipy.sparse.csgraph", "scipy.spatial")
 
 Emit = Callable[[Sequence[Row]], None]
 
@@ -97,6 +101,9 @@ class _AtWork:
                 self._fork()
 
     def _fork(self) -> None:
+        for package in _SHARED:
+            with suppress(ImportError):
+                importlib.import_module(package)
         self.worker = Forked(lambda send: self.work.work(lambda rows: send("rows", rows)), self._faults)
 
     def stop(self) -> None:
